@@ -161,7 +161,7 @@ class DataSet:
 
     @cached_property
     def steady(self) -> list[int]:
-        """Numbers of the logs whose response to a sine is a steady swing about the rest angle."""
+        """Indices of the logs whose response to a sine is a steady swing about the rest angle."""
         return [k for k in range(len(self.logs)) if self._is_steady(k)]
 
     def _is_steady(self, number: int) -> bool:
@@ -356,7 +356,7 @@ def _of_logs(logs: Sequence[Log]) -> Prior:
 
 
 def _implied(given: Prior, logs: Sequence[Log]) -> Prior:
-    """Return the given prior, and what follows from it for the joint of some logs."""
+    """Return the given prior with the parameters that follow from it for the joint of some logs."""
     first = logs[0]
     moment = given.parameters.get("p3")
     if moment is not None and moment != Known(value=0.0) and not first.added_mass.gravity:

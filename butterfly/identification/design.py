@@ -50,7 +50,7 @@ class Candidate:
     swing: float  # largest angle in rad predicted, on a slide way in m
     errors: Samples  # (n,) standard errors expected after it, over those before
     warning: str = ""  # why its prediction is unreliable; empty if it is not
-    servo: ServoLoop | None = None  # in whose loop it is
+    servo: ServoLoop | None = None  # of a closed-loop experiment
 
     @property
     def what(self) -> str:
@@ -140,7 +140,7 @@ def next_experiments(
     largest_swing: float | None = None,
     track: Track = untracked,
 ) -> list[Candidate]:
-    """Rank what to do next with the added masses of a data set (see `rank_experiments`).
+    """Rank next experiments with the added masses of a data set (see `rank_experiments`).
 
     ``largest_swing``: in rad or m; by default `LARGEST_SWING`, or the largest one logged of slides
     and servos.
@@ -291,7 +291,7 @@ def _responder(
 
 
 def _respond(parameters: LumpedParameters, *, mass: AddedMass, signal: Excitation) -> Samples:
-    """Simulate a candidate from rest, its bias aside; a clock of two regimes is slow at its end."""
+    """Simulate a candidate from rest without bias; a clock of two regimes is slow at its end."""
     time = np.arange(0.0, DURATION, LONGEST_STEP)
     instants = np.column_stack([time[:-1], time[:-1] + LONGEST_STEP / 2, time[1:]])
     slow = (instants > DURATION / 2) & (parameters.slow_interval > 0)

@@ -1,4 +1,4 @@
-"""What an estimator returns: values with covariance, intervals, and what can be concluded."""
+"""What an estimator returns: values with covariance, intervals and findings."""
 
 from __future__ import annotations
 
@@ -53,8 +53,8 @@ class Estimate:
     condition: float = math.nan  # number of the column-scaled regression, or Jacobian
     on_bound: tuple[str, ...] = ()  # parameters on an active bound
     ending: Ending = Ending.CONVERGED
-    findings: tuple[Finding, ...] = ()  # what can and cannot be concluded
-    fixed: dict[str, float] = field(default_factory=dict)  # at others than the model's defaults
+    findings: tuple[Finding, ...] = ()  # on identifiability, fit and known values
+    fixed: dict[str, float] = field(default_factory=dict)  # not estimated, and not the defaults
     # in rad/s by added mass, where the method uses them
     resonances: dict[AddedMass, float] = field(default_factory=dict)
     # of one log (by its name), one added mass or all (None), where the method estimates them:
@@ -68,7 +68,7 @@ class Estimate:
     # longest stretch in s over which logs are simulated with it; infinite where whole logs were
     # asked for, None where it is left to the logs (see `identification.segments`)
     horizon: float | None = None
-    known: Prior = NO_PRIOR  # what is known exactly is among ``fixed``
+    known: Prior = NO_PRIOR  # exactly known values are among ``fixed`` too
     freedom: Samples | None = None  # (n,) degrees, of the standard errors
     input_kind: InputKind | None = None  # gives units, with the joint; None if unknown
     joint: JointKind = JointKind.HINGE
@@ -90,7 +90,7 @@ class Estimate:
 
     @property
     def unestimated(self) -> tuple[str, ...]:
-        """Names to which the method gives a value without an estimate, by its finding."""
+        """Names of values that the method sets without estimating them, by its finding."""
         found = (each for each in self.findings if each.kind is FindingKind.NOT_ESTIMATED)
         return next((each.parameters for each in found), ())
 
@@ -146,7 +146,7 @@ class Estimate:
         return Parameter(name=name, meaning=meaning, unit=unit, true=true, **numbers)
 
     def to_dict(self, truth: Truth | None = None) -> dict[str, Any]:
-        """Return all that it holds, as JSON can hold it."""
+        """Return all fields, as JSON can hold them."""
         rows = {row["name"]: row for row in map(asdict, self.table(truth))}
         content: dict[str, Any] = {
             "method": self.method,
@@ -178,7 +178,7 @@ class Estimate:
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Estimate:
-        """Return what `to_dict` gave; KeyError, TypeError or ValueError if it is not that."""
+        """Return the estimate of a `to_dict`; KeyError, TypeError or ValueError if it is none."""
         names = tuple(map(str, content["covariance"]["names"]))
         rows, others = content["parameters"], content["unestimated"]
         values = [others[name] if name in others else rows[name]["value"] for name in names]
@@ -204,7 +204,7 @@ class Estimate:
             condition=float(_array(content["condition"])),
             on_bound=tuple(content["on_bound"]),
             ending=Ending(content["ending"]),
-            # an older program found what is none now: whether it is precise, follows well enough
+            # findings of older programs may be of kinds that no longer exist
             findings=_FINDINGS.validate_python(
                 [each for each in content["findings"] if each["kind"] in KINDS]
             ),

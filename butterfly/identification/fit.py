@@ -35,7 +35,7 @@ _POOR, _GOOD, _BETTER = 0.25, 0.75, 1.33  # shares of the predicted decrease
 
 
 class Loss(StrEnum):
-    """How residuals, in robust standard deviations, count (see `scipy.optimize.least_squares`)."""
+    """Loss of residuals over their robust scale (see `scipy.optimize.least_squares`)."""
 
     LINEAR = "linear"
     SOFT_L1 = "soft_l1"

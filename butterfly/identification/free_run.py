@@ -26,7 +26,7 @@ _WINDOW = VELOCITY_SHARE * HALF_WIDTH  # s to either side
 GROWTH = 30.0
 """Times by which an error at the start of a segment may grow within it."""
 
-_EVERY = 5  # steps from one beginning to the next
+_EVERY = 5  # steps from one start to the next
 # horizons, times powers of ten
 _PREFERRED = np.array([1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0])
 
@@ -105,7 +105,7 @@ class FitSummary:
 
 @dataclass(frozen=True, kw_only=True)
 class Setting:
-    """What a log is simulated with."""
+    """Parameters and start with which a log is simulated."""
 
     parameters: LumpedParameters  # of the bare hand
     zero: float  # reading of the encoder in rad where the model's angle is 0
@@ -113,7 +113,7 @@ class Setting:
     horizon: float = math.inf  # longest stretch in s that is simulated at a time
 
     def simulation(self, log: Log, first: int = 0) -> Simulation:
-        """Return what simulates a log, of which the samples from number ``first`` on count."""
+        """Return the simulation of a log; errors count from the sample numbered ``first`` on."""
         return Simulation(log, self.parameters, first, self.segment_length(log, first))
 
     def segment_length(self, log: Log, first: int = 0) -> float | None:
@@ -176,7 +176,7 @@ class Simulations:
         return replace(estimate, horizon=horizon) if math.isfinite(horizon) else estimate
 
     def run(self, number: int, estimate: Estimate) -> FreeRun:
-        """Simulate one log, by its number, with an estimate."""
+        """Simulate one log, by its index, with an estimate."""
         return self._run(number, self.setting(number, estimate))
 
     def followed(self, estimate: Estimate, numbers: Iterable[int]) -> Samples:
@@ -195,7 +195,7 @@ class Simulations:
         return np.array([self._run(number, each).fit for number, each in enumerate(settings)])
 
     def simulation(self, number: int, setting: Setting) -> Simulation:
-        """Return what simulates one log, by its number; the latest of each is kept."""
+        """Return the simulation of one log, by its index; the latest of each is cached."""
         log = self._logs[number]
         key = grid_step(log, setting.parameters), setting.segment_length(log)
         latest = self._simulations.get(number)
@@ -204,7 +204,7 @@ class Simulations:
         return latest[1]
 
     def _run(self, number: int, setting: Setting) -> FreeRun:
-        """Simulate one log, by its number; the latest free run of each is kept."""
+        """Simulate one log, by its index; the latest free run of each is cached."""
         latest = self._runs.get(number)
         if latest is None or latest[0] != setting:
             run = setting.run(self.simulation(number, setting))
@@ -222,7 +222,7 @@ def horizon_of(
 ) -> float:
     """Return the longest time in s within which no small error grows by more than `GROWTH`.
 
-    Rounded down, so that little depends on the parameters; infinite where none grows so.
+    Rounded down, so that it hardly depends on the parameters; infinite where no error grows so.
     """
     free = [log for log in logs if not log.closed]
     found = min(
@@ -242,14 +242,14 @@ def _horizon(log: Log, parameters: LumpedParameters, zero: float) -> float:
     grid = uniform_grid(log.time, LONGEST_STEP)
     falling = -loaded.p3 / loaded.p1 * np.cos(np.interp(grid, log.time, log.angle - zero))
     if falling.max() <= 0:
-        return math.inf  # gravity pulls back wherever the hand is
+        return math.inf  # gravity is restoring everywhere
     damping = max(loaded.p2, 0.0) / loaded.p1
     steps = _soonest(falling, damping, math.sqrt(loaded.p1 / loaded.p3))
     return steps * LONGEST_STEP if steps else math.inf
 
 
 def _soonest(falling: Samples, damping: float, slowest: float) -> int:
-    """Fewest steps in which an error grows `GROWTH`-fold, from any beginning on; 0 if none does."""
+    """Fewest steps in which an error grows `GROWTH`-fold, over all starts; 0 if none does."""
     begins = np.arange(0, falling.size - 1, _EVERY)
     angle = np.repeat([[1.0], [0.0]], begins.size, axis=1)  # of errors of angle, and of velocity
     velocity = 1 - angle

@@ -155,6 +155,6 @@ def given_estimate(
 
 def _number(value: object, source: str, name: str, expected: str = "a number") -> float:
     try:
-        return float(value)  # type: ignore[arg-type]  # what is none is refused
+        return float(value)  # type: ignore[arg-type]  # others are refused
     except (TypeError, ValueError):
         raise InputError(source, name, value, expected) from None

@@ -52,7 +52,7 @@ class PhysicalParameter:
 
 
 class Missing(StrEnum):
-    """What is missing to identify physical parameters; `UNUSED`: what was given in vain."""
+    """Value that is missing to identify physical parameters; `UNUSED`: one without effect."""
 
     MASS = "mass"
     GRAVITY = "gravity"
@@ -77,7 +77,7 @@ class Unidentified:
 
 @dataclass(frozen=True, kw_only=True)
 class PhysicalParameters:
-    """The physical parameters that are identified, and what is not."""
+    """The physical parameters that are identified, and those that are not."""
 
     # The parameters that follow, or whose uncertainty is below that of their prior
     found: tuple[PhysicalParameter, ...]
@@ -192,7 +192,7 @@ def _estimated(estimate: Estimate, errors: Samples) -> Quantities:
 def _unidentified(
     found: Quantities, known: Prior, input_kind: InputKind, carrier: AddedMass
 ) -> Iterator[Unidentified]:
-    """Yield what cannot be identified, of the load first."""
+    """Yield the unidentified parameters of load, rotor and motor."""
     given = known.physical.keys()
     hinge = carrier.joint is JointKind.HINGE
     if not hinge and "gear_ratio" not in given:
@@ -209,7 +209,7 @@ def _unidentified(
 def _unidentified_of_motor(
     found: Quantities, known: Prior, input_kind: InputKind
 ) -> Iterator[Unidentified]:
-    """Yield what cannot be identified of the motor."""
+    """Yield the unidentified parameters of the motor."""
     given = known.physical.keys()
     if input_kind in {InputKind.TORQUE, InputKind.CURRENT}:
         if input_kind is InputKind.TORQUE and "p4" not in known.parameters:

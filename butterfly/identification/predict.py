@@ -190,7 +190,7 @@ class Prediction:
 
     @property
     def measured(self) -> Samples:
-        """(m,) what was measured where the bands are."""
+        """(m,) measured signal at these instants."""
         return self.run.log.measured[self.samples]
 
 
@@ -247,8 +247,8 @@ def predict_logs(
 ) -> list[Prediction]:
     """Predict logs from their first sample and their input alone.
 
-    The ``setting`` returns with what an estimate simulates a log, by its number. Without draws
-    there is no band; without errors, of the logs behind the estimate, none of a new log.
+    The ``setting`` returns parameters and start of an estimate for a log, by its index. Without
+    draws there is no band; without ``errors`` of the fitted logs, none of a new log.
     """
     seeds = np.random.SeedSequence(draws.seed if draws else 0).spawn(len(logs))
 

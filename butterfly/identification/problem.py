@@ -248,7 +248,7 @@ class Problem:
         )
 
     def without(self, names: Container[str]) -> Problem:
-        """Return the nested problem without some terms, and without what only they identify."""
+        """Return the nested problem without some terms and parameters that only they identify."""
         lost = {name for name in self.names if name in names}
         left = {*self.names} - lost
         lost |= {name for name in companions(lost) if not TERMS[name].follows & left}

@@ -86,7 +86,7 @@ class Quantities:
         )
 
     def _updated(self, causes: Quantities, formulas: Mapping[str, Formula]) -> Quantities:
-        """Return these after a Kalman update by what follows from the causes."""
+        """Return these after a Kalman update by the values that follow from the causes."""
         rows = [self.names.index(name) for name in formulas]
         slopes, excess = _linearised(self, causes, formulas)
         spread = self.covariance[np.ix_(rows, rows)] + slopes @ causes.covariance @ slopes.T

@@ -107,13 +107,13 @@ class Segment:
     def _inputs(self, joint: LumpedParameters, drives: int = 2) -> Samples:
         """(2 or more, n - 1, 3) input and its derivatives (see `Columns.drives`); keeps the last.
 
-        Searches simulate many times with one delay. A servo's are those of its set-point.
+        Searches simulate many times with one delay. Of a servo they are those of its set-point.
         """
         count = 2 if self._looped else max(drives, 2)
         key = joint.delay, joint.slow_delay, joint.slow_interval, joint.drive
         latest = self._latest
         if latest is None or latest[0] != key or len(latest[1]) < count:
-            if self._looped:  # whose drive is in the loop
+            if self._looped:  # the kernel's loop computes the drive
                 setpoint = self.log.goal if self.log.closed else self.log.command
                 found = self._parabolas(joint, *setpoint)
             else:

@@ -43,7 +43,7 @@ class SimulatedMotion(NamedTuple):
     slopes: bool = False  # whether the log measures the velocity
 
     def at(self, instants: Samples) -> Samples:
-        """Return what the log measures, in rad or rad/s, at increasing instants in s."""
+        """Return the measured signal, in rad or rad/s, at increasing instants in s."""
         begins = [grid[0] for grid, *_ in self.pieces[1:]]
         groups = np.split(instants, np.searchsorted(instants, begins))
         pairs = zip(self.pieces, groups, strict=True)

@@ -25,7 +25,7 @@ Samples = Mapping[int, slice]
 
 
 class Split(StrEnum):
-    """What is held out together."""
+    """Kinds of data that are held out together."""
 
     AUTO = "auto"
     MASS = "mass"

@@ -164,7 +164,7 @@ class Averaging:
         self._places: dict[int, _Place] = {}
 
     def moving_so(self, measured: Samples) -> Averaging:
-        """Return the same of another motion (see `Log.moving_so`), with the same test functions."""
+        """Return averages of another motion (see `Log.moving_so`) over the same test functions."""
         log, settings = self._log.moving_so(measured), self._settings
         found = Averaging(log, self._zero, self._half_width, settings, self._balance)
         found._rests = self._rests
@@ -216,7 +216,7 @@ class Averaging:
         return self.signals((), delay=delay).moving
 
     def carrying(self, added: AddedMass) -> Averaging:
-        """Return the same averages as of another added mass, on which none may depend."""
+        """Return the same averages with another added mass, if none depends on it."""
         found = copy(self)
         found.added = added
         return found
@@ -317,7 +317,7 @@ def _momentum(row: Term, motion: Motion) -> tuple[Samples, int]:
 
 
 def _energy(row: Term, motion: Motion) -> tuple[Samples, int]:
-    """As `_momentum`, times the velocity; what is conserved is integrated by parts."""
+    """As `_momentum`, times the velocity; conservative terms are integrated by parts."""
     if row.derivative == 2:  # noqa: PLR2004 - of the angle: the inertia
         return -(motion.velocity**2) / 2, 1
     if row.potential is not None:

@@ -129,7 +129,7 @@ class Structure:
 def select_terms(
     data: DataSet, estimator: Estimator, candidates: Sequence[str], *, track: Track = untracked
 ) -> list[Structure]:
-    """Return the structures that the stagewise choice passes through, and what each predicts.
+    """Return the structures of each round of the stagewise choice, with their held-out FIT.
 
     One added mass at a time is held out, or what `divide` finds to suit the logs. InputError if the
     estimator does not offer such terms.
@@ -162,7 +162,7 @@ def select_terms(
 def cross_validate_choice(
     data: DataSet, estimator: Estimator, candidates: Sequence[str], *, track: Track = untracked
 ) -> CrossValidation:
-    """Leave out a part, choose terms as `select_terms` does from the rest, predict the part.
+    """Hold out a part, choose terms from the rest as `select_terms` does, predict the part.
 
     So terms are not chosen by the data that judge them (nested cross-validation; Varma & Simon, BMC
     Bioinformatics 7, 2006).

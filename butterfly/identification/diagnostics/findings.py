@@ -84,7 +84,7 @@ class Finding:
 
     @property
     def impossible(self) -> bool:
-        """Whether no joint that can be simulated has such values."""
+        """Whether no joint with such values can be simulated."""
         if self.kind is FindingKind.POOR_FIT:
             return self.number is not None and not math.isfinite(self.number)
         return self.kind in {FindingKind.NO_INERTIA, FindingKind.NEGATIVE}

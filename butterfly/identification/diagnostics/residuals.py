@@ -63,7 +63,7 @@ class ErrorBand:
 class LogResiduals:
     """Residuals of one log's free run, from `first_counted` on.
 
-    The defaults are those of a log that could not be simulated, or in which nothing moves.
+    The defaults are those of a log that cannot be simulated or does not move.
     """
 
     name: str  # of the log
@@ -248,7 +248,7 @@ def residuals_of(data: DataSet, estimate: Estimate, runs: Sequence[FreeRun] = ()
 
 
 def _bare(log: Log) -> LogResiduals:
-    """Return the residuals of a log that cannot be simulated, or in which nothing moves."""
+    """Return the residuals of a log that cannot be simulated or does not move."""
     motion = float(np.std(log.measured[first_counted(log) :]))
     return LogResiduals(name=log.name, label=log.label, motion=motion)
 

@@ -116,7 +116,7 @@ def _by_place(noise: float, step: float) -> Samples:
 
 @compiled
 def _sums(places: Places, moved: int, counts: Counts, by_place: Samples) -> Samples:
-    """(2, m) sums over so many places each, one after the other, all moved alike."""
+    """(2, m) sums of mean and variance over (m,) counts of consecutive places, all shifted."""
     result = np.zeros((2, counts.size))
     begin = 0
     for cell in range(counts.size):

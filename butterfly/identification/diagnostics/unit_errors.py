@@ -25,7 +25,7 @@ from butterfly.model.parameters import AddedMass
 from butterfly.signals.frequency_response import ResponsePoint
 from butterfly.signals.spectrum import dominant_frequency
 
-_DETUNED = MATTERS / 2  # relative difference of an omega, by whose square inertia changes
+_DETUNED = MATTERS / 2  # relative error of an omega; that of the inertia is twice it
 _HEAVIEST = 10.0  # kg, above which a mass is asked about: 7 of 110 random robots have more
 _SINE = 0.8  # share of a signal that one sine explains, if it is one
 
@@ -166,7 +166,7 @@ RIGHT: dict[str, Callable[[float, Log], Log]] = {
 def unit_error(
     error: UnitError, factor: float, *more: str, logs: Sequence[str] = (), moves: bool = True
 ) -> Finding:
-    """Return the finding of a unit error and its correction, which ``moves`` values or not."""
+    """Return the finding of a unit error; ``moves``: whether its correction moves values."""
     kind = FindingKind.UNIT_ERROR if moves else FindingKind.SUSPECTED
     return Finding(kind, (error, *more), number=factor, logs=tuple(logs))
 
@@ -232,7 +232,7 @@ def unit_errors_of_omegas(sines: Sequence[Log], ratios: Samples) -> list[Finding
 
 
 def unit_errors_of_still(logs: Sequence[Log]) -> list[Finding]:
-    """Return swapped columns if angles stand still, and the inputs come to rest as angles do."""
+    """Return the finding of swapped columns if angles are constant and inputs decay."""
     still = [log.input for log in logs if np.ptp(log.angle) == 0 and np.isfinite(log.input).all()]
     halves = [[half.std() for half in np.array_split(each, 2)] for each in still]
     rested = bool(still) and all(2 * second < first for first, second in halves)

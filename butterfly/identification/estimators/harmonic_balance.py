@@ -177,7 +177,7 @@ class Phasors:
     masses: tuple[AddedMass, ...]
     names: tuple[str, ...]  # the parameters that are estimated
     swing: Samples  # in rad, at which the describing functions are taken
-    # what is known of the robot; what is known exactly is not among the names
+    # of the robot; exactly known parameters are not among the names
     known: Prior = NO_PRIOR
     # in rad/s, at which Stribeck friction is described
     stribeck_velocity: float = FrictionTerms.stribeck_velocity
@@ -203,7 +203,7 @@ class Phasors:
         )
 
     def regression(self, weights: Samples, values: Mapping[str, float]) -> Regression:
-        """Return the equations, as (n,) weights count them, about a delay in s and p4 by name."""
+        """Return the equations, with (n,) weights, about a delay in s and p4 by name."""
         delay, known = values.get("delay", 0.0), self.known.fixed
         late = self.input * np.exp(-1j * self.omega * delay)
         columns = self._columns | {"p4": -late}
@@ -221,7 +221,7 @@ class Phasors:
         )
 
     def named(self, values: Samples) -> dict[str, float]:
-        """Return (n,) values of the names, and what is known exactly, by name."""
+        """Return (n,) values and exactly known ones by name."""
         return self.known.fixed | dict(zip(self.names, values.tolist(), strict=True))
 
     def slope(self, values: Samples) -> Samples:
@@ -263,7 +263,7 @@ class Phasors:
 class HarmonicBalanceFit:
     """A balance and its solution."""
 
-    phasors: Phasors  # what was balanced
+    phasors: Phasors  # of the balance
     weights: Samples  # (n,) of the n logs
     solved: CellEquations  # about the solution
 

@@ -51,7 +51,7 @@ class Contrast:
     condition: Condition
     least: float  # least, largest: of the condition, in SI units of `Conditions`, or kg
     largest: float
-    first: float  # first, last: the parameter there; of a mass what was given and what would fit
+    first: float  # first, last: the parameter there; of a mass the given and the fitted value
     last: float
     share: float  # of the squared errors that it explains
     chance: float  # p-value, corrected for all contrasts that were tried

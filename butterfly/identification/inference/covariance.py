@@ -82,8 +82,8 @@ def _satterthwaite(rows: Samples, normal: Samples, influence: Samples) -> Sample
     trace = lengths.sum(axis=0) - np.trace(shared, axis1=1, axis2=2)
     squares = (lengths**2 - 2 * lengths * overlap).sum(axis=0)
     squares += np.einsum("pij,pji->p", shared, shared)
-    # P has no negative eigenvalue, so that these bounds hold but for rounding, which is all that is
-    # left where one cluster alone determines a parameter.
+    # P has no negative eigenvalue, so that these bounds are violated by rounding only, which is all
+    # that remains where one cluster alone determines a parameter.
     squares = np.clip(squares, trace**2 / rows.shape[0], trace**2)
     return np.asarray(np.divide(trace**2, squares, out=np.ones_like(trace), where=squares > 0))
 

@@ -52,9 +52,9 @@ _NOTHING = np.finfo(float).tiny ** 0.5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SolvedFit:
-    """The n values at which a method ended, the equations about them, and what is known of both.
+    """A fit of n values: equations about them, conditions, prior and findings.
 
-    A known value that was held, as it sets the scale, is none of the n.
+    A known value that was held, as it sets the scale, is not among the n.
     """
 
     method: str
@@ -63,13 +63,13 @@ class SolvedFit:
     unweighted: CellEquations | None = None
     shared: int | None = None  # number of the first values, the robot's parameters; None: all
     masses: Sequence[AddedMass] = ()  # one per log
-    conditions: Conditions | None = None  # under which the cells were recorded
+    conditions: Conditions | None = None  # of the cells
     known: Prior = NO_PRIOR  # of the robot
     driven: bool = True  # whether any input is not 0
     # (n,) estimates from parts of the data; None: those without each added mass
     left_out: Mapping[Hashable, Samples] | None = None
     rivals: Sequence[Samples] = ()  # (shared,) values of other fits that predict as well
-    consider_covariance: Samples | None = None  # (n, n), of what was taken as given
+    consider_covariance: Samples | None = None  # (n, n), by errors of quantities taken as given
     torques: bool = False  # whether residuals are torques, so that a misfit may bias any value
     fixed: dict[str, float] = field(default_factory=dict)  # values that were not fitted
     findings: Sequence[Finding] = ()  # of the method

@@ -50,7 +50,7 @@ class LogRows:
     residuals: Samples  # (k, q): U'r
     noise: Samples  # (k, q, q): U'NU
     present: NDArray[np.bool_]  # (k, q) which coordinates are no padding
-    left: tuple[Samples, ...]  # (m,) residuals of each log whose autocovariance N has
+    left: tuple[Samples, ...]  # (m,) residuals of each log, with the autocovariance in N
 
     @classmethod
     def of(cls, logs: Iterable[tuple[Samples, Samples]], left: Iterable[Samples] = ()) -> LogRows:
@@ -160,7 +160,7 @@ class Likelihood:
         width = self._both.shape[2]
         sums = self._both.reshape(-1, width).T @ weighed.reshape(-1, width)
         normal = sums[:-1, :-1] + np.diag(self._known)
-        normal += np.diag(np.where(np.diag(normal) > 0, 0.0, 1.0))  # of what has no effect
+        normal += np.diag(np.where(np.diag(normal) > 0, 0.0, 1.0))  # of parameters without effect
         scale = np.sqrt(np.diag(normal))
         eigenvalues, axes = np.linalg.eigh(normal / np.outer(scale, scale))
         eigenvalues = np.maximum(eigenvalues, np.finfo(float).eps * eigenvalues[-1])

@@ -115,14 +115,14 @@ def without_logs(equations: CellEquations, logs: Iterable[int]) -> Samples:
     """Return (n,) values without some logs, to first order (linear jackknife); or nan."""
     rest = equations.without(logs)
     left, whole = (np.einsum("kii->i", each.curvature) for each in (rest, equations))
-    moved = (left > ROUNDING**2 * whole) | (whole == 0)  # what only these logs identify is held
+    moved = (left > ROUNDING**2 * whole) | (whole == 0)  # others are identified by these alone
     return np.asarray(_bounded(equations, rest.total, moved[np.newaxis], equations.values)[0])
 
 
 def _bounded(
     about: CellEquations, total: tuple[Samples, Samples], kept: NDArray[np.bool_], absent: Samples
 ) -> Samples:
-    """(t, n) bounded solutions for what is kept; nan if undetermined."""
+    """(t, n) bounded solutions for parameters ``kept``; nan if undetermined."""
     (curvature, gradient), at, lower = total, about.values, about.lower
     held, (count, size) = np.maximum(at, lower), kept.shape
     curvature = np.broadcast_to(curvature, (count, size, size))
