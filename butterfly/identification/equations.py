@@ -225,7 +225,7 @@ class CellEquations:
         return inverse / np.outer(size, size)
 
     def orthogonalised(self, changes: Samples) -> tuple[Samples, Samples]:
-        """Return (k, n) changes of cells, the values partialled out, and (k,) information; or 0."""
+        """Return (k, n) changes, values partialled out, and (k,) information; 0 if collinear."""
         pulls = np.einsum("kmn,kn->km", self.curvature, changes)
         rest = changes - self.change_by(pulls.sum(axis=0))
         information = np.einsum("kn,kmn,km->k", rest, self.curvature, rest)

@@ -179,7 +179,7 @@ class Residuals:
 
     @property
     def beyond_sensors(self) -> bool:
-        """Whether more logs are outside than by chance, as logs of one robot are correlated."""
+        """Whether more logs are outside than by chance, logs of one robot being correlated."""
         return self.outside > _BY_CHANCE * len(self.logs)
 
     @property
@@ -436,9 +436,9 @@ class _Unknowns:
 
 
 def _reduce(errors: Sequence[Samples], at: Equations, directions: Samples) -> None:
-    """Project common steps along (n, d) directions out of each log's (m, k) errors, in place.
+    """Subtract from each log's (m, k) errors, in place, the effect of the best common steps.
 
-    Logs of which k is 0 stay as they are.
+    These are along (n, d) directions; logs of which k is 0 stay as they are.
     """
     pairs = [(log, each) for log, each in zip(at.logs, errors, strict=True) if each.size]
     pulls = [log.spread(each.T @ log.rows, len(directions)) for log, each in pairs]
@@ -449,7 +449,7 @@ def _reduce(errors: Sequence[Samples], at: Equations, directions: Samples) -> No
 
 
 def _take_away(directions: Sequence[Samples], errors: Samples) -> None:
-    """Project (m, ...) errors, in place, off the orthonormal directions of each segment in turn."""
+    """Subtract from (m, ...) errors, in place, their projection on each segment's directions."""
     ends = np.cumsum([each.shape[0] for each in directions])[:-1]
     for each, part in zip(directions, np.split(errors, ends), strict=True):
         take_away(each, part)

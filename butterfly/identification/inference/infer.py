@@ -251,7 +251,7 @@ def findings_of_bounds(fit: SolvedFit, covariance: Samples) -> list[Finding]:
 
 
 def misfit_over_value(equations: CellEquations) -> Samples:
-    """(n,) R = |r| / (|p| |s|), with s the column of a value after projection on the others.
+    """(n,) R = |r| / (|p| |s|), with s a value's column less its projection on the others.
 
     Standard errors take residuals for noise; where these are as large as the effect of a parameter
     alone, a misfit may have biased its value: a ripple of the velocity looks like inertia.

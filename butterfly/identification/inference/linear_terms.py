@@ -232,7 +232,7 @@ def demanded(model: LinearModel, terms: Sequence[str]) -> TermChoice:
 
 
 def _held_out_error(model: LinearModel) -> float:
-    """Return the mean error of held-out cells; in sample where one is needed to fit."""
+    """Return the mean error of held-out cells; of fitted ones where the rest is singular."""
     errors = model.nested.held_out(model.kept[np.newaxis])[0]
     finite = np.isfinite(errors).all()
     return float(np.mean(np.sqrt(errors if finite else model.nested.equations.cost)))

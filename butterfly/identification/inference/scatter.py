@@ -211,7 +211,7 @@ def _variance(logs: LogRows, parts: Samples, sizes: Samples) -> Samples:
 
 
 def _coordinates(residuals: Samples, rows: Samples) -> tuple[Samples, Samples, Samples, Samples]:
-    """Return (q, n) R, (q,) U'r, (m, q) U of a log, and (m,) residuals after projection on U."""
+    """Return (q, n) R, (q,) U'r, (m, q) U of a log, and (m,) residuals less their projection."""
     basis, triangle = np.linalg.qr(rows)
     scaled, lengths = unit_columns(triangle)
     left, sizes, right = np.linalg.svd(scaled, full_matrices=False)
