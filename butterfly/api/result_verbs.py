@@ -216,7 +216,7 @@ def _of_gain(
 
 
 def _of_errors(errors: Sequence[ExpectedErrors]) -> str:
-    unseen = sum(each.unseen for each in errors)
+    unseen = sum(each.held_out for each in errors)
     if unseen == len(errors):
         return (
             f"The band of a new log comes from the errors of {unseen} logs, each predicted with "

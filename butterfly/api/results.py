@@ -107,7 +107,7 @@ class Validated(Tabulated):
             title=f"{estimator.label} of {data.name!r}, {held.division.left_out} at a time",
             summary=(
                 *verdict.lines,
-                held.division.said,
+                held.division.sentence,
                 f"Held-out median FIT{without.over} {fit_text(without.median)} % (mean "
                 f"{fit_text(without.mean)} %, worst {fit_text(without.worst)} %); in-sample median "
                 f"FIT {fit_text(within.median)} %.",

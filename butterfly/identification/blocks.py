@@ -1,7 +1,7 @@
-"""One division of logs into blocks of time, and under which conditions each of them was recorded.
+"""One division of logs into blocks of time, and the conditions of each.
 
-Errors are alike within a log, so that what counts as independent is a log, or where there are few
-of them a block. A parameter may follow a condition, though it should not.
+Errors are correlated within a log, so that logs count as independent, or where there are few of
+them blocks. A parameter may follow a condition, though it should be constant.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from butterfly.logs.log import MIN_SAMPLES, Log, slow_interval
 from butterfly.model.parameters import AddedMass
 
 CELLS = 10
-"""Blocks into which a log is cut: as many as tell their scatter within a quarter."""
+"""Blocks into which a log is cut: enough to estimate their scatter within a quarter."""
 
 
 def cells_of(logs: int, parameters: int) -> int:
-    """Return into how many cells each log is cut: the cells are twice the parameters at least."""
+    """Return the number of cells of each log: all cells are twice the parameters at least."""
     return max(CELLS, -(-2 * parameters // logs))
 
 
 def independent_cells_of(logs: int, parameters: int) -> int:
-    """Return into how many each is cut whose errors count as independent: none of many logs."""
+    """Return the number of cells of each log whose errors count as independent: 1 of many logs."""
     return cells_of(logs, parameters) if logs <= FEW else 1
 
 
@@ -64,7 +64,7 @@ def length_of(log: Log) -> float:
 
 
 class Condition(StrEnum):
-    """What a parameter may follow."""
+    """A condition that a parameter may follow."""
 
     MASS = "added mass"
     COMMAND = "command"
@@ -81,7 +81,7 @@ class Condition(StrEnum):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Conditions:
-    """Under which conditions the logs of k cells were recorded."""
+    """Conditions of k cells, and added masses of their logs."""
 
     # by condition: (k,) inertia of the added mass in kg m^2, 1/rms input, mean squared swing in
     # rad^2, omega^2 in rad^2/s^2, 1/speed, time since the start in s, sign of the input, share in
@@ -91,7 +91,7 @@ class Conditions:
 
     @classmethod
     def of(cls, logs: Sequence[Log], cells: int) -> Conditions:
-        """Read them off logs, each of which was cut into some cells."""
+        """Compute them from logs, each cut into some cells."""
         angles = (part for log in logs for part in np.array_split(log.angle, cells))
         times = (part - log.time[0] for log in logs for part in np.array_split(log.time, cells))
         of_logs = [_of_log(log) for log in logs]
@@ -106,7 +106,7 @@ class Conditions:
             values[Condition.REGIME] = np.fromiter(parts, np.float64)
         if cells == 1:
             del values[Condition.TIME]
-        # fewer of either sign differ by chance
+        # of fewer logs of either sign, differences are not significant
         signs = values[Condition.DIRECTION][::cells]
         if min(np.sum(signs > 0), np.sum(signs < 0)) < 2 * FEW:
             del values[Condition.DIRECTION]
@@ -114,7 +114,7 @@ class Conditions:
 
 
 def _of_log(log: Log) -> dict[Condition, float]:
-    """Return what is the same throughout a log: 0 where nothing drives, moves, or both ways do."""
+    """Return conditions that are constant in a log: 0 without input, motion or one direction."""
     size, mean = float(np.sqrt(np.mean(log.input**2))), float(np.mean(log.input))
     omega = log.rms_speed / (log.rms_motion or np.inf)
     if log.excitation is not None:

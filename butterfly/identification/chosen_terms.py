@@ -103,7 +103,7 @@ class FreeRunModel:
         if not rows:
             return []
         there = self._with(rows, settings)
-        at = self.equations(there, there.taking(self.problem, self.end.values))
+        at = self.equations(there, there.values_from(self.problem, self.end.values))
         if not at.is_finite:
             return []
         kept = np.isin(there.labels, self.problem.labels)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from butterfly.errors import InputError
-from butterfly.identification.derived_quantities import beside_masses, implied
+from butterfly.identification.derived_quantities import implied, relaxed_for_masses
 from butterfly.identification.diagnostics.findings import Finding
 from butterfly.identification.diagnostics.unit_errors import (
     unit_errors_of_refused,
@@ -73,7 +73,7 @@ class DataSet:
     test_logs
         Held-out logs, which are predicted but not fitted; None if there are none.
     correction
-        Correction of ``logs`` besides repairs, if any.
+        Correction of ``logs`` in addition to repairs, if any.
     """
 
     name: str
@@ -161,7 +161,7 @@ class DataSet:
 
     @cached_property
     def steady(self) -> list[int]:
-        """Numbers of the logs whose response to a sine is a steady swing about the rest angle."""
+        """Indices of the logs whose response to a sine is a steady swing about the rest angle."""
         return [k for k in range(len(self.logs)) if self._is_steady(k)]
 
     def _is_steady(self, number: int) -> bool:
@@ -184,14 +184,14 @@ class DataSet:
 
     @cached_property
     def glance(self) -> tuple[Log, ...]:
-        """The logs, with as many samples as a first look needs."""
+        """The logs, thinned for a first look."""
         return tuple(thinned(log, GLANCE) for log in self.logs)
 
     @cached_property
     def offsets(self) -> tuple[EncoderOffset, ...]:
         """Encoder reading where the model's angle is 0, for each log, and how it was found.
 
-        InputError if there is none, for want of an angle that matters.
+        InputError if a term needs the angle, and a log has only a velocity.
         """
         known = self.known.parameters.items()
         acting = [name for name, each in known if name in OF_ANGLE and each != Known(value=0.0)]
@@ -203,14 +203,14 @@ class DataSet:
     def equilibria(self) -> dict[AddedMass, float]:
         """Encoder reading in rad where the model's angle is 0, for each added mass.
 
-        It is the median of its logs' zeros; what is told of a log itself goes before it (see
+        It is the median of its logs' zeros; a known zero of a single log takes precedence (see
         `zero_of`).
         """
         found: dict[AddedMass, float] = {}
         for mass in self.masses:
             pairs = zip(self.logs, self.offsets, strict=True)
-            own = [zero for log, zero in pairs if log.added_mass == mass]
-            others = [zero for zero in own if zero.kind is not OffsetKind.GIVEN] or own
+            of_mass = [zero for log, zero in pairs if log.added_mass == mass]
+            others = [zero for zero in of_mass if zero.kind is not OffsetKind.GIVEN] or of_mass
             found[mass] = float(np.median([near(zero.value, others[0].value) for zero in others]))
         return found
 
@@ -220,34 +220,34 @@ class DataSet:
 
     @cached_property
     def simulations(self) -> Simulations:
-        """What simulates the logs, and has simulated them."""
+        """Simulations of the logs, with a cache of their free runs."""
         return Simulations(self.logs, self.equilibria, self.counted)
 
     @property
     def hangs(self) -> bool:
-        """Whether gravity pulls at the joint, so that it has a rest angle, as far as is known."""
+        """Whether gravity acts on the joint, so that it has a rest angle; true if unknown."""
         return not self.known.weightless(self.masses)
 
     @property
     def unread(self) -> list[AddedMass]:
-        """Added masses with logs whose zero is not known exactly, if there is any to know."""
+        """Added masses with logs whose zero is not known exactly; none without gravity."""
         open_ = {log.added_mass for log in self.logs if log.zero is None or not log.zero.fixed}
         return sorted(open_) if self.hangs else []
 
     @property
     def guessed(self) -> tuple[str, ...]:
-        """Names of the logs whose zero is a guess, if there is any to know."""
+        """Names of the logs whose zero is a guess; none without gravity."""
         pairs = zip(self.logs, self.offsets, strict=True) if self.hangs else ()
         return tuple(log.name for log, zero in pairs if zero.kind is OffsetKind.GUESS)
 
     @cached_property
     def counted(self) -> list[int]:
-        """Numbers of the logs in which the hand stays away from the upright; of all, if none is."""
+        """Indices of the logs in which the hand stays away from the upright; all, if none does."""
         every = list(range(len(self.logs)))
         return [k for k in every if not self._turns_over(self.logs[k])] or every
 
     def _turns_over(self, log: Log) -> bool:
-        """Whether the hand passes near the upright, if there is one: small causes tell."""
+        """Whether the hand passes near the upright, where the motion is sensitive to its start."""
         if log.closed or not self.hangs:
             return False
         angle = log.angle - self.zero_of(log)
@@ -256,13 +256,13 @@ class DataSet:
 
     def require_angles(self, *needed: str) -> None:
         """Raise InputError if something needs the angle, and a log has only a velocity."""
-        lacking = next((log for log in self.recorded if log.integrated), None)
-        if lacking is not None and needed:
+        log = next((log for log in self.recorded if log.integrated), None)
+        if log is not None and needed:
             expected = (
                 f"an angle, which {needed[0]} needs (without gravity, weak-form and output-error "
                 "need none: --gravity 0, --joint slide, or --known p3=0 for a balanced joint)"
             )
-            raise InputError(lacking.source, "angle", "only a velocity", expected)
+            raise InputError(log.source, "angle", "only a velocity", expected)
 
     def __repr__(self) -> str:
         return (
@@ -284,7 +284,7 @@ class DataSet:
         )
 
     def with_zero(self, zero: Known) -> DataSet:
-        """Return the data set with what the encoder reads in rad where the hand hangs."""
+        """Return the data set with the encoder reading in rad where the hand hangs."""
         return replace(
             self,
             manifest=self.manifest and self.manifest.with_zero(zero),
@@ -293,12 +293,12 @@ class DataSet:
             test_logs=self.test_logs and self.test_logs.with_zero(zero),
         )
 
-    def corrected(self, correct: Callable[[Log], Log], said: Finding) -> DataSet:
-        """Return the data set with every log corrected, those that are held out too."""
+    def corrected(self, correct: Callable[[Log], Log], finding: Finding) -> DataSet:
+        """Return the data set with every log corrected, held-out ones too, with its finding."""
         logs = tuple(map(correct, self.logs))
-        held = self.test_logs and self.test_logs.corrected(correct, said)
+        held = self.test_logs and self.test_logs.corrected(correct, finding)
         points = _responses(logs, untracked)
-        return replace(self, logs=logs, points=points, test_logs=held, correction=said)
+        return replace(self, logs=logs, points=points, test_logs=held, correction=finding)
 
     @property
     def whole(self) -> DataSet:
@@ -343,7 +343,7 @@ class DataSet:
 
 
 def _of_logs(logs: Sequence[Log]) -> Prior:
-    """Tell what follows of logs: no gravity, no moment; no input, nothing late; no drive, p4 0."""
+    """Return what logs imply: p3 = 0 without gravity, delay = 0 and p4 = 0 without input."""
     absent = {
         "p3": not logs[0].added_mass.gravity,
         "spring": any(log.integrated for log in logs),
@@ -356,17 +356,17 @@ def _of_logs(logs: Sequence[Log]) -> Prior:
 
 
 def _implied(given: Prior, logs: Sequence[Log]) -> Prior:
-    """Return what is given, and what follows, of the joint that made some logs."""
+    """Return the given prior with the parameters that follow from it for the joint of some logs."""
     first = logs[0]
     moment = given.parameters.get("p3")
     if moment is not None and moment != Known(value=0.0) and not first.added_mass.gravity:
         raise InputError("known", "p3", moment, "0, as no gravity acts on this joint")
     known = implied(given, first.input_kind, first.added_mass.joint)
-    return beside_masses(known, [log.added_mass for log in logs])
+    return relaxed_for_masses(known, [log.added_mass for log in logs])
 
 
 def _responses(logs: Sequence[Log], track: Track) -> tuple[ResponsePoint | None, ...]:
-    """Fit the steady response of each sine; a refusal names the slip that explains it."""
+    """Fit the steady response of each sine; errors name the unit error that explains them."""
     try:
         return tuple(
             response_point(log) if log.excitation and not log.integrated else None

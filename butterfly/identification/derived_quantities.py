@@ -1,8 +1,8 @@
-"""From motor and hand to the lumped parameters, and from these to what they are made of (6), (83).
+"""From motor and hand to the lumped parameters, and from these to physical parameters (6), (83).
 
-A table of formulas: what motor and hand tell of p1 and p4, the equations solved for each part, and
-what a control engineer asks of them. A further quantity is a row with its symbol; console, JSON,
-page and Python show it, its error by complex step.
+A table of formulas: p1 and p4 by motor and hand, the equations solved for each physical parameter,
+and derived quantities such as a resonance. A further quantity is a row with its symbol; console,
+JSON, page and Python show it, its error by complex step.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.model.prior import Known, Prior
 
 BEST_SPEED = "speed where friction is known best"
-"""Where errors of p2 and T_c, which logs at one speed cannot tell apart, undo each other."""
+"""Speed at which the correlated errors of p2 and T_c cancel, so that friction is known best."""
 
 
 class Symbol(NamedTuple):
@@ -58,21 +58,21 @@ class Way:
     """How a quantity follows from others."""
 
     name: str
-    # What must be known of parameters, motor and hand, or `gravity` in m/s^2
+    # Parameters, values of motor and hand, or `gravity` in m/s^2, that must be known
     needs: tuple[str, ...]
     formula: Formula
     _: KW_ONLY
-    # What must not be known: there is a better way then, or the formula does not hold
+    # Values that must not be known: there is a better way then, or the formula does not hold
     without: tuple[str, ...] = ()
-    # How it is written, if it is no part of motor or hand: such is shown where it is known from 0
+    # Of a derived quantity, which is shown where it is significant; None for motor and hand
     symbol: Symbol | None = None
-    combined: bool = False  # Whether to show it only where one of its needs is not known well
+    combined: bool = False  # Whether to show it only where one of its needs is imprecise
     # input_kind, joint: Where it holds; everywhere if None
     input_kind: InputKind | None = None
     joint: JointKind | None = JointKind.HINGE
 
     def leads(self, names: Iterable[str], input_kind: InputKind, joint: JointKind) -> bool:
-        """Whether what is known tells the parameter, which is not told itself."""
+        """Whether the known values of ``names`` determine the quantity, which is not among them."""
         known = {*names}
         return (
             self.name not in known
@@ -120,7 +120,7 @@ OF_PARAMETERS = (
     ),
     Way("p1", ("hand_mass", *_ROTOR), lambda of: of["hand_mass"] + _rotor(of), **_SLIDE),
 )
-"""Of a torque command neither R nor N nor k_t tells p4, which is 1, N or N k_t as the command means
+"""Of a torque command R, N and k_t do not determine p4, which is 1, N or N k_t as the command means
 N m at the joint, N m at the motor or A: nobody but the user knows which. Nor do they of a duty
 without its supply."""
 
@@ -220,65 +220,65 @@ WAYS = (
         joint=None,
     ),
 )
-"""Each in its own right: what a joint's knowledge leaves out, it leaves out."""
+"""Ways to physical parameters and derived quantities; only those whose needs are known apply."""
 
 SYMBOLS = _OF_PARTS | {way.name: way.symbol for way in WAYS if way.symbol is not None}
-"""How all of them are written."""
+"""Symbols of all quantities."""
 
 SIGNED = frozenset({"com_distance", "com_offset", "motor_current"} | (SYMBOLS.keys() - _OF_PARTS))
 """Those that may be negative."""
 
 
-def beside_masses(known: Prior, masses: Iterable[AddedMass]) -> Prior:
-    """Return what is known; beside uncertain masses p1 and p3 not exactly: they are fitted."""
-    doubtful = [mass for mass in masses if mass.mass_uncertainty or mass.arm_uncertainty]
+def relaxed_for_masses(known: Prior, masses: Iterable[AddedMass]) -> Prior:
+    """Return the prior; with uncertain masses exact p1 and p3 become uncertain, to be fitted."""
+    uncertain = [mass for mass in masses if mass.mass_uncertainty or mass.arm_uncertainty]
     largest = {
-        "p1": max((mass.inertia for mass in doubtful), default=0.0),
-        "p3": max((mass.gravity_moment for mass in doubtful), default=0.0),
+        "p1": max((mass.inertia for mass in uncertain), default=0.0),
+        "p3": max((mass.gravity_moment for mass in uncertain), default=0.0),
     }
-    softened = {
+    relaxed = {
         name: Known(value=known.fixed[name], uncertainty=ROUNDING * size)
         for name, size in largest.items()
         if name in known.fixed and size
     }
-    return known | Prior(softened)
+    return known | Prior(relaxed)
 
 
 def with_gear(physical: Mapping[str, Known], joint: JointKind) -> dict[str, Known]:
-    """Return what is known; a hinge without a gear turns as its motor does."""
+    """Return known physical values; a hinge without a gear ratio has that of 1."""
     direct = {} if joint is JointKind.SLIDE else {"gear_ratio": Known(value=1.0)}
     return direct | dict(physical)
 
 
 def relations(physical: Mapping[str, Known], input_kind: InputKind, joint: JointKind) -> list[Way]:
-    """Return the ways to parameters of which all is known, by names of motor and hand."""
+    """Return the ways to parameters that known values of motor and hand determine."""
     known = with_gear(physical, joint)
     return [way for way in OF_PARAMETERS if way.leads(known, input_kind, joint)]
 
 
-def _follow(given: Prior, input_kind: InputKind, joint: JointKind) -> dict[str, Known]:
-    """Return what motor and hand say of parameters."""
+def _by_motor_and_hand(given: Prior, input_kind: InputKind, joint: JointKind) -> dict[str, Known]:
+    """Return the parameters that follow from known values of motor and hand."""
     motor = Quantities.of(with_gear(given.physical, joint))
     ways = relations(given.physical, input_kind, joint)
     return {way.name: motor.find(way.formula) for way in ways}
 
 
 def implied(given: Prior, input_kind: InputKind, joint: JointKind = JointKind.HINGE) -> Prior:
-    """Return what is given, and once only what it says of parameters; two sources are weighed."""
+    """Return the prior with the parameters that follow from it; two sources are averaged."""
     both = {
         name: _both(name, given.parameters[name], each) if name in given.parameters else each
-        for name, each in _follow(given, input_kind, joint).items()
+        for name, each in _by_motor_and_hand(given, input_kind, joint).items()
     }
     return given | Prior(both)
 
 
-def apart(
+def discrepancies(
     given: Prior, input_kind: InputKind, joint: JointKind = JointKind.HINGE
 ) -> dict[str, float]:
-    """Return how far parameters with two sources are apart, in standard uncertainties."""
+    """Return differences of parameters with two sources, in standard uncertainties."""
     pairs = {
         name: (each, given.parameters[name])
-        for name, each in _follow(given, input_kind, joint).items()
+        for name, each in _by_motor_and_hand(given, input_kind, joint).items()
         if name in given.parameters
     }
     return {
@@ -289,7 +289,7 @@ def apart(
 
 
 def _both(name: str, given: Known, follows: Known) -> Known:
-    """Return what two sources say together."""
+    """Return the weighted mean of two sources, one of which may be exact."""
     if given.fixed and follows.fixed:
         if not math.isclose(given.value, follows.value, rel_tol=SHOWS):
             expected = f"{follows.value:.5g}, by the other known values, or an uncertainty"

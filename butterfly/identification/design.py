@@ -1,7 +1,7 @@
-"""Which experiment next? Candidates ranked by what they would tell.
+"""Design of the next experiment: candidates ranked by their information.
 
 Each candidate is simulated with the estimate; the sensitivities of its angle to the parameters are
-its information, weighed against the misfit that the model has shown so far (Walter & Pronzato,
+its information, weighted by the misfit that the model has shown so far (Walter & Pronzato,
 Identification of Parametric Models from Experimental Data, 1997, ch. 6). A servo is planned
 set-points, and falls with its torque off: it takes no other input.
 """
@@ -34,23 +34,23 @@ from butterfly.signals.excitations import Excitation, FreeDecay, Multisine, init
 DURATION = 40.0
 """Length of a run in s."""
 
-_INDEPENDENT = 2  # a run tells two numbers for certain, its gain and its phase, and no more
-_SWINGS = (0.15, 0.4)  # shares of what is allowed, aimed at by the amplitudes
-# of a base, the harmonics that a multisine has or one sine each, and that which is the resonance
+_INDEPENDENT = 2  # independent numbers that a run determines for certain: gain and phase
+_SWINGS = (0.15, 0.4)  # target swings of the amplitudes, over the allowed one
+# harmonics of a base, of a multisine or one sine each, and the one at the resonance
 _HARMONICS, _RESONANCE = (10, 15, 18, 20, 22, 27, 40), 20
 _OF_FRICTION = 4 / math.pi  # amplitude of the first harmonic of dry friction, over its torque
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Candidate:
-    """A next experiment and what it is expected to bring."""
+    """A candidate for the next experiment and its predicted information."""
 
     added_mass: AddedMass  # what the hand carries
     signal: Excitation  # the input, as an experiment can be driven with it: a servo's set-point
     swing: float  # largest angle in rad predicted, on a slide way in m
     errors: Samples  # (n,) standard errors expected after it, over those before
-    warning: str = ""  # why it should not be relied on; empty if it may
-    servo: ServoLoop | None = None  # in whose loop it is
+    warning: str = ""  # why its prediction is unreliable; empty if it is not
+    servo: ServoLoop | None = None  # of a closed-loop experiment
 
     @property
     def what(self) -> str:
@@ -60,9 +60,9 @@ class Candidate:
         if isinstance(self.signal, FreeDecay):
             return f"release from {self.signal.angle:g} rad with the torque off"
         gains = ((name, getattr(self.servo, name).value) for name in ("kp", "ki", "kd"))
-        told = ", ".join(f"{name} {gain:g}" for name, gain in gains if gain)
+        listed = ", ".join(f"{name} {gain:g}" for name, gain in gains if gain)
         unit = "rad/s" if self.servo.of_speed else "rad"
-        return f"set-point: {self._input} {unit} ({told})"
+        return f"set-point: {self._input} {unit} ({listed})"
 
     @property
     def _input(self) -> str:
@@ -91,10 +91,10 @@ def rank_experiments(
     servos: Sequence[Log] = (),
     track: Track = untracked,
 ) -> list[Candidate]:
-    """Rank sines, multisines and free decays on each added mass by the uncertainty they leave.
+    """Rank sines, multisines and free decays on each added mass by the uncertainty after them.
 
-    Left at the end, with a warning, are candidates that swing too wide, that friction may hold, or
-    whose angle the present uncertainty moves so much that its prediction means little. ``misfit``:
+    Candidates with a warning come last: they swing too far, friction may hold them, or their angle
+    depends so much on uncertain parameters that it is not predictable. ``misfit``:
     1 - FIT/100 of the logs so far; ``largest_swing``: allowed, in rad; ``servos``: logs in whose
     loops, and as long, runs are planned.
     """
@@ -140,16 +140,16 @@ def next_experiments(
     largest_swing: float | None = None,
     track: Track = untracked,
 ) -> list[Candidate]:
-    """Rank what to do next with the added masses of a data set (see `rank_experiments`).
+    """Rank next experiments with the added masses of a data set (see `rank_experiments`).
 
-    ``largest_swing``: in rad or m; by default `LARGEST_SWING`, or what slides and servos have
-    shown.
+    ``largest_swing``: in rad or m; by default `LARGEST_SWING`, or the largest one logged of slides
+    and servos.
     """
     estimate.parameters.require_gain("design")
     servos = [*{log.servo: log for log in data.logs if log.closed}.values()]
     if largest_swing is None:
-        seen = max(float(np.ptp(log.angle)) / 2 for log in data.logs)
-        largest_swing = seen if servos or data.joint is JointKind.SLIDE else LARGEST_SWING
+        logged = max(float(np.ptp(log.angle)) / 2 for log in data.logs)
+        largest_swing = logged if servos or data.joint is JointKind.SLIDE else LARGEST_SWING
     misfit = 1 - float(np.median(data.simulations.fits(estimate))) / 100
     masses = masses_at_hand(data)
     return rank_experiments(
@@ -183,7 +183,7 @@ def _inputs(parameters: LumpedParameters, mass: AddedMass, limit: float) -> list
     torque = (loaded.p1 * resonance**2 * swings[0] + 2 * loaded.coulomb) / abs(loaded.p4)
     base, peak = float(f"{resonance / _RESONANCE:.3g}"), float(f"{torque:.2g}")
     inputs.append(Multisine(base=base, harmonics=_HARMONICS, peak=peak))
-    if loaded.p3 != 0.0:  # which brings it back
+    if loaded.p3 != 0.0:  # which restores it
         inputs.append(FreeDecay(angle=widest))
     return inputs
 
@@ -201,7 +201,7 @@ def _setpoints(
     base = float(f"{fastest / limit / _RESONANCE:.3g}")
     peak = float(f"{(fastest if of_speed else limit) / 2:.2g}")
     inputs.append(Multisine(base=base, harmonics=_HARMONICS, peak=peak))
-    if fall and loaded.p3 != 0.0:  # which lets it
+    if fall and loaded.p3 != 0.0:  # without gravity it does not fall
         inputs.append(FreeDecay(angle=limit))
     return inputs
 
@@ -215,7 +215,7 @@ def judged_candidate(
     misfit: float,
     limit: float,
 ) -> Candidate:
-    """Return what a candidate would tell, and why not to rely on it; in a ``servo``'s loop."""
+    """Return a candidate with its predicted information and warning; in a ``servo``'s loop."""
     parameters = estimate.parameters
     respond = _responder(parameters, mass, signal, servo)
     angle = respond(parameters)
@@ -263,7 +263,7 @@ def _peak(signal: Excitation) -> float:
 def _responder(
     parameters: LumpedParameters, mass: AddedMass, signal: Excitation, servo: Log | None
 ) -> Callable[[LumpedParameters], Samples]:
-    """Return what simulates a candidate: by its input, or in a servo's loop as long as its log."""
+    """Return the simulation of a candidate, open-loop or in a servo's loop as long as its log."""
     if servo is None:
         return partial(_respond, mass=mass, signal=signal)
     time = np.arange(0.0, min(float(np.ptp(servo.time)), DURATION), servo.mean_step)
@@ -291,7 +291,7 @@ def _responder(
 
 
 def _respond(parameters: LumpedParameters, *, mass: AddedMass, signal: Excitation) -> Samples:
-    """Simulate a candidate from rest, its bias aside; a clock of two regimes is slow at its end."""
+    """Simulate a candidate from rest without bias; a clock of two regimes is slow at its end."""
     time = np.arange(0.0, DURATION, LONGEST_STEP)
     instants = np.column_stack([time[:-1], time[:-1] + LONGEST_STEP / 2, time[1:]])
     slow = (instants > DURATION / 2) & (parameters.slow_interval > 0)

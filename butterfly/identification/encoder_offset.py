@@ -1,7 +1,7 @@
 """The encoder's reading at model angle 0, of each log, and how it was found.
 
-It is known beforehand; or it is the middle of the steady swings of sines with the same added mass;
-or the motion determines it; or it is a guess. Readings that differ by whole turns are the same.
+It is given; or it is the middle of the steady swings of sines with the same added mass; or the
+motion determines it; or it is a guess. Readings that differ by whole turns are the same.
 
 From the motion, it follows from the weak form of logs with one added mass, whatever their inputs.
 Of unit inertia, as no scale is needed, it yields the two parts of gravity, and
@@ -57,12 +57,12 @@ class EncoderOffset:
 
 
 def near(reading: float, home: float) -> float:
-    """Return the reading in rad, whole turns taken off, that is next to another."""
+    """Return the reading in rad plus the whole turns that bring it nearest to another."""
     return home + math.remainder(reading - home, 2 * math.pi)
 
 
 def reading_of(log: Log, zeros: Mapping[AddedMass, float]) -> float:
-    """Return a log's zero in rad: what is known of it, or that of its added mass."""
+    """Return a log's zero in rad: the known one, or that of its added mass."""
     return zeros[log.added_mass] if log.zero is None else log.zero.value
 
 
@@ -111,7 +111,7 @@ def _of_mass(pairs: Sequence[tuple[Log, ResponsePoint | None]], home: float) -> 
 
 
 def _guess(logs: Sequence[Log]) -> EncoderOffset:
-    """Guess the mean of the log that moves least, or where it begins if it turns."""
+    """Return a guess: the mean of the log that moves least, or its beginning if it turns."""
     still = min(logs, key=lambda log: log.rms_motion)
     if _turns(still):
         value, uncertainty = float(still.angle[0]), math.pi / math.sqrt(3)
@@ -121,7 +121,7 @@ def _guess(logs: Sequence[Log]) -> EncoderOffset:
 
 
 def _together(found: Mapping[AddedMass, EncoderOffset]) -> dict[AddedMass, EncoderOffset]:
-    """Return the mean of the zeros from the motion, if they agree; a guess gives way to others."""
+    """Return the zeros, fitted ones averaged if they agree, and guesses replaced by the best."""
     joint = dict(found)
     fitted = {mass: zero for mass, zero in found.items() if zero.kind is OffsetKind.FIT}
     if fitted:

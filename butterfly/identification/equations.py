@@ -1,9 +1,9 @@
-"""What every estimator ends in: equations about its optimum, cell by cell.
+"""The linear equations about an estimator's optimum, cell by cell.
 
-A cell is a log, or a tenth of one in time. Of its residuals r and their derivatives J stays the
-triangular factor of [J | r], which gives J^T J, J^T r and r^T r of the cell exactly. All inference
-works on these: which terms are fitted, covariance, what parts of the data say, whether conditions
-agree.
+A cell is a log, or a tenth of one in time. Its residuals r and their derivatives J are reduced to
+the triangular factor of [J | r], which gives J^T J, J^T r and r^T r of the cell exactly. All
+inference uses these: choice of terms, covariance, estimates from parts of the data, agreement of
+conditions.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from butterfly.model.terms import TERMS, lower_bounds
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Solution:
-    """(n,) values, and which of them a bound holds."""
+    """(n,) values, and which of them are on an active bound."""
 
     values: Samples
     on_bound: NDArray[np.bool_]
@@ -45,20 +45,20 @@ class Regression:
     names: tuple[str, ...]  # of the n parameters
     rows: Samples  # rows, target: (m, n) and (m,)
     target: Samples
-    # (m,) numbers, from 0 on, of the log (or stretch of one) that a row belongs to: errors are
-    # taken to be independent between clusters, not within
+    # (m,) indices of the log (or stretch of one) that a row belongs to: errors are taken to be
+    # independent between clusters, not within
     cluster: NDArray[np.intp]
     # values of the parameters of the product kind about which the rows hold; 0 if not given
     about: dict[str, float] = field(default_factory=dict)
-    # least values, where they are not those of the table of terms
+    # lower bounds, where they are not those of the table of terms
     least: dict[str, float] = field(default_factory=dict)
-    # p4, where it is known, and no unknown; a guess of it otherwise, by which what is known of
-    # products is turned
+    # p4 where it is known and no unknown; otherwise a guess of it, which turns priors of products
+    # into priors of unknowns
     gain: float = 0.0
-    prior: Penalty | None = None  # what is known of the values with an uncertainty
+    prior: Penalty | None = None  # of the values that are known with an uncertainty
 
     def solve(self, use: NDArray[np.bool_] | slice = slice(None)) -> Solution:
-        """Return the values that fit the rows to use best, within their bounds."""
+        """Return the least-squares values of the rows to use, within their bounds."""
         if "p4" in self.names and not self.rows[use, self.names.index("p4")].any():
             raise IdentifiabilityError("the input is always zero: add logs of the driven joint")
         more, wanted = self.known_rows
@@ -77,16 +77,16 @@ class Regression:
         return Solution(values=np.maximum(values, self.lower), on_bound=np.asarray(on_bound))
 
     def at(self, values: Mapping[str, float]) -> Solution:
-        """Return (n,) values by name, 0 of other parameters, as a solution that no bound holds."""
+        """Return values by name, 0 of other parameters, as a solution without active bounds."""
         found = np.array([values.get(name, 0.0) for name in self.names])
         return Solution(values=found, on_bound=np.zeros(found.size, dtype=bool))
 
     def unknowns(self, values: Samples) -> Samples:
-        """Return what the rows multiply, of (n,) values."""
+        """Return the (n,) unknowns, which the rows multiply, of (n,) values."""
         return (values - self._shift) * self._slopes(values)
 
     def values(self, unknowns: Samples) -> Samples:
-        """Return the (n,) values of what the rows multiply."""
+        """Return the (n,) values of (n,) unknowns, which the rows multiply."""
         return np.asarray(unknowns / self._slopes(unknowns) + self._shift)
 
     def residuals(self, values: Samples) -> Samples:
@@ -108,7 +108,7 @@ class Regression:
 
     @cached_property
     def lower(self) -> Samples:
-        """(n,) least values."""
+        """(n,) lower bounds."""
         table = dict(zip(self.names, lower_bounds(self.names).tolist(), strict=True))
         return np.array([self.least.get(name, table[name]) for name in self.names])
 
@@ -124,29 +124,29 @@ class Regression:
         """p4 for the parameters that it multiplies, 1 for the others."""
         if not self._products.any():
             return np.ones(len(self.names))
-        own = values[self.names.index("p4")] if "p4" in self.names else self.gain
-        return np.where(self._products, float(own) or np.finfo(float).tiny, 1.0)
+        gain = values[self.names.index("p4")] if "p4" in self.names else self.gain
+        return np.where(self._products, float(gain) or np.finfo(float).tiny, 1.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CellEquations:
-    """A solver's end: n values, and the equations about them in each of k cells."""
+    """A solution of n values, and the linear equations about them in each of k cells."""
 
     names: tuple[str, ...]  # of the n values; those that all logs share come first
     values: Samples  # (n,)
-    lower: Samples  # (n,) least values
-    on_bound: NDArray[np.bool_]  # (n,) whether a bound holds the value
+    lower: Samples  # (n,) lower bounds
+    on_bound: NDArray[np.bool_]  # (n,) whether the value is on an active bound
     # rows, residuals: (k, m, n) derivatives by the values, and (k, m) residuals, weighted as the
     # solver weighs them
     rows: Samples
     residuals: Samples
-    log: NDArray[np.intp]  # (k,) number of each cell's log; cells follow in the order of time
+    log: NDArray[np.intp]  # (k,) index of each cell's log; cells of a log are in order of time
     ending: Ending = Ending.CONVERGED  # how the solver ended
-    # (n,) by how much the values moved last, or would move next, if it was stopped
+    # (n,) last or next step of the values, if the solver was stopped
     unsettled: Samples | None = None
     # (n, n) derivatives of the gradient, where the weights depend on the residuals
     bread: Samples | None = None
-    prior: Penalty | None = None  # what was known of the values with an uncertainty
+    prior: Penalty | None = None  # of the values that were known with an uncertainty
 
     @classmethod
     def of(
@@ -157,7 +157,7 @@ class CellEquations:
         cells: int = 1,
         jacobian: Samples | None = None,
     ) -> CellEquations:
-        """Cut a regression about its solution into cells; ``jacobian``: (m, n), if not its own."""
+        """Cut a regression about its solution into cells; ``jacobian``: (m, n), if another."""
         values = solution.values
         derived = regression.jacobian(values) if jacobian is None else jacobian
         parts = cut(derived, regression.residuals(values), regression.cluster, cells)
@@ -195,51 +195,51 @@ class CellEquations:
 
     @cached_property
     def total(self) -> tuple[Samples, Samples]:
-        """(n, n) curvature and (n,) gradient of all cells, and of what is known besides."""
+        """(n, n) curvature and (n,) gradient of all cells and the prior."""
         curvature, gradient = self.curvature.sum(axis=0), self.gradient.sum(axis=0)
         if self.prior is None:
             return curvature, gradient
         return curvature + self.prior.curvature, gradient + self.prior.gradient(self.values)
 
     def stopped(self, unsettled: Samples) -> CellEquations:
-        """Return the same of a solver that was stopped while the (n,) values still moved."""
+        """Return the same of a solver that stopped before convergence, with its (n,) last step."""
         return replace(self, ending=Ending.STOPPED, unsettled=unsettled)
 
     @property
     def next_step(self) -> Samples:
-        """(n,) Gauss-Newton step of the values that no bound holds."""
+        """(n,) Gauss-Newton step of the `free` values; 0 of the others."""
         return -self.change_by(self.total[1])
 
     def change_by(self, pull: Samples) -> Samples:
-        """(n,) change of the values that no bound holds, which curvature turns into a pull."""
+        """(n,) change of the `free` values: the inverse curvature times an (n,) gradient."""
         return np.asarray(self._inverse @ pull)
 
     @cached_property
     def _inverse(self) -> Samples:
-        """(n, n) pseudo-inverse of the curvature of the values that no bound holds."""
+        """(n, n) pseudo-inverse of the curvature of the `free` values; 0 elsewhere."""
         scaled, size = unit_diagonal(self.total[0])
-        own = np.ix_(self.free, self.free)
+        block = np.ix_(self.free, self.free)
         inverse = np.zeros_like(scaled)
         rounding = float(np.finfo(float).eps) * np.count_nonzero(self.free)
-        inverse[own] = np.linalg.pinv(scaled[own], rcond=rounding)
+        inverse[block] = np.linalg.pinv(scaled[block], rcond=rounding)
         return inverse / np.outer(size, size)
 
-    def apart(self, changes: Samples) -> tuple[Samples, Samples]:
-        """Return what the values leave of (k, n) changes, and its (k,) information; or zeros."""
+    def orthogonalised(self, changes: Samples) -> tuple[Samples, Samples]:
+        """Return (k, n) changes, values partialled out, and (k,) information; 0 if collinear."""
         pulls = np.einsum("kmn,kn->km", self.curvature, changes)
         rest = changes - self.change_by(pulls.sum(axis=0))
         information = np.einsum("kn,kmn,km->k", rest, self.curvature, rest)
-        told = information.sum() > ROUNDING * np.sum(changes * pulls)
-        return (rest, information) if told else (np.zeros_like(rest), np.zeros(len(rest)))
+        identifiable = information.sum() > ROUNDING * np.sum(changes * pulls)
+        return (rest, information) if identifiable else (np.zeros_like(rest), np.zeros(len(rest)))
 
     @cached_property
     def free(self) -> NDArray[np.bool_]:
-        """(n,) which values no bound holds, and the cells tell."""
+        """(n,) which values are on no bound, and affect the residuals or are known."""
         return ~self.on_bound & (np.diag(self.total[0]) > 0)
 
     @property
     def count(self) -> int:
-        """How many rows say something."""
+        """Number of rows that are not 0."""
         return int(np.count_nonzero(np.any(self.rows != 0, axis=2)))
 
     @cached_property
@@ -248,10 +248,10 @@ class CellEquations:
         logs = np.unique(self.log)
         if logs.size == self.log.size:
             return self
-        owned = (self.log == number for number in logs)
+        of_log = (self.log == number for number in logs)
         rows, residuals = compressed(
-            (self.rows[own].reshape(-1, len(self.names)), self.residuals[own].ravel())
-            for own in owned
+            (self.rows[each].reshape(-1, len(self.names)), self.residuals[each].ravel())
+            for each in of_log
         )
         return replace(self, rows=rows, residuals=residuals, log=logs)
 
@@ -261,7 +261,7 @@ class CellEquations:
         return self.of_logs if np.unique(self.log).size > FEW else self
 
     def without(self, logs: Iterable[int]) -> CellEquations:
-        """Return the equations of all logs but some."""
+        """Return the equations without some logs, by their indices."""
         kept = ~np.isin(self.log, list(logs))
         return replace(
             self, rows=self.rows[kept], residuals=self.residuals[kept], log=self.log[kept]
@@ -269,31 +269,31 @@ class CellEquations:
 
     @property
     def realised_variance(self) -> float:
-        """Variance of a row as the scatter of the cells realises it: 1 per parameter if right.
+        """Variance of a row by the scatter between cells.
 
-        Errors that are alike within a cell count for fewer rows, which is a larger variance of
-        each. It is no less than in the direction of each parameter of which something is known
-        besides.
+        Errors that are correlated within a cell count as fewer rows, each of a larger variance. It
+        is at least the variance in the direction of each parameter that has a prior, the other
+        parameters partialled out.
         """
         cells = self.independent
         flat = cells.rows.reshape(-1, cells.rows.shape[2])
         basis, singular, _ = np.linalg.svd(unit_columns(flat)[0], full_matrices=False)
-        told = basis[:, singular > ROUNDING * singular.max(initial=0.0)]
-        if not told.size:
+        span = basis[:, singular > ROUNDING * singular.max(initial=0.0)]
+        if not span.size:
             raise IdentifiabilityError("no parameter is identifiable from these logs")
-        covariance, _ = cluster_covariance(told.reshape(*cells.rows.shape[:2], -1), cells.residuals)
+        covariance, _ = cluster_covariance(span.reshape(*cells.rows.shape[:2], -1), cells.residuals)
         found = float(np.mean(np.diag(covariance)))
         for k in () if self.prior is None else np.flatnonzero(self.prior.active):
             others = np.delete(flat, k, axis=1)
-            own = flat[:, k] - others @ scaled_least_squares(others, flat[:, k])
-            if own @ own > ROUNDING * (flat[:, k] @ flat[:, k]):
-                along = np.einsum("km,km->k", own.reshape(cells.residuals.shape), cells.residuals)
-                found = max(found, float(along @ along / (own @ own)))
+            res = flat[:, k] - others @ scaled_least_squares(others, flat[:, k])
+            if res @ res > ROUNDING * (flat[:, k] @ flat[:, k]):
+                along = np.einsum("km,km->k", res.reshape(cells.residuals.shape), cells.residuals)
+                found = max(found, float(along @ along / (res @ res)))
         return found
 
     @property
     def with_prior(self) -> tuple[Samples, Samples]:
-        """(m, n) rows and (m,) residuals of all cells, and of what was known besides."""
+        """(m, n) rows and (m,) residuals of all cells and the prior."""
         flat, left = self.rows.reshape(-1, self.rows.shape[2]), self.residuals.ravel()
         if self.prior is None:
             return flat, left
@@ -302,7 +302,7 @@ class CellEquations:
 
 
 def compressed(cells: Iterable[tuple[Samples, Samples]]) -> tuple[Samples, Samples]:
-    """Reduce cells of (m, n) rows and (m,) residuals to n + 1 equations each that say the same."""
+    """Reduce cells of (m, n) rows and (m,) residuals to n + 1 equivalent equations each."""
     every = [*cells]
     sizes = np.array([residuals.size for _, residuals in every])
     count = every[0][0].shape[1] + 1
@@ -319,6 +319,6 @@ def compressed(cells: Iterable[tuple[Samples, Samples]]) -> tuple[Samples, Sampl
 
 
 def scaled_least_squares(rows: Samples, target: Samples) -> Samples:
-    """Return (n, ...) values, rows times which are nearest to targets, whatever their units."""
+    """Return the (n, ...) least-squares values of scaled columns, for (m, ...) targets."""
     scaled, scale = unit_columns(rows)
     return np.asarray((np.linalg.lstsq(scaled, target, rcond=None)[0].T / scale).T)

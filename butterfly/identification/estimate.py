@@ -1,4 +1,4 @@
-"""What an estimator returns: values with covariance, intervals, and what can be concluded."""
+"""What an estimator returns: values with covariance, intervals and findings."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from butterfly.model.terms import TERMS, lower_bounds
 from butterfly.verdict import Level
 
 OF_VERDICT = ("p1", "p4")
-"""Parameters that set the scale, by which values are judged."""
+"""Parameters of the scale, whose half-widths decide the verdict."""
 
 _DOUBTED = {FindingKind.SEARCH_STOPPED, FindingKind.APPROXIMATE}
 _LARGEST = float(np.finfo(float).max) ** 0.25  # of any number: squares of such are numbers too
@@ -40,35 +40,35 @@ Truth: TypeAlias = LumpedParameters | Mapping[str, float]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Estimate:
-    """Parameters of the bare hand and how far to trust them."""
+    """Parameters of the bare hand, with covariance, intervals and findings."""
 
     method: str  # how they were obtained
     names: tuple[str, ...]  # the n that were estimated: PARAMETERS of model.terms, then terms
     values: Samples  # (n,) in their order
-    covariance: Samples  # (n, n); NaN where the method has no statement to make
+    covariance: Samples  # (n, n); NaN where the method gives none
     lower: Samples  # (n,) limits of the 95 % intervals
     upper: Samples
     # (n,) estimates without the logs of one added mass, or one run; none if there are too few
     left_out: Mapping[Hashable, Samples] = field(default_factory=dict)
     condition: float = math.nan  # number of the column-scaled regression, or Jacobian
-    on_bound: tuple[str, ...] = ()  # parameters held by a bound
+    on_bound: tuple[str, ...] = ()  # parameters on an active bound
     ending: Ending = Ending.CONVERGED
-    findings: tuple[Finding, ...] = ()  # what can and cannot be concluded
-    fixed: dict[str, float] = field(default_factory=dict)  # at others than the model's defaults
-    # in rad/s by added mass, where the method rests on them
+    findings: tuple[Finding, ...] = ()  # on identifiability, fit and known values
+    fixed: dict[str, float] = field(default_factory=dict)  # not estimated, and not the defaults
+    # in rad/s by added mass, where the method uses them
     resonances: dict[AddedMass, float] = field(default_factory=dict)
     # of one log (by its name), one added mass or all (None), where the method estimates them:
     # ``zero`` (the encoder's reading in rad at the model's angle 0), ``velocity`` (at the first
     # sample, in rad/s) and ``bias``
     local: dict[AddedMass | str | None, dict[str, float]] = field(default_factory=dict)
-    # what follows a condition though it should be the same in all, the most telling first
+    # parameters that follow a condition though they should be constant, the largest share first
     agreement: tuple[Contrast, ...] = ()
-    # (n,) fits with other terms that predict as well, which the intervals hold too
+    # (n,) fits with other terms that predict as well, which the intervals include
     rivals: tuple[Samples, ...] = ()
     # longest stretch in s over which logs are simulated with it; infinite where whole logs were
     # asked for, None where it is left to the logs (see `identification.segments`)
     horizon: float | None = None
-    known: Prior = NO_PRIOR  # what is known exactly is among ``fixed``
+    known: Prior = NO_PRIOR  # exactly known values are among ``fixed`` too
     freedom: Samples | None = None  # (n,) degrees, of the standard errors
     input_kind: InputKind | None = None  # gives units, with the joint; None if unknown
     joint: JointKind = JointKind.HINGE
@@ -90,12 +90,12 @@ class Estimate:
 
     @property
     def unestimated(self) -> tuple[str, ...]:
-        """Names to which the method gives a value without an estimate, by its finding."""
+        """Names of values that the method sets without estimating them, by its finding."""
         found = (each for each in self.findings if each.kind is FindingKind.NOT_ESTIMATED)
         return next((each.parameters for each in found), ())
 
     def table(self, truth: Truth | None = None) -> tuple[Parameter, ...]:
-        """Return a row for each parameter, beside the truth; those known exactly come last."""
+        """Return a row per parameter, with the truth if given; those known exactly come last."""
         if isinstance(truth, LumpedParameters):
             truth = asdict(truth)
         errors, claims = self.standard_errors, precision(self.values, self.lower, self.upper)
@@ -146,7 +146,7 @@ class Estimate:
         return Parameter(name=name, meaning=meaning, unit=unit, true=true, **numbers)
 
     def to_dict(self, truth: Truth | None = None) -> dict[str, Any]:
-        """Return all that it holds, as JSON can hold it."""
+        """Return all fields, as JSON can hold them."""
         rows = {row["name"]: row for row in map(asdict, self.table(truth))}
         content: dict[str, Any] = {
             "method": self.method,
@@ -178,7 +178,7 @@ class Estimate:
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Estimate:
-        """Return what `to_dict` gave; KeyError, TypeError or ValueError if it is not that."""
+        """Return the estimate of a `to_dict`; KeyError, TypeError or ValueError if it is none."""
         names = tuple(map(str, content["covariance"]["names"]))
         rows, others = content["parameters"], content["unestimated"]
         values = [others[name] if name in others else rows[name]["value"] for name in names]
@@ -204,7 +204,7 @@ class Estimate:
             condition=float(_array(content["condition"])),
             on_bound=tuple(content["on_bound"]),
             ending=Ending(content["ending"]),
-            # an older program found what is none now: whether it is precise, follows well enough
+            # findings of older programs may be of kinds that no longer exist
             findings=_FINDINGS.validate_python(
                 [each for each in content["findings"] if each["kind"] in KINDS]
             ),
@@ -234,7 +234,7 @@ class Estimate:
 
     @property
     def usable(self) -> Estimate:
-        """The same, if results can be made of it; a ValueError says why none can."""
+        """The same estimate; ValueError if its numbers are not finite or too large."""
         if not all(np.isfinite(each).all() for each in self._arrays):
             raise ValueError("values that are no numbers")
         others = (self.covariance, self.lower, self.upper, np.array(self.condition))
@@ -250,11 +250,11 @@ class Estimate:
 
     @cached_property
     def level(self) -> Level:
-        """What may be done with the values: good if the limits of the scale are near."""
+        """Verdict on the values: good if the relative half-widths of the scale are small."""
         if self.unsettled or any(each.forbids for each in self.findings):
             return Level.WARNING
-        reach = self.reach
-        near = all(reach.get(name, 0.0) <= PRECISE for name in OF_VERDICT)
+        widths = self.relative_half_widths
+        near = all(widths.get(name, 0.0) <= PRECISE for name in OF_VERDICT)
         doubted = any(each.kind in _DOUBTED for each in self.findings)
         return Level.GOOD if near and not doubted else Level.CARE
 
@@ -270,8 +270,8 @@ class Estimate:
         return np.maximum(self.upper - self.values, self.values - self.lower)
 
     @property
-    def reach(self) -> dict[str, float]:
-        """How far the farther limit is from each value, over the value; infinite if unknown."""
+    def relative_half_widths(self) -> dict[str, float]:
+        """`farther` of each parameter over its value; infinite if unknown."""
         with np.errstate(divide="ignore", invalid="ignore"):
             shares = np.nan_to_num(self.farther / np.abs(self.values), nan=np.inf)
         return dict(zip(self.names, shares.tolist(), strict=True))
@@ -282,17 +282,17 @@ class Estimate:
         return np.sqrt(np.diag(self.covariance))
 
     def applied(self, log: Log) -> tuple[LumpedParameters, dict[str, float]]:
-        """Return what holds for one log: parameters, and zero and velocity where known."""
-        own: dict[str, float] = {}
+        """Return the parameters of one log, and its zero and velocity where these are known."""
+        local: dict[str, float] = {}
         for key in (None, log.added_mass, log.name):
-            own |= self.local.get(key, {})
+            local |= self.local.get(key, {})
         if log.zero is not None and log.zero.fixed:
-            own["zero"] = log.zero.value
+            local["zero"] = log.zero.value
         parameters = self.parameters
-        return replace(parameters, bias=own.pop("bias", parameters.bias)), own
+        return replace(parameters, bias=local.pop("bias", parameters.bias)), local
 
     def owners(self, masses: Iterable[AddedMass]) -> list[tuple[str, AddedMass | str | None]]:
-        """Return whose each zero (of ``masses``, if none was fitted) and bias is."""
+        """Return name and owner of each zero (of ``masses``, if none was fitted) and bias."""
         owners = [
             (name, whose)
             for whose, values in self.local.items()
@@ -315,24 +315,24 @@ class Estimate:
     def with_contrasts(self, more: tuple[Contrast, ...], rivals: Iterable[Samples]) -> Estimate:
         """Return the estimate with contrasts of its free runs first, if they explain more.
 
-        Its limits then hold rivals of (n,) values too, unless its logs were weighed by that
-        scatter. What steady responses say of single logs is no match: they have few rows beside so
-        many.
+        Its limits then include rivals of (n,) values too, unless its logs were weighted by that
+        scatter. Its contrasts from log to log are not compared: steady responses have few rows per
+        log.
         """
-        own = [each.share for each in self.agreement if each.condition is not Condition.LOG]
-        if not more or more[0].share < max(own, default=0.0):
+        shares = [each.share for each in self.agreement if each.condition is not Condition.LOG]
+        if not more or more[0].share < max(shares, default=0.0):
             return self
-        seen = {(each.parameter, each.condition) for each in more}
-        rest = (each for each in self.agreement if (each.parameter, each.condition) not in seen)
-        found = replace(self, agreement=(*more, *rest))
+        found = {(each.parameter, each.condition) for each in more}
+        rest = (each for each in self.agreement if (each.parameter, each.condition) not in found)
+        estimate = replace(self, agreement=(*more, *rest))
         scatters = (each for each in self.findings if each.kind is FindingKind.SCATTER)
-        weighed = any(more[0].parameter in each.parameters for each in scatters)
-        for rival in () if weighed else rivals:
-            found = found.holding(rival)
-        return found
+        weighted = any(more[0].parameter in each.parameters for each in scatters)
+        for rival in () if weighted else rivals:
+            estimate = estimate.holding(rival)
+        return estimate
 
     def holding(self, rival: Samples | None) -> Estimate:
-        """Return the estimate with limits that hold a rival of (n,) values too, if there is one."""
+        """Return the estimate with limits that include a rival of (n,) values too, if any."""
         if rival is None or self.freedom is None:
             return self
         half = np.minimum(half_widths(self.covariance, self.freedom), (self.upper - self.lower) / 2)
@@ -343,7 +343,7 @@ class Estimate:
 def left_out_content(
     names: Sequence[str], left_out: Mapping[Hashable, Iterable[float]]
 ) -> list[dict[str, Any]]:
-    """Return what the estimates would have been without one added mass, log or part each."""
+    """Return the leave-one-out estimates, by added mass, log or part, as JSON can hold them."""
     content = []
     for key, values in left_out.items():
         carried = {"added_mass": asdict(key)} if isinstance(key, AddedMass) else {}

@@ -1,10 +1,10 @@
 """Nonlinear least squares over many logs, within bounds and a trust region.
 
-The sums J^T J and J^T r are all that a step needs. Values are in their own units: a step is
-measured by what it does to the residuals. Each is the least-squares step within bounds and a box
-whose size follows how well the last step was predicted (Nocedal & Wright, Numerical Optimization,
-2nd ed. 2006, chapters 4 and 10). SciPy's `least_squares` expands the cost two to ten times as
-often: it takes no last step on trust.
+The sums J^T J and J^T r are all that a step needs. Steps are scaled by their effect on the
+residuals, so that the units of the values do not matter. Each is the least-squares step within
+bounds and a box, the trust region, whose size follows from actual over predicted decrease (Nocedal
+& Wright, Numerical Optimization, 2nd ed. 2006, chapters 4 and 10). SciPy's `least_squares` expands
+the cost two to ten times as often, as it verifies the last step too.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ from butterfly.model.prior import Penalty
 from butterfly.progress import current_search
 
 _NORMAL = 1 / float(ndtri(0.75))  # standard deviation over median absolute deviation
-_LAST = 1e-4  # share of the cost that a step taken on trust may promise
-_UNSEEN = 0.1  # share of a residual's part of the cost that may be left after it
+_LAST = 1e-4  # share of the cost that an unverified last step may be predicted to take off
+_REMAINDER = 0.1  # share of one residual's mean cost that it may leave
 _POOR, _GOOD, _BETTER = 0.25, 0.75, 1.33  # shares of the predicted decrease
 
 
 class Loss(StrEnum):
-    """How residuals, in robust standard deviations, count (see `scipy.optimize.least_squares`)."""
+    """Loss of residuals over their robust scale (see `scipy.optimize.least_squares`)."""
 
     LINEAR = "linear"
     SOFT_L1 = "soft_l1"
@@ -43,15 +43,15 @@ class Loss(StrEnum):
     CAUCHY = "cauchy"
 
     def values(self, residuals: Samples, scale: float) -> Samples:
-        """(n,) what residuals count in the place of their squares, those above the scale less."""
+        """(n,) loss of residuals in place of their squares; smaller than these above the scale."""
         return np.asarray(scale**2 * _COUNTED[self][0]((residuals / scale) ** 2))
 
     def weights(self, residuals: Samples, scale: float) -> Samples:
-        """(n,) slopes of `values` in the squares of the residuals."""
+        """(n,) derivatives of `values` by the squares of the residuals."""
         return np.asarray(_COUNTED[self][1]((residuals / scale) ** 2))
 
     def slopes(self, residuals: Samples, scale: float) -> Samples:
-        """(n,) slopes of the weighted residuals, `weights` times residuals, in the residuals."""
+        """(n,) derivatives of `weights` times residuals by the residuals."""
         return np.asarray(_COUNTED[self][2]((residuals / scale) ** 2))
 
 
@@ -69,21 +69,21 @@ _COUNTED: dict[Loss, tuple[Callable[[Samples], Samples], ...]] = {
     ),
     Loss.CAUCHY: (np.log1p, lambda z: 1 / (1 + z), lambda z: (1 - z) / (1 + z) ** 2),
 }
-"""Of squares over that of the scale: what they count, its slope, and that of weighted residuals."""
+"""Of squares over that of the scale: loss, its derivative, and that of the weighted residuals."""
 
 
 def outlying(residuals: Samples) -> float:
-    """Return the size from which on one of (n,) residuals is taken for an outlier."""
+    """Return the size above which one of (n,) residuals counts as an outlier."""
     return SPREADS * _NORMAL * float(np.median(np.abs(residuals)))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LogEquations:
-    """One log's residuals, and their derivatives by the parameters that it depends on."""
+    """One log's residuals, and their derivatives by the parameters that they depend on."""
 
     residuals: Samples  # (m,)
     rows: Samples  # (m, k) derivatives
-    columns: NDArray[np.intp]  # (k,) numbers of these parameters, of all n
+    columns: NDArray[np.intp]  # (k,) indices of these among all n parameters
 
     @classmethod
     def relative(
@@ -99,12 +99,12 @@ class LogEquations:
         return cls(residuals=errors, rows=rows, columns=np.array(columns, dtype=np.intp))
 
     def weighted(self, weights: Samples) -> LogEquations:
-        """Return the equations, the squares of each of m counting so many times."""
+        """Return the equations with (m,) weights of the squared residuals."""
         root = np.sqrt(weights)
         return replace(self, residuals=self.residuals * root, rows=self.rows * root[:, None])
 
     def spread(self, each: Samples, count: int) -> Samples:
-        """Return (..., n) what is told of all parameters, from (..., k) of these; 0 elsewhere."""
+        """Return (..., n) arrays over all parameters from (..., k) over this log's; else 0."""
         every = np.zeros((*each.shape[:-1], count))
         every[..., self.columns] = each
         return every
@@ -119,7 +119,7 @@ class LogEquations:
 
     @cached_property
     def _usual(self) -> tuple[Samples, Samples]:
-        """Factors of the usual cells, of which those of the whole are made too."""
+        """Factors of the usual number of cells, which give that of the whole log too."""
         return self._factors(CELLS)
 
     def _factors(self, cells: int) -> tuple[Samples, Samples]:
@@ -133,26 +133,26 @@ class Equations:
 
     values: Samples  # (n,) these
     logs: tuple[LogEquations, ...]  # one for each
-    prior: Penalty | None = None  # what is known of the parameters besides
-    loss: Loss = Loss.LINEAR  # loss, scale: how the residuals count
+    prior: Penalty | None = None  # of the parameters
+    loss: Loss = Loss.LINEAR  # loss, scale: of the residuals
     scale: float = 1.0
 
     def counting(self, loss: Loss) -> Equations:
-        """Return equations whose residuals count as a loss says, by their own scatter."""
+        """Return the equations with a loss, scaled by the scatter of the residuals."""
         if loss is Loss.LINEAR:
             return self
         residuals = np.concatenate([log.residuals for log in self.logs])
         return replace(self, loss=loss, scale=outlying(residuals))
 
-    def weigh_as(self, other: Equations) -> bool:
-        """Whether what is known besides weighs about as much as beside other equations."""
+    def prior_weighs_as(self, other: Equations) -> bool:
+        """Whether the weights of the prior are nearly those of other equations."""
         if self.prior is None or other.prior is None:
             return True
         mine, theirs = self.prior.weight, other.prior.weight
         return bool((abs(mine - theirs) <= WEIGHED * theirs).all())
 
     def moved(self, step: Samples) -> Equations:
-        """Return what these equations say of the parameters a step away."""
+        """Return the linear equations about the values an (n,) step away."""
         logs = (
             replace(log, residuals=log.residuals + log.rows @ step[log.columns])
             for log in self.logs
@@ -161,7 +161,7 @@ class Equations:
 
     @cached_property
     def cost(self) -> float:
-        """Half of what the residuals count; infinite or NaN if a simulation diverged."""
+        """Half the loss and the penalty of the prior; infinite or NaN if a simulation diverged."""
         with np.errstate(over="ignore", invalid="ignore"):
             counted = [self.loss.values(log.residuals, self.scale) for log in self.logs]
             of_logs = 0.5 * float(sum(np.sum(each) for each in counted))
@@ -169,7 +169,7 @@ class Equations:
 
     @property
     def is_finite(self) -> bool:
-        """Whether no simulation diverged, nor what it changes by."""
+        """Whether cost, gradient and curvature are finite: no simulation diverged."""
         with np.errstate(over="ignore", invalid="ignore"):
             every = np.append(self.curvature, [*self.gradient, self.cost])
             return bool(np.isfinite(every).all())
@@ -184,12 +184,12 @@ class Equations:
 
     @cached_property
     def curvature(self) -> Samples:
-        """(n, n) second derivatives of the cost, but for those of the residuals."""
+        """(n, n) Gauss-Newton approximation of the second derivatives of the cost."""
         return self._summed((log, log.rows.T @ log.rows) for log in self._weighted)
 
     @property
     def bread(self) -> Samples:
-        """(n, n) derivatives of the gradient as a robust loss has them, its weights moving too."""
+        """(n, n) derivatives of the gradient, those of the weights of a robust loss included."""
         slopes = (self.loss.slopes(log.residuals, self.scale)[:, None] for log in self.logs)
         return self._summed(
             (log, (log.rows * each).T @ log.rows)
@@ -198,23 +198,23 @@ class Equations:
 
     def _summed(self, parts: Iterable[tuple[LogEquations, Samples]]) -> Samples:
         total = np.zeros((self.values.size, self.values.size))
-        for log, own in parts:
-            total[np.ix_(log.columns, log.columns)] += own
+        for log, part in parts:
+            total[np.ix_(log.columns, log.columns)] += part
         return total if self.prior is None else total + self.prior.curvature
 
     def compressed(self, cells: int) -> tuple[Samples, Samples]:
-        """Return (k, p, n) rows and (k, p) residuals of each log's cells, as the loss weighs."""
+        """Return (k, p, n) rows and (k, p) residuals of all k cells, weighted by the loss."""
         factors = [log.compressed(cells) for log in self._weighted]
         most = max(left.shape[1] for _, left in factors)
         rows = np.zeros((len(factors), cells, most, self.values.size))
         residuals = np.zeros((len(factors), cells, most))
-        for k, (log, (own, left)) in enumerate(zip(self.logs, factors, strict=True)):
-            rows[k, :, : left.shape[1]] = log.spread(own, self.values.size)
+        for k, (log, (part, left)) in enumerate(zip(self.logs, factors, strict=True)):
+            rows[k, :, : left.shape[1]] = log.spread(part, self.values.size)
             residuals[k, :, : left.shape[1]] = left
         return rows.reshape(-1, *rows.shape[2:]), residuals.reshape(-1, most)
 
     def cells(self, names: tuple[str, ...], lower: Samples, count: int) -> CellEquations:
-        """Return those of stretches, each log cut into so many, of n names and least values."""
+        """Return the equations of ``count`` cells of each log, of n names and lower bounds."""
         rows, residuals = self.compressed(count)
         return CellEquations(
             names=names,
@@ -235,16 +235,16 @@ class Equations:
         return tuple(log.weighted(each) for log, each in zip(self.logs, weights, strict=True))
 
     def decrease(self, step: Samples) -> float:
-        """Return what an (n,) step takes off the cost, by its derivatives."""
+        """Return the decrease of the cost that its derivatives predict for an (n,) step."""
         return -float(self.gradient @ step + 0.5 * step @ self.curvature @ step)
 
     def step(self, lowest: Samples, highest: Samples) -> Samples:
-        """Return the (n,) step that the quadratic cost asks for, within a box."""
+        """Return the (n,) step that minimises the quadratic cost within a box."""
         scaled, size = unit_diagonal(self.curvature)
         curvatures, axes = np.linalg.eigh(scaled)
-        told = curvatures > ROUNDING**2 * curvatures[-1]
-        roots = np.sqrt(np.where(told, curvatures, 0.0))
-        pull = np.divide(axes.T @ (self.gradient / size), roots, out=0 * roots, where=told)
+        determined = curvatures > ROUNDING**2 * curvatures[-1]
+        roots = np.sqrt(np.where(determined, curvatures, 0.0))
+        pull = np.divide(axes.T @ (self.gradient / size), roots, out=0 * roots, where=determined)
         rows, step = roots[:, None] * axes.T, lowest * size
         free = lowest < highest  # the others are held: `lsq_linear` refuses a box without width
         box = step[free], (highest * size)[free]
@@ -253,7 +253,7 @@ class Equations:
         return np.asarray(step / size)
 
     def in_steps(self, directions: Samples) -> Equations:
-        """Return the equations in d lengths of steps along (n, d) directions, which are 0."""
+        """Return the equations in d step lengths, now 0, along (n, d) directions."""
         columns = np.arange(directions.shape[1])
         logs = (
             replace(log, rows=log.rows @ directions[log.columns], columns=columns)
@@ -262,16 +262,16 @@ class Equations:
         return replace(self, values=np.zeros(columns.size), logs=tuple(logs))
 
     def directions(self, count: int) -> Samples:
-        """Return (n, d) independent changes of ``count`` first values that move residuals by 1."""
+        """Return (n, d) orthogonal changes of the first values that move the residuals by 1."""
         scaled, size = unit_diagonal(self.curvature[:count, :count])
         curvatures, axes = np.linalg.eigh(scaled)
-        felt = curvatures > ROUNDING * curvatures[-1]
-        changes = np.zeros((self.values.size, np.count_nonzero(felt)))
-        changes[:count] = axes[:, felt] / np.sqrt(curvatures[felt]) / size[:, None]
+        determined = curvatures > ROUNDING * curvatures[-1]
+        changes = np.zeros((self.values.size, np.count_nonzero(determined)))
+        changes[:count] = axes[:, determined] / np.sqrt(curvatures[determined]) / size[:, None]
         return changes
 
     def reduced(self, directions: Samples) -> Equations:
-        """Return the equations after the best step along (n, d) directions (see `directions`)."""
+        """Return the equations after the optimal step along (n, d) `directions`."""
         return self.moved(-directions @ (directions.T @ self.gradient))
 
 
@@ -279,8 +279,8 @@ class Equations:
 class Minimum:
     """Where a descent ended."""
 
-    at: Equations  # about the (n,) values there, as its last expansion says
-    converged: bool  # whether no further step promises anything
+    at: Equations  # about the (n,) values there, by the last expansion
+    converged: bool  # whether no further decrease is predicted
     evaluations: int  # how often the cost was expanded
 
     @property
@@ -290,17 +290,17 @@ class Minimum:
 
 
 Expand = Callable[[Samples, float], Equations]
-"""From (n,) values, and the largest cost that is of use, to the equations about them."""
+"""From (n,) values, and the cost above which it may stop early, to the equations about them."""
 
 
 class Box(NamedTuple):
-    """What bounds values, and their steps."""
+    """Bounds of values and of their steps."""
 
-    lower: Samples  # (n,) least values
-    share: Samples | float = np.inf  # (n,) of a value by which one step changes it at most
+    lower: Samples  # (n,) lower bounds
+    share: Samples | float = np.inf  # (n,) largest relative change in one step
 
     def about(self, values: Samples, most: Samples | float) -> tuple[Samples, Samples]:
-        """Return the (n,) least and largest steps from values, of which none is above ``most``."""
+        """Return the (n,) lower and upper limits of a step from values, at most ``most``."""
         with np.errstate(invalid="ignore"):
             room = np.fmin(most, self.share * abs(values))
         return np.maximum(self.lower - values, -room), np.broadcast_to(room, values.shape)
@@ -311,11 +311,11 @@ def minimise(
 ) -> Minimum:
     """Descend from equations about the (n,) first values to a minimum, in ``most`` expansions.
 
-    Where the cost bends more along a step than its derivatives say, the next one is shorter by as
-    much. Once steps do what they promise, and promise far less each time, the last is taken on
-    trust; it ends before, where a step promises or takes no more than a share ``enough`` of the
-    cost. Where its trust region has shrunk, it has converged only if no step out of that promises
-    anything. IdentifiabilityError if the first equations are not finite.
+    Where the cost curves more along a step than its derivatives predict, the next one is shorter by
+    as much. Once predictions are right and decrease fast, the last step is taken without expanding
+    the cost there; the descent ends before, where a step predicts or takes no more than a share
+    ``enough`` of the cost. Where the trust region has shrunk, it has converged only if no step out
+    of it predicts a decrease. IdentifiabilityError if the first equations are not finite.
     """
     if not at.is_finite:
         raise IdentifiabilityError(
@@ -324,56 +324,56 @@ def minimise(
         )
     size, evaluations = np.sqrt(np.diag(at.curvature)), 0
     unit = np.where(size > 0, 1 / np.where(size > 0, size, 1.0), np.maximum(abs(at.values), SHOWS))
-    reach = max(float(np.linalg.norm(at.values / unit)), 1.0)
-    kept, last, bends, search = 0.0, np.inf, 1.0, current_search()
+    radius = max(float(np.linalg.norm(at.values / unit)), 1.0)
+    rho, last, bends, search = 0.0, np.inf, 1.0, current_search()  # rho: actual over predicted
     while evaluations < most and last > enough * at.cost and not search.over:
-        whole = at.step(*box.about(at.values, reach * unit))
-        step, promised = whole / bends, at.decrease(whole)
+        whole = at.step(*box.about(at.values, radius * unit))
+        step, of_whole = whole / bends, at.decrease(whole)
         longest = float(abs(whole / unit).max())
         there = np.maximum(at.values + step, box.lower)
-        within = longest < (1 - ROUNDING) * reach
-        if within and (_is_last(at, promised, last, kept, bends) or longest < ROUNDING):
+        within = longest < (1 - ROUNDING) * radius
+        if within and (_is_last(at, of_whole, last, rho, bends) or longest < ROUNDING):
             end = replace(at.moved(there - at.values), values=there)
             return Minimum(at=end, converged=True, evaluations=evaluations)
-        if (within and promised <= enough * at.cost) or (not within and reach < ROUNDING):
+        if (within and of_whole <= enough * at.cost) or (not within and radius < ROUNDING):
             break
         tried = replace(expand(there, at.cost), prior=at.prior)
         evaluations += 1
         predicted, longest = at.decrease(step), longest / bends
-        kept = (at.cost - tried.cost) / predicted if tried.is_finite else -np.inf
-        if kept > _POOR:
-            bends = max(1.0, 1 + (1 - kept) * predicted / (0.5 * float(step @ at.curvature @ step)))
-        if kept < _POOR:
-            reach = _POOR * longest
-        elif kept > _GOOD and longest >= (1 - ROUNDING) * reach:
-            reach *= 2
-        if kept > 0:
+        rho = (at.cost - tried.cost) / predicted if tried.is_finite else -np.inf
+        if rho > _POOR:
+            bends = max(1.0, 1 + (1 - rho) * predicted / (0.5 * float(step @ at.curvature @ step)))
+        if rho < _POOR:
+            radius = _POOR * longest
+        elif rho > _GOOD and longest >= (1 - ROUNDING) * radius:
+            radius *= 2
+        if rho > 0:
             last = at.cost - tried.cost
             at = tried
-    promised = at.decrease(at.step(*box.about(at.values, np.inf)))
-    converged = evaluations < most and promised <= max(enough, SHOWS) * at.cost
+    predicted = at.decrease(at.step(*box.about(at.values, np.inf)))
+    converged = evaluations < most and predicted <= max(enough, SHOWS) * at.cost
     return Minimum(at=at, converged=converged, evaluations=evaluations)
 
 
-def _is_last(at: Equations, promised: float, last: float, kept: float, bends: float) -> bool:
-    """Whether a step promises nothing, or so little less each time that it is taken on trust."""
-    left = _UNSEEN * at.cost * last / sum(log.residuals.size for log in at.logs)
-    small = promised <= _LAST * at.cost and promised**2 < left
-    # a step that is made shorter leaves a share of what the whole one promises
-    sure = promised * (bends - 1) ** 2 <= _LAST**2 * at.cost
-    return (_GOOD < kept < _BETTER and small and sure) or promised <= ROUNDING * at.cost
+def _is_last(at: Equations, predicted: float, last: float, rho: float, bends: float) -> bool:
+    """Whether a step's predicted decrease is so small that the cost after it is not verified."""
+    left = _REMAINDER * at.cost * last / sum(log.residuals.size for log in at.logs)
+    small = predicted <= _LAST * at.cost and predicted**2 < left
+    # a shortened step leaves a share of what the whole one predicts
+    sure = predicted * (bends - 1) ** 2 <= _LAST**2 * at.cost
+    return (_GOOD < rho < _BETTER and small and sure) or predicted <= ROUNDING * at.cost
 
 
 def minimise_robustly(
     expand: Expand, at: Equations, box: Box, loss: Loss, *, most: int, enough: float
 ) -> Minimum:
-    """Descend to the least squares, and on from there, or at once, to the minimum of a loss."""
+    """Descend to the least squares, if the loss is linear yet, then to the minimum of a loss."""
     spent = 0
     if at.loss is Loss.LINEAR:
-        plain = minimise(expand, at, box, most, enough)
+        unweighted = minimise(expand, at, box, most, enough)
         if loss is Loss.LINEAR:
-            return plain
-        at, spent = plain.at.counting(loss), plain.evaluations
+            return unweighted
+        at, spent = unweighted.at.counting(loss), unweighted.evaluations
 
     def counted(values: Samples, _: float) -> Equations:
         return replace(expand(values, np.inf), loss=loss, scale=at.scale)

@@ -1,4 +1,4 @@
-"""Does the model move like the robot? Free-run simulation of whole logs, and its FIT."""
+"""Free-run simulation of whole logs, and its FIT."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _WINDOW = VELOCITY_SHARE * HALF_WIDTH  # s to either side
 GROWTH = 30.0
 """Times by which an error at the start of a segment may grow within it."""
 
-_EVERY = 5  # steps from one beginning to the next
+_EVERY = 5  # steps from one start to the next
 # horizons, times powers of ten
 _PREFERRED = np.array([1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0])
 
@@ -36,8 +36,8 @@ class FreeRun:
     """A log and its simulation with the recorded input, from the first sample on or in segments."""
 
     log: Log
-    simulated: Samples  # what it measures at its (n,) stamps: rad from the encoder's zero, or rad/s
-    horizon: float = math.inf  # longest segment in s, each from a start of its own
+    simulated: Samples  # (n,) at its stamps, as it measures: rad from the encoder's zero, or rad/s
+    horizon: float = math.inf  # longest segment in s, each with a fitted start
 
     @classmethod
     def of(cls, log: Log, setting: Setting) -> FreeRun:
@@ -51,16 +51,16 @@ class FreeRun:
 
     @cached_property
     def velocity_fit(self) -> float:
-        """FIT in per cent of the velocity; an angle that goes on and on fits any inertia."""
+        """FIT in per cent of the velocity: that of a growing angle hardly depends on inertia."""
         if self.log.integrated:
             return self.fit
         grid = uniform_grid(self.log.time)
         step = float(grid[1] - grid[0])
-        reach = min(max(round(_WINDOW / step), 2), (grid.size - 1) // 2)
+        half = min(max(round(_WINDOW / step), 2), (grid.size - 1) // 2)
         angles = (self.log.angle, self.simulated - self.log.angle)
         with np.errstate(over="ignore", invalid="ignore"):
             measured, error = (
-                slope(resample(self.log.time, each, grid), reach, 2, step) for each in angles
+                slope(resample(self.log.time, each, grid), half, 2, step) for each in angles
             )
             return fit_of(float(np.sqrt(np.mean(error**2))), float(np.std(measured)))
 
@@ -94,30 +94,30 @@ class FitSummary:
 
     @property
     def over(self) -> str:
-        """Over what logs are simulated, to be said after the word FIT; nothing of whole logs."""
+        """Text on the horizon, to follow the word FIT; empty for whole logs."""
         return "" if self.horizon is None else f" over segments of {self.horizon:g} s"
 
     def numbers(self) -> dict[str, float]:
         """Return it for programs."""
-        said = {"median": self.median, "mean": self.mean, "worst": self.worst}
-        return said if self.horizon is None else said | {"horizon": self.horizon}
+        found = {"median": self.median, "mean": self.mean, "worst": self.worst}
+        return found if self.horizon is None else found | {"horizon": self.horizon}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Setting:
-    """What a log is simulated with."""
+    """Parameters and start with which a log is simulated."""
 
     parameters: LumpedParameters  # of the bare hand
     zero: float  # reading of the encoder in rad where the model's angle is 0
-    velocity: float | None = None  # at the first sample, in rad/s; None: the log's own beginning
+    velocity: float | None = None  # at the first sample, in rad/s; None: as the log begins
     horizon: float = math.inf  # longest stretch in s that is simulated at a time
 
     def simulation(self, log: Log, first: int = 0) -> Simulation:
-        """Return what simulates a log, of which the samples from number ``first`` on count."""
+        """Return the simulation of a log; errors count from the sample numbered ``first`` on."""
         return Simulation(log, self.parameters, first, self.segment_length(log, first))
 
     def segment_length(self, log: Log, first: int = 0) -> float | None:
-        """Return how long segments with fitted starts are at most, in s (see `segment_length`)."""
+        """Return the longest segment with fitted starts in s (see `segment_length`)."""
         known = self.velocity is not None
         return segment_length(log, self.parameters, self.horizon, first=first, velocity_known=known)
 
@@ -130,10 +130,10 @@ class Setting:
 
 
 class Simulations:
-    """Simulates the logs of a data set with any parameters; keeps what does not depend on them.
+    """Simulates the logs of a data set with any parameters; caches what does not depend on them.
 
-    Each is simulated about the encoder's zero that an estimate has found for it, or else that of
-    ``zeros`` in rad by added mass; those numbered ``counted`` tell over what horizon.
+    Each is simulated about the encoder's zero that an estimate has for it, or else that of
+    ``zeros`` in rad by added mass; the logs with indices ``counted`` determine the horizon.
     """
 
     def __init__(
@@ -145,18 +145,18 @@ class Simulations:
         self._runs: dict[int, tuple[Setting, FreeRun]] = {}
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Leave what is kept behind in copies."""
+        """Pickle without the caches."""
         return type(self), (self._logs, self._zeros, self._counted)
 
     def setting(self, number: int, estimate: Estimate) -> Setting:
-        """Return what an estimate says of one log, by its number."""
+        """Return the setting of an estimate for one log, by its index."""
         log = self._logs[number]
-        parameters, own = estimate.applied(log)
-        zero = own["zero"] if "zero" in own else reading_of(log, self._zeros)
+        parameters, local = estimate.applied(log)
+        zero = local["zero"] if "zero" in local else reading_of(log, self._zeros)
         return Setting(
             parameters=parameters,
             zero=zero,
-            velocity=own.get("velocity"),
+            velocity=local.get("velocity"),
             horizon=self.horizon(estimate),
         )
 
@@ -171,12 +171,12 @@ class Simulations:
         return self._horizons[parameters]
 
     def settled(self, estimate: Estimate) -> Estimate:
-        """Return an estimate that says over what horizon these logs are simulated, if any."""
+        """Return the estimate with the horizon over which these logs are simulated, if finite."""
         horizon = self.horizon(estimate)
         return replace(estimate, horizon=horizon) if math.isfinite(horizon) else estimate
 
     def run(self, number: int, estimate: Estimate) -> FreeRun:
-        """Simulate one log, by its number, with an estimate."""
+        """Simulate one log, by its index, with an estimate."""
         return self._run(number, self.setting(number, estimate))
 
     def followed(self, estimate: Estimate, numbers: Iterable[int]) -> Samples:
@@ -195,7 +195,7 @@ class Simulations:
         return np.array([self._run(number, each).fit for number, each in enumerate(settings)])
 
     def simulation(self, number: int, setting: Setting) -> Simulation:
-        """Return what simulates one log, by its number; the latest of each is kept."""
+        """Return the simulation of one log, by its index; the latest of each is cached."""
         log = self._logs[number]
         key = grid_step(log, setting.parameters), setting.segment_length(log)
         latest = self._simulations.get(number)
@@ -204,7 +204,7 @@ class Simulations:
         return latest[1]
 
     def _run(self, number: int, setting: Setting) -> FreeRun:
-        """Simulate one log, by its number; the latest free run of each is kept."""
+        """Simulate one log, by its index; the latest free run of each is cached."""
         latest = self._runs.get(number)
         if latest is None or latest[0] != setting:
             run = setting.run(self.simulation(number, setting))
@@ -213,7 +213,7 @@ class Simulations:
 
 
 def fit_of(error: float, motion: float) -> float:
-    """Return FIT in per cent, of rms error and motion; none of one that is still or diverges."""
+    """Return FIT in per cent of rms error and motion; -inf of no motion or a diverging one."""
     return 100 * (1 - error / motion) if motion and math.isfinite(error) else -math.inf
 
 
@@ -222,7 +222,7 @@ def horizon_of(
 ) -> float:
     """Return the longest time in s within which no small error grows by more than `GROWTH`.
 
-    Rounded down, so that little depends on the parameters; infinite where none grows so.
+    Rounded down, so that it hardly depends on the parameters; infinite where no error grows so.
     """
     free = [log for log in logs if not log.closed]
     found = min(
@@ -242,14 +242,14 @@ def _horizon(log: Log, parameters: LumpedParameters, zero: float) -> float:
     grid = uniform_grid(log.time, LONGEST_STEP)
     falling = -loaded.p3 / loaded.p1 * np.cos(np.interp(grid, log.time, log.angle - zero))
     if falling.max() <= 0:
-        return math.inf  # gravity pulls back wherever the hand is
+        return math.inf  # gravity is restoring everywhere
     damping = max(loaded.p2, 0.0) / loaded.p1
     steps = _soonest(falling, damping, math.sqrt(loaded.p1 / loaded.p3))
     return steps * LONGEST_STEP if steps else math.inf
 
 
 def _soonest(falling: Samples, damping: float, slowest: float) -> int:
-    """Fewest steps in which an error grows `GROWTH`-fold, from any beginning on; 0 if none does."""
+    """Fewest steps in which an error grows `GROWTH`-fold, over all starts; 0 if none does."""
     begins = np.arange(0, falling.size - 1, _EVERY)
     angle = np.repeat([[1.0], [0.0]], begins.size, axis=1)  # of errors of angle, and of velocity
     velocity = 1 - angle

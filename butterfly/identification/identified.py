@@ -1,4 +1,4 @@
-"""What was learnt from a data set: the estimate, and how it follows the logs."""
+"""The result of an identification: the estimate, and how it follows the logs."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Identified:
-    """What was learnt from a data set."""
+    """The result of an identification."""
 
     estimate: Estimate
     """Parameters with covariance and findings."""
 
     estimator: str
-    """What made it, and its options, in a line."""
+    """Method and options, in a line."""
 
     origin: dict[str, Any]
     """The data: name, description, input, number of logs, what was known of the robot, its joint
@@ -47,7 +47,7 @@ class Identified:
     """FIT in per cent of the free run of each log, by its name."""
 
     velocity_fits: dict[str, float] = field(default_factory=dict)
-    """The same of its velocity; the lower of the two says how well a log is followed."""
+    """The same of its velocity; the lower of the two is how well a log is followed."""
 
     held_out: dict[str, float] = field(default_factory=dict)
     """FIT in per cent of each that was held out."""
@@ -65,7 +65,7 @@ class Identified:
     """Free run of each log; those of a result that was loaded are simulated by `free_runs`."""
 
     judged_residuals: Residuals | None = None
-    """What the free runs leave; that of a result that was loaded is found by `residuals`."""
+    """Residuals of the free runs; those of a result that was loaded are found by `residuals`."""
 
     comparisons: tuple[OtherParameters, ...] = ()
     """Other parameters on the same logs."""
@@ -84,7 +84,7 @@ class Identified:
         return self.estimate.covariance
 
     def separated(self, known: Mapping[str, Any] = MappingProxyType({})) -> PhysicalParameters:
-        """Return the physical parameters, with what is known besides, by names of `PHYSICAL`."""
+        """Return the physical parameters, with further known values by names of `PHYSICAL`."""
         before, new = Prior.of(self.origin.get("known", {})), Prior.of(known)
         for name in known:
             if name not in new.physical:
@@ -131,7 +131,7 @@ class Identified:
 
     @cached_property
     def free_runs(self) -> tuple[FreeRun, ...]:
-        """Simulation of each log with the estimate; `data` says what is raised."""
+        """Simulation of each log with the estimate; raises as `data` does."""
         data = self.data
         return self.runs or tuple(
             data.simulations.run(number, self.estimate) for number in range(len(data.logs))
@@ -139,11 +139,11 @@ class Identified:
 
     @cached_property
     def residuals(self) -> Residuals:
-        """What the free runs leave, and whether the sensors explain it."""
+        """Residuals of the free runs, and whether the sensors explain them."""
         return self.judged_residuals or residuals_of(self.data, self.estimate, self.free_runs)
 
     def measured(self, added_mass: AddedMass = NO_ADDED_MASS) -> control.FrequencyResponseData:
-        """Return the responses measured with an added mass, to stand beside `model.linearised`.
+        """Return the responses measured with an added mass, to compare with `model.linearised`.
 
         The mass is one of ``data.masses``; none if not given.
 

@@ -1,46 +1,46 @@
-"""What counts as sure, as known, as little, as few and as rounding: one number each."""
+"""Levels of significance, precision, relevance and rounding: one number each."""
 
 import numpy as np
 from scipy.special import ndtri
 
 CONFIDENCE = 0.95
-"""Level of all intervals; of what is tested, 1 less it is the chance of a false alarm."""
+"""Level of all intervals; tests have a false-alarm rate of 1 less it."""
 
 SPREADS = float(ndtri(0.5 + CONFIDENCE / 2))
 """Half width of an interval, in standard deviations of a normal distribution."""
 
 ACCUSED = 1e-3
-"""Chance of a false accusation: that what was told, or the sameness of logs, is contradicted."""
+"""False-alarm rate of tests of given values, and of the homogeneity of logs."""
 
 CLEARLY = float(-ndtri(ACCUSED / 2))
-"""Standard errors from which on two values contradict each other."""
+"""Standard errors above which two values contradict each other."""
 
 PRECISE = 0.1
-"""Share of a value, within which it counts as known."""
+"""Relative half-width within which a value counts as precise."""
 
 MATTERS = 0.01
-"""Share of a value, below which a change is not worth a word."""
+"""Share of a value below which a change is negligible."""
 
 SHOWS = 1e-3
 """The same where errors are known, as those of steady responses are."""
 
 LOST = 0.5
-"""Share of a motion, or of an effect, that a model leaves at most if it follows."""
+"""Largest unexplained share of a motion, or of an effect, of a model that follows."""
 
 FEW = 3
-"""Logs, masses or parts of data: of so many one can be left out, but their scatter says nothing."""
+"""Logs, masses or parts of data: so many allow to leave one out, but no estimate of scatter."""
 
 DRAWS = round(1 / (1 - CONFIDENCE))
-"""Random draws, of which one is outside an interval."""
+"""Random draws of which one is expected outside an interval."""
 
 MOST = 60
-"""Rounds of an iteration, after which it counts as one that did not settle."""
+"""Largest number of iterations; one that goes on has not converged."""
 
 PASSES = 12
-"""The same of what begins near its end."""
+"""The same of an iteration that begins near its solution."""
 
 WEIGHED = 0.2
-"""Share of a variance, and of what it weighs, that scatter hardly tells better."""
+"""Relative tolerance of a variance, and of weights by it: scatter estimates none better."""
 
 ROUNDING: float = float(np.finfo(float).eps) ** 0.5
 """Share below which a difference is none: half the digits are left to conditioning."""

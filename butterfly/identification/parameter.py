@@ -25,7 +25,7 @@ _ON_SLIDES = {
 
 @dataclass(frozen=True, kw_only=True)
 class Parameter:
-    """A row of an estimate's table; None where there is nothing to say."""
+    """A row of an estimate's table; None where a number is unknown."""
 
     name: str
     meaning: str
@@ -38,7 +38,7 @@ class Parameter:
     largest_left_out: float | None = None
     true: float | None = None
     on_bound: bool = False
-    known: bool = False  # exactly and beforehand: it is no estimate
+    known: bool = False  # whether it was given exactly, and is no estimate
     claim: str = ""  # how well it is known: precise, rough, not-from-zero, known
 
     @property
@@ -57,7 +57,7 @@ class Parameter:
 def unit_of(
     parameter: str, input_kind: InputKind | None = None, joint: JointKind = JointKind.HINGE
 ) -> str:
-    """Return the unit of a parameter, on a slide that of its way; "unit" is an unknown input's."""
+    """Return the unit of a parameter, on a slide with m for rad; "unit" is an unknown input's."""
     unit = TERMS[parameter].unit
     if joint is JointKind.SLIDE:
         unit = _ON_SLIDES.get(unit, unit)

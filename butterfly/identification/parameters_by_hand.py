@@ -1,4 +1,4 @@
-"""Parameters given by hand: on the logs beside an identification, or in its place."""
+"""Given parameters, simulated on the logs for comparison with or instead of an identification."""
 
 from __future__ import annotations
 
@@ -62,11 +62,11 @@ def try_parameters(
     return OtherParameters(name=name, parameters=parameters, gain_fitted=gain_fitted, fit=fit)
 
 
-def read_parameters(told: Mapping[str, object], source: str) -> LumpedParameters:
-    """Read p1, p3 and whatever else is not 0; p4 is NaN if it is not among them."""
+def read_parameters(given: Mapping[str, object], source: str) -> LumpedParameters:
+    """Return parameters by given p1, p3 and others that are not 0; p4 is NaN if not given."""
     known = LumpedParameters.__dataclass_fields__
     values = {"p2": 0.0, "p4": math.nan}
-    for name, value in told.items():
+    for name, value in given.items():
         if name not in known:
             raise InputError(source, name, "an unknown parameter", nearest(name, known))
         values[name] = _number(value, source, name)
@@ -84,13 +84,13 @@ def best_gain(
     source: str = "parameters",
     track: Track = untracked,
 ) -> float:
-    """Return the p4 with the highest median FIT; InputError without sines, or of too fast p3."""
+    """Return the p4 with the highest median FIT; InputError without sines or of too large p3."""
     if not data.sines:
         expected = "a value, as there is no sine log to estimate it from"
         raise InputError(source, "p4", "nothing", expected)
-    fastest, seen = resonance_frequency(parameters), math.pi / data.logs[0].mean_step
-    if fastest > seen:
-        expected = f"at most {seen:.3g} rad/s, which the sampling rate resolves; or give p4 too"
+    fastest, nyquist = resonance_frequency(parameters), math.pi / data.logs[0].mean_step
+    if fastest > nyquist:
+        expected = f"at most {nyquist:.3g} rad/s, which the sampling rate resolves; or give p4 too"
         raise InputError(source, "p3", f"a resonance of {fastest:.3g} rad/s", expected)
     unit = replace(parameters, p4=1.0)
     ratios = [
@@ -113,20 +113,20 @@ def best_gain(
 
 
 def given_estimate(
-    told: Mapping[str, object],
+    given: Mapping[str, object],
     source: str,
     *,
     data: DataSet | None = None,
     masses: Sequence[AddedMass] = (),
 ) -> Estimate:
-    """Return given parameters as an estimate of which no uncertainty is known.
+    """Return given parameters as an estimate without uncertainties.
 
-    `told`: p1 and p3, and whatever else is not 0 and not known of the data; ``zero`` is the
+    ``given``: p1 and p3, and others that are not 0 and not known of the data; ``zero`` is the
     encoder's reading in rad where the model's angle is 0. Without p4 the one with the best FIT is
-    taken. `data`: The logs that they are to predict, if somebody recorded them. Raises InputError:
-    naming the part that is wrong, or p4, where no log tells the best one.
+    taken. ``data``: the logs to be predicted, if there are any. InputError names the parameter that
+    is wrong, or p4 where no log determines it.
     """
-    values = ({} if data is None else data.known.fixed) | dict(told)
+    values = ({} if data is None else data.known.fixed) | dict(given)
     zero = values.pop("zero", None)
     parameters = read_parameters(values, source)
     local: dict[AddedMass | str | None, dict[str, float]] = {}
@@ -155,6 +155,6 @@ def given_estimate(
 
 def _number(value: object, source: str, name: str, expected: str = "a number") -> float:
     try:
-        return float(value)  # type: ignore[arg-type]  # what is none is refused
+        return float(value)  # type: ignore[arg-type]  # others are refused
     except (TypeError, ValueError):
         raise InputError(source, name, value, expected) from None

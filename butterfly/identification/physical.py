@@ -1,7 +1,7 @@
 """From an estimate, and what is known of motor and hand, on to their physical parameters (6), (83).
 
-Motion tells p1..p4, which are made of more than four physical parameters (7). Each of these that is
-measured otherwise separates others.
+Motion determines p1..p4, which are combinations of more than four physical parameters (7). Each
+physical parameter that is measured otherwise makes others identifiable.
 """
 
 from __future__ import annotations
@@ -40,19 +40,19 @@ class PhysicalParameter:
     # value, standard_error: In its unit
     value: float
     standard_error: float
-    reach: float  # Half-width of its 95 % interval
-    told: Known | None = None  # What was known of it before
+    half_width: float  # Of its 95 % interval
+    given: Known | None = None  # Prior value, if any
 
     @property
     def below_zero(self) -> float:
         """By how many standard errors, of the interval, it is below 0 although it cannot be."""
         if self.name in SIGNED or not self.value < 0:
             return 0.0
-        return float(-self.value / self.reach * SPREADS) if self.reach else math.inf
+        return float(-self.value / self.half_width * SPREADS) if self.half_width else math.inf
 
 
-class Lack(StrEnum):
-    """What motion does not tell, and which measurement would."""
+class Missing(StrEnum):
+    """Value that is missing to identify physical parameters; `UNUSED`: one without effect."""
 
     MASS = "mass"
     GRAVITY = "gravity"
@@ -67,43 +67,43 @@ class Lack(StrEnum):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Unseparated:
-    """Something that cannot be told."""
+class Unidentified:
+    """Physical parameters that cannot be identified."""
 
-    lack: Lack  # What
-    names: tuple[str, ...] = ()  # Of the knowledge that says nothing here
-    most: Known | None = None  # What the back-EMF constant can be at most
+    missing: Missing
+    names: tuple[str, ...] = ()  # Of known values that have no effect with this input
+    most: Known | None = None  # Upper bound of the back-EMF constant
 
 
 @dataclass(frozen=True, kw_only=True)
 class PhysicalParameters:
-    """What is told, and what is not."""
+    """The physical parameters that are identified, and those that are not."""
 
-    # The parameters that follow, or are known better than they were told
+    # The parameters that follow, or whose uncertainty is below that of their prior
     found: tuple[PhysicalParameter, ...]
-    unseparated: tuple[Unseparated, ...]  # What is left open
+    unidentified: tuple[Unidentified, ...]
 
     def __getitem__(self, name: str) -> PhysicalParameter:
-        """Return a parameter that was found."""
+        """Return an identified parameter by name."""
         return {each.name: each for each in self.found}[name]
 
 
 def physical_parameters(
     estimate: Estimate, known: Prior, input_kind: InputKind, carrier: AddedMass
 ) -> PhysicalParameters:
-    """Separate what the lumped parameters are made of, errors propagated to first order.
+    """Return the physical parameters that follow from an estimate, errors to first order.
 
-    Half-widths are those of the intervals, which are wider, with the same correlations. What
-    ``estimate.known`` says of p4 has made it: R and k_t then depend on it (see
-    `Quantities.told_of`). ``carrier`` is any added mass of the joint, for its kind and gravity.
+    Half-widths are propagated from those of the estimate's intervals, which exceed its standard
+    errors, with the same correlations. A prior of p4 in ``estimate.known`` is not used twice (see
+    `Quantities.combined_with`). ``carrier``: any added mass of the joint, for its kind and gravity.
     """
     joint = carrier.joint
     of_intervals = np.maximum(estimate.farther / SPREADS, estimate.standard_errors)
-    narrow, wide = (
-        _together(estimate, errors, known, input_kind, carrier)
+    by_errors, by_intervals = (
+        _combined(estimate, errors, known, input_kind, carrier)
         for errors in (estimate.standard_errors, of_intervals)
     )
-    names = {*narrow.names} - {*estimate.unestimated}
+    names = {*by_errors.names} - {*estimate.unestimated}
     well = {row.name for row in estimate.table() if row.claim in {"precise", "known"}}
     ways = [
         way
@@ -111,28 +111,28 @@ def physical_parameters(
         if way.leads(names, input_kind, joint)
         and not (way.combined and well >= {*way.needs} - {BEST_SPEED})
     ]
-    told = {name: itemgetter(name) for name in known.physical}
+    given = {name: itemgetter(name) for name in known.physical}
     derived = {way.name for way in ways if way.symbol is not None}
     found = []
-    for name, formula in (told | {way.name: way.formula for way in ways}).items():
-        value, before = narrow.find(formula), known.physical.get(name)
-        reach = SPREADS * wide.find(formula).uncertainty
-        if name in derived and (not math.isfinite(value.value) or reach >= abs(value.value)):
+    for name, formula in (given | {way.name: way.formula for way in ways}).items():
+        value, prior = by_errors.find(formula), known.physical.get(name)
+        half_width = SPREADS * by_intervals.find(formula).uncertainty
+        if name in derived and (not math.isfinite(value.value) or half_width >= abs(value.value)):
             continue
-        if before is None or value.uncertainty < (1 - MATTERS) * before.uncertainty:
+        if prior is None or value.uncertainty < (1 - MATTERS) * prior.uncertainty:
             found.append(
                 PhysicalParameter(
                     name=name,
                     unit=_unit(name, input_kind, joint),
                     value=value.value,
                     standard_error=value.uncertainty,
-                    reach=reach,
-                    told=before,
+                    half_width=half_width,
+                    given=prior,
                 )
             )
     return PhysicalParameters(
         found=tuple(sorted(found, key=lambda each: [*SYMBOLS].index(each.name))),
-        unseparated=tuple(_unseparated(narrow, known, input_kind, carrier)),
+        unidentified=tuple(_unidentified(by_errors, known, input_kind, carrier)),
     )
 
 
@@ -141,10 +141,10 @@ def _unit(name: str, input_kind: InputKind, joint: JointKind) -> str:
     return unit.replace("unit", input_kind.unit)
 
 
-def _together(
+def _combined(
     estimate: Estimate, errors: Samples, known: Prior, input_kind: InputKind, carrier: AddedMass
 ) -> Quantities:
-    """Return lumped and physical parameters, of which each tells of the other."""
+    """Return lumped and known physical parameters, each updated by the information in the other."""
     joint = carrier.joint
     causes = with_gear(known.physical, joint)
     if carrier.gravity:
@@ -152,14 +152,14 @@ def _together(
     lumped = _estimated(estimate, errors)
     links = relations(known.physical, input_kind, joint)
     if not np.isfinite(lumped.covariance).all():
-        links = []  # what is known how well tells nothing of what is not
+        links = []  # without a covariance no update is defined
     links = [each for each in links if each.name in lumped.names]
     used = {
         each.name
         for each in relations(estimate.known.physical, input_kind, joint)
         if each.name in estimate.known.parameters
     }
-    return lumped.told_of(
+    return lumped.combined_with(
         Quantities.of(causes),
         {each.name: each.formula for each in links},
         new=frozenset(each.name for each in links) - used,
@@ -167,7 +167,7 @@ def _together(
 
 
 def _estimated(estimate: Estimate, errors: Samples) -> Quantities:
-    """Return the lumped parameters, those that were held exactly known."""
+    """Return the lumped parameters with ``errors`` as standard errors; fixed ones are exact."""
     held = {
         name: value
         for name, value in (estimate.known.fixed | estimate.fixed).items()
@@ -179,8 +179,8 @@ def _estimated(estimate: Estimate, errors: Samples) -> Quantities:
         held |= {BEST_SPEED: float(speed)} if 0 < speed < math.inf else {}
     n, count = len(estimate.names), len(estimate.names) + len(held)
     covariance = np.zeros((count, count))
-    own = estimate.standard_errors
-    scale = np.divide(errors, own, out=np.ones(n), where=own > 0)
+    before = estimate.standard_errors
+    scale = np.divide(errors, before, out=np.ones(n), where=before > 0)
     covariance[:n, :n] = estimate.covariance * np.outer(scale, scale)
     return Quantities(
         names=(*estimate.names, *held),
@@ -189,46 +189,46 @@ def _estimated(estimate: Estimate, errors: Samples) -> Quantities:
     )
 
 
-def _unseparated(
+def _unidentified(
     found: Quantities, known: Prior, input_kind: InputKind, carrier: AddedMass
-) -> Iterator[Unseparated]:
-    """Say what is left open (see `Lack`)."""
-    told = known.physical.keys()
+) -> Iterator[Unidentified]:
+    """Yield the unidentified parameters of load, rotor and motor."""
+    given = known.physical.keys()
     hinge = carrier.joint is JointKind.HINGE
-    if not hinge and "gear_ratio" not in told:
-        yield Unseparated(lack=Lack.GEAR)
+    if not hinge and "gear_ratio" not in given:
+        yield Unidentified(missing=Missing.GEAR)
     if hinge and not carrier.gravity:
-        yield Unseparated(lack=Lack.GRAVITY)
-    elif hinge and "hand_mass" not in told:
-        yield Unseparated(lack=Lack.MASS)
-    if not told & ({"rotor_inertia"} if hinge else {"rotor_inertia", "hand_mass"}):
-        yield Unseparated(lack=Lack.ROTOR if hinge else Lack.ROTOR_OF_SLIDE)
-    yield from _unseparated_of_motor(found, known, input_kind)
+        yield Unidentified(missing=Missing.GRAVITY)
+    elif hinge and "hand_mass" not in given:
+        yield Unidentified(missing=Missing.MASS)
+    if not given & ({"rotor_inertia"} if hinge else {"rotor_inertia", "hand_mass"}):
+        yield Unidentified(missing=Missing.ROTOR if hinge else Missing.ROTOR_OF_SLIDE)
+    yield from _unidentified_of_motor(found, known, input_kind)
 
 
-def _unseparated_of_motor(
+def _unidentified_of_motor(
     found: Quantities, known: Prior, input_kind: InputKind
-) -> Iterator[Unseparated]:
-    """Say what is left open of what the motor's torque is made of."""
-    told = known.physical.keys()
+) -> Iterator[Unidentified]:
+    """Yield the unidentified parameters of the motor."""
+    given = known.physical.keys()
     if input_kind in {InputKind.TORQUE, InputKind.CURRENT}:
         if input_kind is InputKind.TORQUE and "p4" not in known.parameters:
-            yield Unseparated(lack=Lack.COMMAND)
-        idle = tuple(sorted(told & {"resistance", "back_emf_constant"}))
+            yield Unidentified(missing=Missing.COMMAND)
+        idle = tuple(sorted(given & {"resistance", "back_emf_constant"}))
         if idle:
-            yield Unseparated(lack=Lack.UNUSED, names=idle)
+            yield Unidentified(missing=Missing.UNUSED, names=idle)
         return
     if input_kind is InputKind.DUTY:
-        yield Unseparated(lack=Lack.SUPPLY)
+        yield Unidentified(missing=Missing.SUPPLY)
         return
-    if not told & {"resistance", "torque_constant"}:
-        yield Unseparated(lack=Lack.GAIN)
-    if "back_emf_constant" not in told:
-        yield Unseparated(lack=Lack.BACK_EMF, most=_most_back_emf(found))
+    if not given & {"resistance", "torque_constant"}:
+        yield Unidentified(missing=Missing.GAIN)
+    if "back_emf_constant" not in given:
+        yield Unidentified(missing=Missing.BACK_EMF, most=_most_back_emf(found))
 
 
 def _most_back_emf(found: Quantities) -> Known | None:
-    """Return what the back-EMF constant can be, were there no other viscous friction."""
+    """Return the back-EMF constant if p2 were back EMF alone, its upper bound; None if unknown."""
     if not {"p2", "p4", "gear_ratio"} <= {*found.names}:
         return None
     return found.find(lambda of: of["p2"] / (of["gear_ratio"] * of["p4"]))

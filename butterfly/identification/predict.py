@@ -1,23 +1,21 @@
-"""What a joint will do under a given input, and how far that is known: two bands about a free run.
+"""Prediction of a joint's motion under a given input, with two bands about its free run.
 
-The band of the parameters holds the motion of the model, with whatever parameters the estimate
-leaves open; that of a new log holds a recording, to each draw of the parameters coming the errors
-of a log that the model has not seen. Both are pointwise, at `levels.CONFIDENCE`.
+The band of the parameters includes the motion of the model with parameters drawn from the
+estimate; that of a new log includes a recording: to each draw are added the errors of a held-out
+log. Both are pointwise, at `levels.CONFIDENCE`.
 
 Parameters are drawn from a normal distribution about the estimate. Its covariance is that of the
-scatter of the data, widened as the intervals are: along the ways that the estimates without one
-added mass went, as if each stood on a limit of its interval, and all by a common factor until no
-parameter is spread less than its interval says. So a combination that the data know well stays well
-known. A draw beyond a bound is moved to it, and the other parameters with it as they are
-correlated. That they are normal is the approximation for many data (Gelman et al., Bayesian Data
-Analysis, 3rd ed. 2013, section 4.1).
+scatter of the data, widened as the intervals are: along the differences of the leave-one-mass-out
+estimates, as if each were a limit of its interval, and by a common factor until no parameter has a
+smaller half-width than its interval. So well-determined combinations stay precise. A draw beyond a
+bound is moved to it, and the other parameters by their correlation with it. The normal distribution
+is the asymptotic one (Gelman et al., Bayesian Data Analysis, 3rd ed. 2013, section 4.1).
 
-The error of a new log is that of a log whose added mass the estimate has not seen. Where none can
-be left out, errors in sample stand for it, larger by sqrt(1 + 1/G): of G masses, a further one
-differs from what they have in common by (1 + 1/G) times their variance, if it is like them. A whole
-log with another mass is the donor of errors relative to its motion. They are drawn in blocks of
-whole drive periods (the circular block bootstrap: Politis & Romano, in Exploring the Limits of
-Bootstrap, 1992).
+The error of a new log is that of a log whose added mass was held out. Where none can be left out,
+errors in sample replace it, larger by sqrt(1 + 1/G): a further mass differs from the mean of G
+exchangeable ones by (1 + 1/G) times their variance. A whole log with another mass is the donor of
+errors relative to its motion, drawn in blocks of whole drive periods (the circular block bootstrap:
+Politis & Romano, in Exploring the Limits of Bootstrap, 1992).
 """
 
 from __future__ import annotations
@@ -44,22 +42,22 @@ from butterfly.progress import Track, in_threads, out_of_time, untracked
 
 OF_PARAMETERS = "parameters"
 OF_NEW_LOG = "new log"
-"""What the two bands are of."""
+"""Names of the two bands."""
 
-_STEP = 0.02  # s, between the samples at which a band is worked out
+_STEP = 0.02  # s, between the samples at which a band is computed
 _TAILS = ((1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2)
 
 
 LEAST = 2 * DRAWS
-"""Fewest draws, of which one lies beyond either edge of a band."""
+"""Fewest draws: one is expected beyond either edge of a band."""
 
 COUNT = 5 * LEAST
-"""Draws if no other number is asked for: five lie beyond either edge of a band."""
+"""Default number of draws: five are expected beyond either edge of a band."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ParameterDraws:
-    """Parameters that an estimate leaves open."""
+    """Parameters drawn from the distribution of an estimate."""
 
     estimate: Estimate
     values: Samples  # (m, n) of its n parameters
@@ -80,7 +78,7 @@ class ParameterDraws:
 def draw_parameters(
     estimate: Estimate, count: int = COUNT, *, masses: Iterable[AddedMass] = (), seed: int = 0
 ) -> ParameterDraws:
-    """Draw parameters within their bounds, all with the same weight.
+    """Draw parameters within their bounds, with equal weights.
 
     Each draw makes a joint with each of the added ``masses``: of inertia p1 + Z > 0 and without
     negative friction. InputError if fewer than `LEAST` are asked for, or the seed is negative;
@@ -110,7 +108,7 @@ def draw_parameters(
 
 
 def honest_covariance(estimate: Estimate) -> Samples:
-    """(n, n) covariance as wide as the intervals, but for conditions beyond those seen."""
+    """(n, n) covariance widened as the intervals are, but for rivals of conditions' limits."""
     limits = np.array([estimate.lower, estimate.upper])
     if not (np.isfinite(estimate.covariance).all() and np.isfinite(limits).all()):
         raise IdentifiabilityError(
@@ -121,7 +119,7 @@ def honest_covariance(estimate: Estimate) -> Samples:
         fit = (estimate.values, estimate.covariance, estimate.freedom, partial, estimate.rivals)
         limits = np.clip(honest_limits(*fit), *limits)
     covariance = widened(estimate.values, estimate.covariance, partial, estimate.rivals)
-    widths = np.abs(limits - estimate.values)  # a side that a bound cuts is the narrower one
+    widths = np.abs(limits - estimate.values)  # a side that a bound cuts is the smaller one
     spread = np.sqrt(np.diag(covariance))
     varies = spread > 0
     factor = np.max(widths.max(axis=0)[varies] / spread[varies], initial=0.0) / SPREADS
@@ -129,14 +127,14 @@ def honest_covariance(estimate: Estimate) -> Samples:
 
 
 def covariance_root(covariance: Samples) -> Samples:
-    """(n, n) matrix that gives rows of independent standard normal numbers a covariance."""
+    """(n, n) root of a covariance, by which rows of standard normal numbers are multiplied."""
     correlation, spread = unit_diagonal(covariance)
     eigenvalues, axes = np.linalg.eigh(correlation)
     return np.asarray(np.sqrt(np.maximum(eigenvalues, 0.0))[:, None] * axes.T * spread)
 
 
 def _within(moved: Samples, lower: Samples, covariance: Samples) -> Samples:
-    """Move (n,) values to (n,) bounds that they are beyond, the others as they are correlated."""
+    """Return (n,) changes moved to violated (n,) bounds, the others by their correlation."""
     bound = moved < lower
     result = moved
     for _ in range(moved.size):
@@ -162,7 +160,7 @@ def _possible(moved: Samples, estimate: Estimate, masses: Iterable[AddedMass]) -
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Band:
-    """(m,) angles in rad, or velocities, between which (m,) are expected."""
+    """(m,) limits of m expected angles in rad, or velocities in rad/s."""
 
     lower: Samples
     upper: Samples
@@ -192,26 +190,27 @@ class Prediction:
 
     @property
     def measured(self) -> Samples:
-        """(m,) what was measured where the bands are."""
+        """(m,) measured signal at these instants."""
         return self.run.log.measured[self.samples]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExpectedErrors:
-    """Errors of one log, larger by sqrt(1 + 1/G) if it was seen with G masses."""
+    """Errors of one log, larger by sqrt(1 + 1/G) if its mass was one of G that were fitted."""
 
     log: Log
     relative: Samples  # (n,) measured less simulated angle, over the rms of the log's motion
-    unseen: bool  # whether the estimate was made without its added mass
+    held_out: bool  # whether the estimate was made without its added mass
 
     def drawn(self, time: Samples, rng: np.random.Generator) -> Samples:
         """(m,) relative errors of samples at (m,) instants in s, in blocks from anywhere."""
-        own = self.log.time - self.log.time[0]
-        length = min(length_of(self.log), float(own[-1]))
+        clock = self.log.time - self.log.time[0]
+        length = min(length_of(self.log), float(clock[-1]))
         number = ((time - time[0]) / length).astype(np.intp)
-        starts = rng.uniform(0, own[-1], number[-1] + 1)
+        starts = rng.uniform(0, clock[-1], number[-1] + 1)
         instants = starts[number] + (time - time[0]) - number * length
-        return np.asarray(self.relative[np.searchsorted(own, instants % own[-1], side="right") - 1])
+        samples = np.searchsorted(clock, instants % clock[-1], side="right") - 1
+        return np.asarray(self.relative[samples])
 
 
 def expected_errors(data: DataSet, estimate: Estimate) -> list[ExpectedErrors]:
@@ -223,10 +222,10 @@ def expected_errors(data: DataSet, estimate: Estimate) -> list[ExpectedErrors]:
         if not motion:
             continue
         others = estimate.left_out.get(log.added_mass)
-        own = estimate if others is None else replace(estimate, values=others)
-        run = data.simulations.run(number, own)
+        fitted = estimate if others is None else replace(estimate, values=others)
+        run = data.simulations.run(number, fitted)
         relative = (log.measured - run.simulated) / motion * (further if others is None else 1.0)
-        found.append(ExpectedErrors(log=log, relative=relative, unseen=others is not None))
+        found.append(ExpectedErrors(log=log, relative=relative, held_out=others is not None))
     return found
 
 
@@ -248,8 +247,8 @@ def predict_logs(
 ) -> list[Prediction]:
     """Predict logs from their first sample and their input alone.
 
-    The ``setting`` returns with what an estimate simulates a log, by its number. Without draws
-    there is no band; without errors, of the logs behind the estimate, none of a new log.
+    The ``setting`` returns parameters and start of an estimate for a log, by its index. Without
+    draws there is no band; without ``errors`` of the fitted logs, none of a new log.
     """
     seeds = np.random.SeedSequence(draws.seed if draws else 0).spawn(len(logs))
 

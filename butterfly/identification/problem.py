@@ -1,4 +1,4 @@
-"""Logs to be followed by free runs, and the unknowns with which they are simulated.
+"""Logs to be fitted by free runs, and the unknowns with which they are simulated.
 
 An unknown belongs to all logs, to those with one added mass, or to one log.
 """
@@ -39,12 +39,12 @@ from butterfly.progress import current_search, out_of_time, threads
 from butterfly.signals.frequency_response import first_counted
 
 Key = tuple[str, "AddedMass | str | None"]
-"""An unknown, and whose it is: all logs', if None."""
+"""An unknown by name, and the added mass or log that it belongs to; None: shared by all logs."""
 
 LOCAL = ("zero", "bias", "velocity")
-"""What may differ from mass to mass or from log to log."""
+"""Unknowns that may be local to an added mass or to a log."""
 
-_HIDDEN = 0.1  # first guess of what shows no sign: at 0 its derivative is 0, a fit would stay
+_SIGNLESS = 0.1  # first guess of a term of unobservable sign, whose derivative is 0 at 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +56,7 @@ class Start:
 
     @classmethod
     def at(cls, found: Estimate, data: DataSet) -> Start:
-        """Begin where an estimate is; the zeros are those of the logs, if it has none."""
+        """Return the start at an estimate; its zeros are those of the logs if it has none."""
         zero = found.local.get(None, {}).get("zero")
         zeros = data.equilibria if zero is None else dict.fromkeys(data.masses, zero)
         return cls(found.parameters, zeros)
@@ -64,7 +64,7 @@ class Start:
 
 @dataclass(frozen=True, kw_only=True)
 class ProblemOptions:
-    """How logs are simulated, and whose the unknowns are (see `estimators.OutputError`)."""
+    """How logs are simulated, and which unknowns are local (see `estimators.OutputError`)."""
 
     per_mass: Sequence[str] = ()
     per_log: Sequence[str] = ()
@@ -79,13 +79,13 @@ class Problem:
     """Simulations of k logs, and the n unknowns that are fitted."""
 
     keys: tuple[Key, ...]  # the unknowns
-    shared: int  # how many of them, the first ones, all logs share, the encoder's zero aside
+    shared: int  # number of the first ones, which all logs share; without the encoder's zero
     start: LumpedParameters  # values of the parameters that are not fitted
     initial: Samples  # (n,) first guesses
-    lower: Samples  # (n,) least values
+    lower: Samples  # (n,) lower bounds
     # reading of the encoder in rad at the model's angle 0 per added mass, where it is not fitted
     zeros: Mapping[AddedMass, float]
-    known: Mapping[Key, Known]  # what is known of the unknowns
+    known: Mapping[Key, Known]  # priors of the unknowns
     simulations: tuple[Simulation, ...]
     motion: tuple[float, ...]  # rms motion of each in rad
     options: ProblemOptions
@@ -99,12 +99,12 @@ class Problem:
         options: ProblemOptions,
         known: Prior,
     ) -> Problem:
-        """Make logs ready to be fitted in parameters that all share, and in what is their own."""
+        """Return the problem of fitting logs in shared parameters, by name, and local unknowns."""
         start = replace(first.parameters, **known.fixed)
         counted = [first_counted(log, options.window) for log in logs]
         motion = tuple(_rms_motion(log, k) for log, k in zip(logs, counted, strict=True))
-        own, few = "velocity" in {*options.per_mass, *options.per_log}, len(logs) <= FEW
-        how, most = {"velocity_known": own, "free": few}, options.horizon
+        local_velocity = "velocity" in {*options.per_mass, *options.per_log}
+        how, most = {"velocity_known": local_velocity, "free": len(logs) <= FEW}, options.horizon
         simulations = tuple(
             Simulation(log, start, k, segment_length(log, start, most, first=k, **how), warm=True)
             for log, k in zip(logs, counted, strict=True)
@@ -119,11 +119,11 @@ class Problem:
         keys: tuple[Key, ...] = (*((name, None) for name in names), *local)
         least = dict(zip(names, lower_bounds(names).tolist(), strict=True)) | known.lower
         least["p1"] = _least_inertia(logs, start)
-        told: dict[Key, Known] = {(name, None): each for name, each in known.parameters.items()}
+        priors: dict[Key, Known] = {(name, None): each for name, each in known.parameters.items()}
         for key in local:
-            mine = {log.zero for log in logs if keys_of[log.name, "zero"] == key}
-            if len(mine) == 1 and (zero := mine.pop()) is not None:
-                told[key] = zero
+            zeros = {log.zero for log in logs if keys_of[log.name, "zero"] == key}
+            if len(zeros) == 1 and (zero := zeros.pop()) is not None:
+                priors[key] = zero
         return cls(
             keys=keys,
             shared=len(names),
@@ -131,7 +131,7 @@ class Problem:
             initial=np.array([_first_guess(key, logs, start, first.zeros) for key in keys]),
             lower=np.array([least.get(name, -np.inf) for name, _ in keys]),
             zeros=first.zeros,
-            known=told,
+            known=priors,
             simulations=simulations,
             motion=motion,
             options=options,
@@ -144,7 +144,7 @@ class Problem:
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """(n,) what the unknowns are called, and of whom."""
+        """(n,) names of the unknowns, with the added mass or log of local ones."""
         return labels_of(self.keys)
 
     @property
@@ -154,54 +154,54 @@ class Problem:
 
     @property
     def box(self) -> Box:
-        """What bounds the unknowns: what follows a term says nothing where that is little."""
+        """Bounds, and step limits of `FOLLOWERS`: without their term they are not identifiable."""
         return Box(self.lower, np.where(np.isin(self.names, [*FOLLOWERS]), LOST, np.inf))
 
     def equations(self, values: Samples, most: float = np.inf, *, slopes: bool = True) -> Equations:
-        """Return errors relative to each log's rms motion about (n,) values, or (k, n) of k logs.
+        """Return errors over each log's rms motion about (n,) values, or (k, n), one row per log.
 
         A log's squares sum to their mean. Logs beyond a cost of ``most`` are not simulated.
         """
         search = current_search()
         search.simulations += 1
         search.samples += sum(each.spend() for each in self.simulations)
-        own = np.broadcast_to(values, (len(self.motion), len(self.keys)))
+        of_logs = np.broadcast_to(values, (len(self.motion), len(self.keys)))
         begins = [each.begins.copy() for each in self.simulations]
         simulated = partial(self._of_log, slopes=slopes)
         if self.options.workers == 1:
-            found = _within(most, map(simulated, range(len(own)), own))
+            found = _within(most, map(simulated, range(len(of_logs)), of_logs))
         else:
             with threads(self.options.workers) as pool:
-                found = _within(most, pool.map(simulated, range(len(own)), own))
+                found = _within(most, pool.map(simulated, range(len(of_logs)), of_logs))
                 pool.shutdown(cancel_futures=True)
-        if len(found) < len(own):  # whichever were simulated, they begin where they did
+        if len(found) < len(of_logs):  # the starts found in an incomplete pass are discarded
             for each, before in zip(self.simulations, begins, strict=True):
                 each.begins = before
-                each.spend()  # by whichever
+                each.spend()  # which resets its count
             found.append(_IMPOSSIBLE)
-        return Equations(values=own[0], logs=tuple(found))
+        return Equations(values=of_logs[0], logs=tuple(found))
 
-    @np.errstate(over="ignore", invalid="ignore")  # of a motion that no joint makes; per thread
+    @np.errstate(over="ignore", invalid="ignore")  # of a motion that diverges; per thread
     def _of_log(self, index: int, values: Samples, *, slopes: bool) -> LogEquations:
         simulation, log = self.simulations[index], self.simulations[index].log
-        mine = columns_of(self.keys, log)
-        own = {name: float(values[k]) for name, k in mine.items()}
-        moved = {name: value for name, value in own.items() if name not in INITIAL}
+        columns = columns_of(self.keys, log)
+        given = {name: float(values[k]) for name, k in columns.items()}
+        moved = {name: value for name, value in given.items() if name not in INITIAL}
         parameters = replace(self.start, **moved)
         if not parameters.p1 + log.added_mass.inertia > 0:
             return _IMPOSSIBLE
         fastest = parameters.base_frequency * max(1.0, 2 * parameters.base_damping)
         if parameters.base_compliance and PRECISE * log.mean_step * fastest > 1:
-            return _IMPOSSIBLE  # a base that settles in a tenth of a clock's step
-        zero = own["zero"] if "zero" in own else reading_of(log, self.zeros)
-        names = list(own) if slopes else []
-        errors, rows = simulation.linearised(names, parameters, zero, own.get("velocity"))
+            return _IMPOSSIBLE  # a base that settles within a tenth of a sampling interval
+        zero = given["zero"] if "zero" in given else reading_of(log, self.zeros)
+        names = list(given) if slopes else []
+        errors, rows = simulation.linearised(names, parameters, zero, given.get("velocity"))
         return LogEquations.relative(
-            errors, rows, [mine[name] for name in names], self.motion[index]
+            errors, rows, [columns[name] for name in names], self.motion[index]
         )
 
     def weighed(self, at: Equations) -> Equations:
-        """Return equations with what is known of the values, weighed by what they tell."""
+        """Return equations with the prior, weighted by the variance that the residuals realise."""
         prior = self.prior(at.values)
         if prior is None or not at.is_finite:
             return at
@@ -213,14 +213,14 @@ class Problem:
         return replace(at, prior=prior.weighed(free.realised_variance))
 
     def prior(self, values: Samples) -> Penalty | None:
-        """Return what is known of (n,) values, relative to rows of variance 1."""
+        """Return the prior of (n,) values, for rows of variance 1; None if nothing is known."""
         about = dict(zip(self.keys, values.tolist(), strict=True))
         return Penalty.of(self.keys, self.known, values=about)
 
     def descend(
         self, at: Equations | None = None, most: int = MOST, enough: float = ROUNDING
     ) -> Minimum:
-        """Return where a descent ends, from the first guess on (see `fit.minimise`)."""
+        """Return the end of a descent from equations or the first guess (see `fit.minimise`)."""
         at, evaluations = (self.equations(self.initial), 1) if at is None else (at, 0)
         for _ in range(MOST):
             at, rest = self.weighed(at), most - evaluations
@@ -230,12 +230,12 @@ class Problem:
             at = end.at
             if not end.converged and evaluations < most:
                 out_of_time("iterations of a fit that had not converged")
-            if not end.converged or self.weighed(at).weigh_as(before):
+            if not end.converged or self.weighed(at).prior_weighs_as(before):
                 break
         return replace(end, evaluations=evaluations)
 
     def keeping(self, kept: NDArray[np.intp], initial: Samples) -> Problem:
-        """Return the problem in some of the unknowns; terms that are not kept are absent."""
+        """Return the problem in the unknowns numbered ``kept``; the other terms are absent."""
         lost = np.delete(self.names, kept).tolist()
         absent = {name: value_if_absent(name) for name in lost}
         return replace(
@@ -248,14 +248,14 @@ class Problem:
         )
 
     def without(self, names: Container[str]) -> Problem:
-        """Return the problem without some terms, and what says nothing without them."""
+        """Return the nested problem without some terms and parameters that only they identify."""
         lost = {name for name in self.names if name in names}
         left = {*self.names} - lost
         lost |= {name for name in companions(lost) if not TERMS[name].follows & left}
         kept = np.flatnonzero([name not in lost for name in self.names])
         return self.keeping(kept, self.initial[kept])
 
-    def taking(self, other: Problem, values: Samples, rest: Samples | None = None) -> Samples:
+    def values_from(self, other: Problem, values: Samples, rest: Samples | None = None) -> Samples:
         """Return (..., n) values: (..., m) of another problem's unknowns, and (n,) of the rest.
 
         The rest is absent if not given.
@@ -270,7 +270,7 @@ class Problem:
         return found
 
     def solved(self, end: Minimum, cells: int | None = None) -> CellEquations:
-        """Return the equations about the end of a descent, by the bare names of the unknowns."""
+        """Return the cell equations about the end of a descent, by the names of the unknowns."""
         count = cells or cells_of(len(self.motion), len(self.keys))
         bread = None if end.at.loss is Loss.LINEAR else end.at.bread
         found = replace(end.at.cells(self.names, self.lower, count), bread=bread)
@@ -278,28 +278,28 @@ class Problem:
 
 
 def labels_of(keys: Iterable[Key]) -> tuple[str, ...]:
-    """Return what unknowns are called, and of whom."""
+    """Return names of unknowns, with the added mass or log of local ones."""
     return tuple(name if whose is None else f"{name} of {whose}" for name, whose in keys)
 
 
 def columns_of(keys: Sequence[Key], log: Log) -> dict[str, int]:
-    """Return the numbers of a log's unknowns by name; its own go before shared ones."""
-    mine: dict[str, int] = {}
+    """Return the indices of a log's unknowns by name; local ones take precedence."""
+    columns: dict[str, int] = {}
     for owner in (None, log.added_mass, log.name):
-        mine |= {name: k for k, (name, whose) in enumerate(keys) if whose == owner}
+        columns |= {name: k for k, (name, whose) in enumerate(keys) if whose == owner}
     if log.zero is not None and log.zero.fixed:
-        mine.pop("zero", None)
-    return mine
+        columns.pop("zero", None)
+    return columns
 
 
 _IMPOSSIBLE = LogEquations(
     residuals=np.full(1, np.inf), rows=np.zeros((1, 1)), columns=np.zeros(1, dtype=np.intp)
 )
-"""Of a joint that there is not, from which a descent steps back."""
+"""Equations of infinite cost, of impossible parameters: a descent rejects the step."""
 
 
 def _within(most: float, logs: Iterable[LogEquations]) -> list[LogEquations]:
-    """Return the equations of the first logs, until they cost too much, or the time is over."""
+    """Return the equations of the first logs, up to a cost of ``most`` or the end of the time."""
     found: list[LogEquations] = []
     cost, search = 0.0, current_search()
     for each in logs:
@@ -313,7 +313,7 @@ def _within(most: float, logs: Iterable[LogEquations]) -> list[LogEquations]:
 def _local_key(
     name: str, each: Simulation, logs: Sequence[Log], options: ProblemOptions, *, hangs: bool
 ) -> Key | None:
-    """Return an unknown of a log that is its own, its mass's, or all logs' zero; None if known."""
+    """Return the key of a log's zero, bias or velocity; None where it is not fitted."""
     log = each.log
     exact = name == "zero" and log.zero is not None and log.zero.fixed
     if exact or (name == "velocity" and each.fitted):
@@ -324,22 +324,22 @@ def _local_key(
         return name, log.added_mass
     if name != "zero" or not hangs:
         return None
-    open_ = [own for own in logs if own.zero is None or not own.zero.fixed]
-    if log.zero is None or len({own.zero for own in open_}) == 1:
+    open_ = [other for other in logs if other.zero is None or not other.zero.fixed]
+    if log.zero is None or len({other.zero for other in open_}) == 1:
         return name, None
-    alike = {own.zero for own in open_ if own.added_mass == log.added_mass}
-    return name, log.added_mass if len(alike) == 1 else log.name
+    of_mass = {other.zero for other in open_ if other.added_mass == log.added_mass}
+    return name, log.added_mass if len(of_mass) == 1 else log.name
 
 
 def _least_inertia(logs: Sequence[Log], start: LumpedParameters) -> float:
-    """Return the least p1: the speed settles in a hundredth of a clock's step, which none shows."""
+    """Return the lower bound of p1: the speed settles in 1/`FINEST` of a sampling interval."""
     carried = min(log.added_mass.inertia for log in logs)
     settled = start.p2 * min(log.mean_step for log in logs) / FINEST
     return max(settled, ROUNDING * (start.p1 + carried)) - carried
 
 
 def _rms_motion(log: Log, first: int) -> float:
-    """Return that of what was measured from a sample on, by which its errors are divided."""
+    """Return the rms motion of a log's measured signal from the sample numbered ``first`` on."""
     motion = float(np.std(log.measured[first:])) if first < log.angle.size else 0.0
     if not motion > ROUNDING:
         found = f"{motion:.1g} {log.unit} rms motion in the samples that are fitted"
@@ -355,5 +355,5 @@ def _first_guess(
         masses = {log.added_mass for log in logs if whose in {None, log.added_mass, log.name}}
         return float(np.median([zeros[mass] for mass in masses]))
     guess = float(getattr(start, name, 0.0))
-    hidden = guess == 0 and name in TERMS and not TERMS[name].sign_observable
-    return _HIDDEN if hidden else guess
+    signless = guess == 0 and name in TERMS and not TERMS[name].sign_observable
+    return _SIGNLESS if signless else guess

@@ -1,4 +1,4 @@
-"""Values with a joint covariance, and what follows from them to first order."""
+"""Values with a joint covariance, and first-order propagation of it."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from butterfly.identification.levels import ROUNDING
 from butterfly.model.prior import Known
 
 Formula = Callable[[Mapping[str, Any]], Any]
-"""What follows from quantities, by their names; it takes complex numbers as well."""
+"""A function of quantities by name; it takes complex numbers as well."""
 
-_STEP = ROUNDING**2  # imaginary: a derivative without cancellation
+_STEP = ROUNDING**2  # imaginary, of a complex-step derivative
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Quantities:
-    """Quantities that are known together."""
+    """Quantities with a joint covariance."""
 
     names: tuple[str, ...]  # The n quantities
     values: Samples  # (n,) in their units
@@ -29,7 +29,7 @@ class Quantities:
 
     @classmethod
     def of(cls, known: Mapping[str, Known]) -> Quantities:
-        """Take quantities whose errors have nothing to do with each other."""
+        """Return quantities with independent errors."""
         return cls(
             names=tuple(known),
             values=np.array([each.value for each in known.values()]),
@@ -37,7 +37,7 @@ class Quantities:
         )
 
     def find(self, formula: Formula) -> Known:
-        """Return what follows, with its standard uncertainty; no number where it divides by 0."""
+        """Return a formula's value and standard uncertainty, not finite where it divides by 0."""
         with np.errstate(divide="ignore", invalid="ignore"):
             gradient = self.gradient(formula)
             variance = float(gradient @ self.covariance @ gradient)
@@ -45,7 +45,7 @@ class Quantities:
         return Known(value=value, uncertainty=float(np.sqrt(np.maximum(variance, 0.0))))
 
     def gradient(self, formula: Formula) -> Samples:
-        """Return the (n,) derivatives of what follows, by each quantity."""
+        """Return the (n,) derivatives of a formula by each quantity."""
         slopes = np.zeros(len(self.names))
         for k in range(slopes.size):
             moved = self.values.astype(complex)
@@ -56,37 +56,37 @@ class Quantities:
     def _named(self, values: NDArray[Any]) -> dict[str, Any]:
         return dict(zip(self.names, values, strict=True))
 
-    def told_of(
+    def combined_with(
         self, causes: Quantities, formulas: Mapping[str, Formula], *, new: frozenset[str]
     ) -> Quantities:
-        """Return these and their causes, each telling of the other.
+        """Return these and their causes, each updated by the information in the other.
 
         Some of these follow from the causes: x = f(c). Where that was used when these were
         estimated (as a prior), c depends on all else by x alone, so that with c ~ (c0, K) as
-        told, the gradient G of f at c0 and x as estimated
+        given, the gradient G of f at c0 and x as estimated
 
             c = c0 + L (x - f(c0)) + remainder,   L = K G' (G K G')^-1,
 
         whose remainder has the covariance K - L G K and is independent of the estimate. Where it
-        was not, x is first informed by f(c0), whose covariance is G K G'.
+        was not (``new``), x is first updated by f(c0), whose covariance is G K G'.
         """
         fresh = [name for name in formulas if name in new]
-        found = self._informed(causes, {name: formulas[name] for name in fresh})
+        found = self._updated(causes, {name: formulas[name] for name in fresh})
         rows = [self.names.index(name) for name in formulas]
         slopes, excess = _linearised(found, causes, formulas)
         prior = slopes @ causes.covariance @ slopes.T
         gain = causes.covariance @ slopes.T @ np.linalg.pinv(prior)
         inner = found.covariance[np.ix_(rows, rows)]
         across = gain @ found.covariance[rows]
-        own = causes.covariance + gain @ (inner - prior) @ gain.T
+        of_causes = causes.covariance + gain @ (inner - prior) @ gain.T
         return Quantities(
             names=(*found.names, *causes.names),
             values=np.concatenate([found.values, causes.values + gain @ excess]),
-            covariance=np.block([[found.covariance, across.T], [across, own]]),
+            covariance=np.block([[found.covariance, across.T], [across, of_causes]]),
         )
 
-    def _informed(self, causes: Quantities, formulas: Mapping[str, Formula]) -> Quantities:
-        """Return these after what follows from causes was taken for a measurement of them."""
+    def _updated(self, causes: Quantities, formulas: Mapping[str, Formula]) -> Quantities:
+        """Return these after a Kalman update by the values that follow from the causes."""
         rows = [self.names.index(name) for name in formulas]
         slopes, excess = _linearised(self, causes, formulas)
         spread = self.covariance[np.ix_(rows, rows)] + slopes @ causes.covariance @ slopes.T
@@ -101,7 +101,7 @@ class Quantities:
 def _linearised(
     found: Quantities, causes: Quantities, formulas: Mapping[str, Formula]
 ) -> tuple[Samples, Samples]:
-    """Return the (m, n) derivatives of m formulas, and (m,) how much more was found."""
+    """Return the (m, n) derivatives of m formulas, and the (m,) found less computed values."""
     slopes = np.array([causes.gradient(formula) for formula in formulas.values()])
     follows = [causes.find(formula).value for formula in formulas.values()]
     rows = [found.names.index(name) for name in formulas]

@@ -26,11 +26,11 @@ LONGEST_STEP = 0.01
 """Longest integration step in s; RK4's error is then 1.5e-7 rad over 70 s of small swings."""
 
 _ROUGH = 0.005
-"""Share of noise in an input, from which on no two of its samples share a step: what it does where
-the joint turns back or sticks is then no matter of its mean."""
+"""Share of noise in an input above which no two of its samples share a step: where the joint turns
+back or sticks the effect of a noisy input is not that of its mean."""
 
 FINEST = 100
-"""Steps in one of a log at most: what is faster no log shows."""
+"""Largest number of steps per sample: logs have no information on faster motions."""
 _DELAYS = 3  # drives before those of the terms of the drive: p4's, and those by both delays
 _STEPS_PER_RADIAN = 10  # of the drive or of the resonance, whichever is faster
 
@@ -90,14 +90,14 @@ class Segment:
         return counts, middles, np.asarray((self._delivered(joint)[0] @ hold.SIMPSON)[averaged])
 
     def loop(self, joint: LumpedParameters, zero: float) -> Loop | None:
-        """Return the loop of a servo that drives the joint; None where its input says all."""
+        """Return the loop of a servo that drives the joint; None where the input is open-loop."""
         if not self._looped:
             return None
         return loop_on_grid(self.log, joint, zero, self.grid, self._inputs(joint), self._every)
 
     @cached_property
     def _averages(self) -> tuple[Readings, Samples, NDArray[np.int64]]:
-        """What is read off, and (m,) averages of what was measured, and of how many samples."""
+        """Readings, (m,) averages of the measured signal, and numbers of averaged samples."""
         log, first = self.log, self._first
         into, weights, measured, counts = polynomials.averages(
             self.grid, log.time[first:], log.measured[first:], log.integrated
@@ -107,13 +107,13 @@ class Segment:
     def _inputs(self, joint: LumpedParameters, drives: int = 2) -> Samples:
         """(2 or more, n - 1, 3) input and its derivatives (see `Columns.drives`); keeps the last.
 
-        Searches simulate many times with one delay. A servo's are those of its set-point.
+        Searches simulate many times with one delay. Of a servo they are those of its set-point.
         """
         count = 2 if self._looped else max(drives, 2)
         key = joint.delay, joint.slow_delay, joint.slow_interval, joint.drive
         latest = self._latest
         if latest is None or latest[0] != key or len(latest[1]) < count:
-            if self._looped:  # whose drive is in the loop
+            if self._looped:  # the kernel's loop computes the drive
                 setpoint = self.log.goal if self.log.closed else self.log.command
                 found = self._parabolas(joint, *setpoint)
             else:
@@ -122,7 +122,7 @@ class Segment:
         return latest[1][:count]
 
     def _delivered(self, joint: LumpedParameters, count: int = 2) -> Samples:
-        """(count, n - 1, 3) what the drive makes of the commands, and its derivatives."""
+        """(count, n - 1, 3) delivered inputs by the drive's model, and their derivatives."""
         (time, commands), limit = self.log.command, joint.slow_interval
         if joint.slow_delay:
             time = self.log.arrivals(joint.slow_delay, limit)
@@ -143,7 +143,7 @@ class Segment:
 
 
 def grid_step(log: Log, parameters: LumpedParameters) -> float:
-    """Return the longest step in s of a grid; no log shows a resonance a hundred times its rate."""
+    """Return the longest step in s of a grid, but at least 1/`FINEST` of a sampling interval."""
     drive = log.excitation.omega if log.excitation else 0.0
     loaded = parameters.with_added_mass(log.added_mass)
     fastest = max(resonance_frequency(loaded), drive)

@@ -1,7 +1,7 @@
-"""Servos in their loops: what the kernel is told of one, and the drive that its log does not hold.
+"""Servos in their loops: the kernel's model of one, and the drive rebuilt where it is not recorded.
 
-A log's stamps are not the firmware's: the drive that is rebuilt at them is what the law says of the
-recorded set-point and angle. Closed-loop simulation needs none of it.
+A log's stamps are not the firmware's: the rebuilt drive is that of the control law at the stamps,
+by the recorded set-point and angle. Closed-loop simulation does not use it.
 """
 
 from __future__ import annotations
@@ -29,18 +29,18 @@ _DRIVES = {
     Output.CURRENT: InputKind.CURRENT,
     Output.TORQUE: InputKind.TORQUE,
 }
-_REACH = VELOCITY_SHARE * HALF_WIDTH  # s to either side, over which a rate is taken
+_HALF = VELOCITY_SHARE * HALF_WIDTH  # half-width in s of the window of a velocity
 
 
 def needs_loop(log: Log) -> bool:
-    """Whether a log's input alone does not say what drives it throughout."""
+    """Whether a log's drive depends on its motion, or its torque is off at times."""
     return log.closed or (log.enabled is not None and bool(np.any(np.rint(log.enabled) == 0)))
 
 
 def loop_on_grid(  # noqa: PLR0917 - a servo, and where it is looked at
     log: Log, parameters: LumpedParameters, zero: float, grid: Samples, inputs: Samples, every: int
 ) -> Loop:
-    """Return what the kernel is told of a servo, whose firmware looks at ``every`` instant.
+    """Return the kernel's model of a servo, whose firmware samples at each ``every``-th instant.
 
     ``inputs`` are (2, n - 1, 3) parabolas of set-point, or drive, and of its derivative by the
     delay; ``zero`` is the encoder's in rad.
@@ -51,11 +51,11 @@ def loop_on_grid(  # noqa: PLR0917 - a servo, and where it is looked at
     slews = servo is not None and _slews(servo)
     if servo is not None and slews:
         setpoint, late = kernel.slewed(setpoint, late, servo.speed_limit * step)
-    late_grid, kicked = grid - parameters.delay, None  # off and on are told as set-points are
+    late_grid, limited = grid - parameters.delay, None  # torque off and on is delayed as set-points
     if servo is not None and servo.kick < math.inf and not slews:
         time, goals = log.goal
         moved = hold.parabolas(time, _limited(goals, servo.kick), late_grid, log.intersample)
-        kicked = moved[0] @ hold.SIMPSON, moved[1] @ hold.SIMPSON
+        limited = moved[0] @ hold.SIMPSON, moved[1] @ hold.SIMPSON
     enabled = None if log.enabled is None else _on_grid(log, "enabled", late_grid)
     return Loop.of(
         servo,
@@ -64,7 +64,7 @@ def loop_on_grid(  # noqa: PLR0917 - a servo, and where it is looked at
         period=every * step,
         every=every,
         columns=(setpoint, late, _supply(log, servo, grid), enabled),
-        kicked=kicked,
+        kicked=limited,
     )
 
 
@@ -81,7 +81,7 @@ def _supply(log: Log, servo: ServoLoop | None, grid: Samples | None) -> Samples 
 
 
 def drive_kind(servo: ServoLoop, *, supplied: bool = False) -> InputKind:
-    """Return what a servo tells its drive, V where the supply of a duty is known."""
+    """Return the kind of a servo's output, V where the supply of a duty is known."""
     kind, known = _DRIVES[servo.rule.output], supplied or servo.supply is not None
     return InputKind.VOLTAGE if kind is InputKind.DUTY and known else kind
 
@@ -89,8 +89,8 @@ def drive_kind(servo: ServoLoop, *, supplied: bool = False) -> InputKind:
 def driven(log: Log, delay: float = 0.0) -> Log:
     """Return the log of a servo with its drive as input, rebuilt if it was not recorded.
 
-    That is what the law makes of motion and set-point, ``delay`` in s later: means over each step
-    where the input is held, V where the supply of a duty is known.
+    It is the output of the control law by motion and set-point, ``delay`` in s later: means over
+    each step where the input is held, V where the supply of a duty is known.
     """
     servo = log.servo
     if log.input_kind is InputKind.DUTY and log.supply is not None:
@@ -98,35 +98,35 @@ def driven(log: Log, delay: float = 0.0) -> Log:
     if log.input_kind is not InputKind.SETPOINT or servo is None:
         return log
     kind = drive_kind(servo, supplied=log.supply is not None)
-    told = replace(log, setpoint=log.input)
+    known = replace(log, setpoint=log.input)
     nothing = np.zeros(log.time.size)
-    setpoint, enabled = _late(told, "setpoint", delay), log.enabled
+    setpoint, enabled = _late(known, "setpoint", delay), log.enabled
     if enabled is not None:
-        enabled = np.rint(_late(told, "enabled", delay))
-    kicked = None
+        enabled = np.rint(_late(known, "enabled", delay))
+    limited = None
     if _slews(servo):
         setpoint, _ = kernel.slewed(setpoint, nothing, servo.speed_limit * log.mean_step)
     elif servo.kick < math.inf:
-        limited = replace(told, setpoint=_limited(log.input, servo.kick))
-        kicked = _late(limited, "setpoint", delay), nothing
+        slower = replace(known, setpoint=_limited(log.input, servo.kick))
+        limited = _late(slower, "setpoint", delay), nothing
     loop = Loop.of(
         replace(servo, clock=log.mean_step),
         None,
         period=log.mean_step,
         columns=(setpoint, nothing, _supply(log, servo, None), enabled),
-        kicked=kicked,
+        kicked=limited,
     )
-    angle, velocity = _seen(log, servo, log.angle), _seen(log, servo, _rate(log))
+    angle, velocity = _sampled(log, servo, log.angle), _sampled(log, servo, _rate(log))
     drive = kernel.outputs(angle, velocity, loop)
     lead = log.lead
     if lead is not None:
         lead = replace(lead, input=np.full(lead.time.size, drive[0]), setpoint=lead.input)
     made: dict[str, Any] = {"input": drive, "enabled": enabled, "input_kind": kind, "rebuilt": True}
-    return replace(told, **made, excitation=None, lead=lead)
+    return replace(known, **made, excitation=None, lead=lead)
 
 
 def driven_alone(log: Log, parameters: LumpedParameters) -> Log:
-    """Return a log by its drive alone, if rebuilt anew, with gains and delay as found."""
+    """Return the open-loop log of a drive, rebuilt with estimated gains and delay if needed."""
     servo = log.servo
     if servo is None or not log.rebuilt:
         return log.opened
@@ -145,12 +145,12 @@ def _slews(servo: ServoLoop) -> bool:
 
 
 def _limited(goals: Samples, most: float) -> Samples:
-    """(n,) set-points of the same steps, but none larger than ``most``."""
+    """(n,) set-points with steps limited to ``most``."""
     return np.asarray(goals[0] + np.cumsum(np.clip(np.diff(goals, prepend=goals[0]), -most, most)))
 
 
 def _late(log: Log, name: str, delay: float) -> Samples:
-    """(n,) values of a column that arrives later than it says: means over the steps of a hold."""
+    """(n,) values of a column delayed in s: means over the steps of a hold."""
     time, column = log.held(name)
     if log.intersample is Intersample.FIRST_ORDER_HOLD:
         return np.interp(log.time - delay, time, column)
@@ -158,11 +158,11 @@ def _late(log: Log, name: str, delay: float) -> Samples:
     return hold.mean(time, column, edges - delay, log.intersample)
 
 
-def _seen(log: Log, servo: ServoLoop, column: Samples) -> Samples:
-    """(n,) means of what firmware has seen of a motion in the step after each sample."""
+def _sampled(log: Log, servo: ServoLoop, column: Samples) -> Samples:
+    """(n,) means, over the step after each sample, of a column as the firmware samples it."""
     if log.intersample is Intersample.FIRST_ORDER_HOLD:
         return column
-    share = max(1.0 - servo.period / log.mean_step, 0.0) / 2  # it holds for a period what it saw
+    share = max(1.0 - servo.period / log.mean_step, 0.0) / 2  # it holds a sample for a period
     return column + share * np.append(np.diff(column), 0.0)
 
 
@@ -172,6 +172,6 @@ def _rate(log: Log) -> Samples:
         return log.velocity
     grid = uniform_grid(log.time)
     step = float(grid[1] - grid[0])
-    reach = min(max(round(_REACH / step), 1), (grid.size - 1) // 2)
-    slopes = polynomials.slope(resample(log.time, log.angle, grid), reach, 2, step)
+    half = min(max(round(_HALF / step), 1), (grid.size - 1) // 2)
+    slopes = polynomials.slope(resample(log.time, log.angle, grid), half, 2, step)
     return np.interp(log.time, grid, slopes)

@@ -1,11 +1,11 @@
 """A log simulated with the recorded input, as one segment or several: run and linearised.
 
 A log is one segment from a given start, or one or more from starts that are fitted (multiple
-shooting). Where small causes grow, as about the upright, no simulation stays near a log for long,
-but each of many short ones does. What a change of a segment's start would take from its errors is
-taken from these and their derivatives: fitted starts need no place among the parameters of a fit
-(variable projection: Golub & Pereyra, Inverse Problems 19, 2003; Schittkowski, Numerical Data
-Fitting in Dynamical Systems, 2002).
+shooting). Where small errors grow, as about the upright, no simulation stays near a log for long,
+but each of many short ones does. The effects of a segment's start are projected out of its errors
+and their derivatives, so that fitted starts are no parameters of a fit (variable projection: Golub
+& Pereyra, Inverse Problems 19, 2003; Schittkowski, Numerical Data Fitting in Dynamical Systems,
+2002).
 """
 
 from __future__ import annotations
@@ -30,24 +30,24 @@ from butterfly.model.parameters import LumpedParameters
 from butterfly.progress import current_search
 from butterfly.signals import hold, polynomials
 
-_HOPEFUL = 2  # steps after which a model that is no better than a constant is given up
+_HOPEFUL = 2  # steps after which a search is given up if the model is worse than a constant
 _SETTLED = 1e-4  # share of the squared errors that another start may still explain
 _SHORTER = 0.25  # of a step that went too far
 _START = ("zero", "velocity")
 
 
 class SimulatedMotion(NamedTuple):
-    """The motion of a log: pieces of it, and of each the grid in s, angle in rad and velocity."""
+    """The motion of a log in pieces, each with grid in s, angle in rad and velocity in rad/s."""
 
     pieces: tuple[tuple[Samples, Samples, Samples], ...]  # angles from the encoder's zero
     slopes: bool = False  # whether the log measures the velocity
 
     def at(self, instants: Samples) -> Samples:
-        """Return what the log measures, in rad or rad/s, at increasing instants in s."""
+        """Return the measured signal, in rad or rad/s, at increasing instants in s."""
         begins = [grid[0] for grid, *_ in self.pieces[1:]]
         groups = np.split(instants, np.searchsorted(instants, begins))
         pairs = zip(self.pieces, groups, strict=True)
-        return joined([polynomials.interpolate(*piece, own, self.slopes) for piece, own in pairs])
+        return joined([polynomials.interpolate(*piece, some, self.slopes) for piece, some in pairs])
 
 
 class Simulation:
@@ -55,10 +55,10 @@ class Simulation:
 
     Without a ``horizon`` it is one segment, which starts as the log does (see `Log.initial_state`)
     or with a given velocity, in steps of at most ``longest`` s. Else segments are no longer than
-    the ``horizon`` in s, and each starts as fits it best. Errors count from the sample numbered
-    ``first`` on, at which a fitted segment begins. With ``warm`` each fitted start is sought from
-    the one found last, which is near in a descent, but depends on earlier calls; else from where
-    the log begins.
+    the ``horizon`` in s, and their starts are fitted. Errors count from the sample numbered
+    ``first`` on, at which a fitted segment begins. With ``warm`` each search for a start begins at
+    the last one, which is near in a descent, but depends on earlier calls; else where the log
+    begins.
     """
 
     def __init__(
@@ -83,7 +83,7 @@ class Simulation:
             self.segments = [Segment(log.piece(*ends), parameters) for ends in pairwise(edges)]
             self._uncounted = len(before)
         self.begins = [each.log.initial_state for each in self.segments]
-        """Where each segment starts, or the search for its start begins."""
+        """Start of each segment, or of the search for it."""
 
     @property
     def step(self) -> float:
@@ -92,7 +92,7 @@ class Simulation:
         return float(grid[1] - grid[0])
 
     def spend(self) -> int:
-        """Return how many samples the next run simulates, and searches for starts did before it."""
+        """Return the number of samples of the next run and of searches since the last call."""
         searched, self._searched = self._searched, 0
         return searched + sum(each.grid.size for each in self.segments)
 
@@ -123,7 +123,7 @@ class Simulation:
     ) -> tuple[Samples, Samples]:
         """Return (m,) errors and (m, n) derivatives by n parameters (see `Segment.linearised`).
 
-        Less what a change of fitted starts explains.
+        The effects of fitted starts are projected out.
         """
         if not self.fitted:
             columns = self._columns(names, parameters)
@@ -154,14 +154,14 @@ class Simulation:
         return joined(counts), joined(middles), joined(inputs)
 
     def _columns(self, names: Sequence[str], parameters: LumpedParameters) -> Columns:
-        """Return what the kernel differentiates by."""
-        looped = needs_loop(self.log)  # where only the exact derivative by a base is there
+        """Return the columns of the derivatives, as the kernel computes them."""
+        looped = needs_loop(self.log)  # which has only the exact derivative by a base
         return Columns.of(names, parameters, self.log.added_mass, exact=looped)
 
     def _expansions(
         self, names: Sequence[str], parameters: LumpedParameters, zero: float, first: int
     ) -> Iterator[_Expansion]:
-        """Yield those of segments by names, then by starts, about the best start of each."""
+        """Yield the expansion of each segment about its best start, by names, then by the start."""
         by_start = self._columns(_START, parameters)
         different = tuple(dict.fromkeys((*names, *_START)))
         every = self._columns(different, parameters) if names else by_start
@@ -176,22 +176,22 @@ class Simulation:
     def _searched_from(
         self, at: _Expansion, number: int, by_start: Columns, zero: float
     ) -> _Expansion:
-        """Return the expansion about the start from which a segment is followed best."""
+        """Return the expansion about the best start of a segment."""
         segment = self.segments[number]
         if not math.isfinite(at.cost):
             at = self._expanded(number, by_start, zero, segment.log.initial_state)
-        reach, spread = 1.0, segment.log.rms_measured**2
+        share, variance = 1.0, segment.log.rms_measured**2
         for tries in range(MOST):
-            hopeless = at.cost > spread or (self._warm and current_search().over)
-            if at.settled or reach < ROUNDING or (tries > _HOPEFUL and hopeless):
+            hopeless = at.cost > variance or (self._warm and current_search().over)
+            if at.settled or share < ROUNDING or (tries > _HOPEFUL and hopeless):
                 break
-            there = InitialState(*(np.array(at.begin) + reach * at.step).tolist())
+            there = InitialState(*(np.array(at.begin) + share * at.step).tolist())
             tried = self._expanded(number, by_start, zero, there)
             self._searched += segment.grid.size
             if tried.cost < at.cost:
-                at, reach = tried, min(reach / _SHORTER, 1.0)
+                at, share = tried, min(share / _SHORTER, 1.0)
             else:
-                reach *= _SHORTER
+                share *= _SHORTER
         if self._warm:
             self.begins[number] = at.begin
         return at
@@ -199,11 +199,11 @@ class Simulation:
     def _expanded(
         self, number: int, columns: Columns, zero: float, begin: InitialState
     ) -> _Expansion:
-        """Linearise a segment about a start, and say what a change of that explains.
+        """Linearise a segment about a start, with the step of the start that reduces its errors.
 
-        Of a segment that begins at rest only the angle there is sought: friction holds a joint at
-        rest, so that nothing can be differentiated by its velocity, and how it starts is evidence
-        of its inertia.
+        Of a segment that begins at rest only the angle there is fitted: friction holds a joint at
+        rest, so that derivatives by its velocity do not exist, and its acceleration determines the
+        inertia.
         """
         segment = self.segments[number]
         with np.errstate(over="ignore", invalid="ignore"):
@@ -216,11 +216,11 @@ class Simulation:
             return _Expansion(begin, errors, rows, cost, none, np.zeros(0), np.zeros(2))
         sought = 1 if segment.log.initial_state.velocity == 0 else len(_START)
         left, sizes, right = np.linalg.svd(moves[:, :sought], full_matrices=False)
-        felt = sizes > SHOWS * sizes[0]
-        explained = left[:, felt].T @ errors
+        kept = sizes > SHOWS * sizes[0]
+        explained = left[:, kept].T @ errors
         step = np.zeros(len(_START))
-        step[:sought] = -(right[felt].T @ (explained / sizes[felt]))
-        return _Expansion(begin, errors, rows, cost, left[:, felt], explained, step * units)
+        step[:sought] = -(right[kept].T @ (explained / sizes[kept]))
+        return _Expansion(begin, errors, rows, cost, left[:, kept], explained, step * units)
 
     def _by_start(self, rows: Samples) -> Samples:
         """Return (m, 2) derivatives by the true angle and the velocity at a start.
@@ -240,8 +240,8 @@ class _Expansion(NamedTuple):
     rows: Samples
     cost: float  # mean squared error in rad^2
     directions: Samples  # (m, j) orthonormal, in which the start moves the errors
-    explained: Samples  # (j,) how far these lie along each
-    step: Samples  # of angle in rad and velocity in rad/s, that takes that away to first order
+    explained: Samples  # (j,) components of the errors along each
+    step: Samples  # of angle in rad and velocity in rad/s, that removes these to first order
 
     @property
     def settled(self) -> bool:
@@ -259,11 +259,11 @@ def segment_length(
     velocity_known: bool,
     free: bool = False,
 ) -> float | None:
-    """Return how long segments with fitted starts are at most, in s; None if the start is given.
+    """Return the longest segment with fitted starts in s; None if the start is given.
 
     It is given if a log no longer than the horizon begins at rest, its beginning does not count,
-    or its velocity there is known, and gravity or a servo's loop brings the joint back. With
-    ``free`` the start of one at rest is fitted too, as noise of its first sample is of weight.
+    or its velocity there is known, and gravity or a servo's loop restores the joint. With ``free``
+    the start of one at rest is fitted too, as noise of its first sample matters in few logs.
     """
     loaded = parameters.with_added_mass(log.added_mass)
     begins_in_motion = first == 0 and log.initial_state.velocity != 0
@@ -283,10 +283,10 @@ def _count(time: Samples, horizon: float) -> int:
 
 
 def _orthonormal(columns: Samples) -> Samples:
-    """Return (m, j) orthonormal columns that span those of (m, k) that are felt at all."""
+    """Return (m, j) orthonormal columns that span (m, k) columns, negligible ones omitted."""
     sizes = np.linalg.norm(columns, axis=0)
-    felt = sizes > ROUNDING * columns.shape[0] ** 0.5
-    left, singular, _ = np.linalg.svd(columns[:, felt] / sizes[felt], full_matrices=False)
+    kept = sizes > ROUNDING * columns.shape[0] ** 0.5
+    left, singular, _ = np.linalg.svd(columns[:, kept] / sizes[kept], full_matrices=False)
     return np.asarray(left[:, singular > ROUNDING * singular.max(initial=0.0)])
 
 

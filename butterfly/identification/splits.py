@@ -25,7 +25,7 @@ Samples = Mapping[int, slice]
 
 
 class Split(StrEnum):
-    """What is held out together."""
+    """Kinds of data that are held out together."""
 
     AUTO = "auto"
     MASS = "mass"
@@ -40,22 +40,22 @@ class Division:
 
     split: Split  # what the samples of a part have in common; never `Split.AUTO`
     why: str  # why this split was taken, in words
-    parts: dict[str, Samples]  # the samples that each part leaves out, by its name
+    parts: dict[str, Samples]  # the held-out samples of each part, by its name
 
     @property
-    def said(self) -> str:
-        """Which split was taken, and why."""
+    def sentence(self) -> str:
+        """The split, and why it was taken."""
         return f"Held out by {self.split}: {self.why}."
 
     @property
     def left_out(self) -> str:
-        """What is left out at a time, in words."""
+        """What is held out at a time, in words."""
         if self.split is Split.LOG and all(len(part) == 1 for part in self.parts.values()):
             return "one log held out"
         return _LEFT_OUT[self.split]
 
     def kept(self, data: DataSet, name: str) -> DataSet:
-        """Return the data set without one part; InputError if what is left cannot be used."""
+        """Return the data set without one part; InputError if the rest cannot be used."""
         samples = self.parts[name]
         whole = [k for k in range(len(data.logs)) if k not in samples]
         if self.split is not Split.TIME:
@@ -92,15 +92,15 @@ def divide(data: DataSet, split: Split = Split.AUTO, folds: int | None = None) -
     return Division(split=split, why=why, parts=parts)
 
 
-def remedy(data: DataSet, *, besides: Split = Split.MASS) -> str:
-    """Name another split that leaves enough to estimate from, after a semicolon."""
-    others = (each for each in (Split.FREQUENCY, Split.LOG, Split.TIME) if each is not besides)
+def remedy(data: DataSet, *, other_than: Split = Split.MASS) -> str:
+    """Return the name of another split that is possible, after a semicolon; or nothing."""
+    others = (each for each in (Split.FREQUENCY, Split.LOG, Split.TIME) if each is not other_than)
     works = next((each for each in others if _works(data, each)), None)
     return f"; split {works} works with these logs" if works else ""
 
 
 def _suited(data: DataSet, folds: int | None) -> tuple[Split, str]:
-    """Return the split that asks most of an estimate and suits the logs, and why."""
+    """Return the most demanding split that is possible with the logs, and why."""
     masses, omegas, count = len(data.masses), len(_frequencies(data)), len(data.logs)
     if masses >= FEW and folds is None:
         return Split.MASS, f"there are {masses} added masses"
@@ -116,7 +116,7 @@ def _suited(data: DataSet, folds: int | None) -> tuple[Split, str]:
 
 
 def _works(data: DataSet, split: Split, folds: int | None = None) -> bool:
-    """Whether without any part the logs still tell the scale, if all of them do."""
+    """Whether the scale remains identifiable without any one part, if it is with all."""
     try:
         parts = _parts(data, split, folds)
     except InputError:
@@ -131,16 +131,16 @@ def _works(data: DataSet, split: Split, folds: int | None = None) -> bool:
 
 
 def _parts(data: DataSet, split: Split, folds: int | None) -> dict[str, Samples]:
-    """Return the samples that each part leaves out, by its name."""
+    """Return the held-out samples of each part, by its name."""
     logs = data.logs
     if split is Split.TIME:
         count = folds or FOLDS
         edges = [[*edges_of(log.time, count), log.time.size] for log in logs]
         return {
             f"stretch {k + 1} of {count}": {
-                number: slice(*own[k : k + 2])
-                for number, own in enumerate(edges)
-                if k + 1 < len(own)
+                number: slice(*each[k : k + 2])
+                for number, each in enumerate(edges)
+                if k + 1 < len(each)
             }
             for k in range(count)
         }
@@ -159,7 +159,7 @@ def _parts(data: DataSet, split: Split, folds: int | None) -> dict[str, Samples]
         count = _count(folds, len(logs), "logs")
         names = [logs[k].name if count == len(logs) else f"fold {k + 1}" for k in range(count)]
         owners = [names[k % count] for k in range(len(logs))]
-    return {name: {k: slice(None) for k, own in enumerate(owners) if own == name} for name in names}
+    return {name: {k: slice(None) for k, one in enumerate(owners) if one == name} for name in names}
 
 
 def _frequencies(data: DataSet) -> list[float]:

@@ -1,13 +1,13 @@
-"""What a log says of each term of the equation of motion, averaged over test functions.
+"""Averages of each term of the equation of motion over test functions.
 
 The test functions are bumps (1 - s^2)^4 that overlap. With a bump phi of compact support,
 int phi thdd = int phi'' th: nothing is differentiated that carries noise. Multiplied by phi the
 equation is the balance of momentum; multiplied by phi thd it is the balance of energy, whose terms
 are powers.
 
-A log that begins at rest is as good as one that came the same way before, backwards: its mirror
-image obeys the equation at |t|, and has no kink. So bumps may reach beyond the beginning, where a
-joint's spin-up may be all that tells of its inertia.
+A log that begins at rest may be continued before its beginning by its mirror image, which obeys the
+equation at |t| and has no kink. So bumps may extend beyond the beginning, where a joint's spin-up
+may have all the information on its inertia.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class Bumps:
         weights = self._weights[order]
         stride, parts = weights.shape
         rows = self.centres.size + parts - 1
-        first = self.margin - self._reach
+        first = self.margin - self._half
         pieces = signal[first : first + rows * stride]
         if pieces.size < rows * stride:  # the last bump ends within its last part
             pieces = np.concatenate([pieces, np.zeros(rows * stride - pieces.size)])
@@ -78,14 +78,14 @@ class Bumps:
         return max(1, round(SPACING * self.half_width / self.step))
 
     @property
-    def _reach(self) -> int:
+    def _half(self) -> int:
         """Samples inside a bump on either side of its centre."""
         return math.ceil(self.half_width / self.step) - 1
 
     @cached_property
     def _weights(self) -> Samples:
         """(3, stride, parts) a bump and its derivatives over its area, cut where others begin."""
-        s = np.arange(-self._reach, self._reach + 1) * self.step / self.half_width
+        s = np.arange(-self._half, self._half + 1) * self.step / self.half_width
         inside = 1 - s**2
         derivatives = np.array(
             [
@@ -101,7 +101,7 @@ class Bumps:
 
 
 class Balance(StrEnum):
-    """By what the equation of motion is multiplied, besides the test function."""
+    """Balance by the factor of the equation of motion: the test function, or it times velocity."""
 
     MOMENTUM = "weak-form"
     ENERGY = "energy-balance"
@@ -109,7 +109,7 @@ class Balance(StrEnum):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WeakSignals:
-    """What a log says at the centres of its test functions."""
+    """Averaged terms of a log at the centres of its test functions."""
 
     # time, angle, velocity: (n,) instants in s, angle from the hanging position in rad, velocity in
     # rad/s
@@ -117,7 +117,7 @@ class WeakSignals:
     angle: Samples
     velocity: Samples
     # by parameter: (n,) averages over each test function of what it multiplies in the equation, the
-    # motor's torque brought to the left: summed with the parameters' values they give 0
+    # motor's torque on the left: multiplied by the parameters' values they sum to 0
     mean: dict[str, Samples]
     still: Samples  # (n,) share of each test function in which the joint may stick
 
@@ -130,11 +130,11 @@ class WeakSignals:
 class Averaging:
     """One log, ready to be averaged over test functions with one delay after another.
 
-    What was averaged is kept; another delay or drive makes anew what the input enters alone,
+    Averages are cached; another delay or drive recomputes only the terms that the input enters,
     unless the delay moves the test functions.
 
     ``log``: of any input; ``zero``: encoder reading in rad where the model's angle is 0;
-    ``half_width``: of the test functions in s; they stand half of it apart; ``settings``: of these
+    ``half_width``: of the test functions in s, with a spacing of half of it; ``settings``: of these
     the periods of cogging and Stribeck's velocity; ``balance``: of momentum, or of energy.
     """
 
@@ -164,7 +164,7 @@ class Averaging:
         self._places: dict[int, _Place] = {}
 
     def moving_so(self, measured: Samples) -> Averaging:
-        """Return the same of another motion (see `Log.moving_so`), with the same test functions."""
+        """Return averages of another motion (see `Log.moving_so`) over the same test functions."""
         log, settings = self._log.moving_so(measured), self._settings
         found = Averaging(log, self._zero, self._half_width, settings, self._balance)
         found._rests = self._rests
@@ -181,9 +181,9 @@ class Averaging:
         """Average the terms of some parameters."""
         place = self._place(delay)
         slow = stribeck_velocity or self._motion.stribeck_velocity
-        own: dict[str, tuple[Hashable, ...]] = {"stribeck": ("stribeck", slow)}
-        own |= {name: (name, delay, drive) for name in (*_DRIVEN, *GEAR)}
-        keys = {name: own.get(name, (name,)) for name in names}
+        longer: dict[str, tuple[Hashable, ...]] = {"stribeck": ("stribeck", slow)}
+        longer |= {name: (name, delay, drive) for name in (*_DRIVEN, *GEAR)}
+        keys = {name: longer.get(name, (name,)) for name in names}
         missing = [name for name, key in keys.items() if key not in place.mean]
         motion = self._motion._replace(stribeck_velocity=slow)
         if not {*_DRIVEN, *GEAR}.isdisjoint(missing):
@@ -216,7 +216,7 @@ class Averaging:
         return self.signals((), delay=delay).moving
 
     def carrying(self, added: AddedMass) -> Averaging:
-        """Return the same averages as of another added mass, on which none may depend."""
+        """Return the same averages with another added mass, if none depends on it."""
         found = copy(self)
         found.added = added
         return found
@@ -265,10 +265,10 @@ class _Place(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ResidualTorque:
-    """The residuals of one log seen at the joint: the torque that all terms leave of the motor's.
+    """Residual torque of one log at the joint: that of all terms less the motor's.
 
     Averaged over bumps, the acceleration becomes int phi'' th, so nothing is differentiated twice;
-    where the joint may stick, friction is no function of the motion and nothing is said.
+    where the joint may stick, friction is no function of the motion and there is no residual.
     """
 
     label: str  # of the log
@@ -303,8 +303,8 @@ class ResidualTorque:
 
 
 def _velocity(angle: Samples, half_width: float, step: float) -> Samples:
-    reach = max(round(VELOCITY_SHARE * half_width / step), _VELOCITY_ORDER // 2 + 1)
-    return slope(angle, min(reach, (angle.size - 1) // 2), _VELOCITY_ORDER, step)
+    half = max(round(VELOCITY_SHARE * half_width / step), _VELOCITY_ORDER // 2 + 1)
+    return slope(angle, min(half, (angle.size - 1) // 2), _VELOCITY_ORDER, step)
 
 
 def _momentum(row: Term, motion: Motion) -> tuple[Samples, int]:
@@ -317,7 +317,7 @@ def _momentum(row: Term, motion: Motion) -> tuple[Samples, int]:
 
 
 def _energy(row: Term, motion: Motion) -> tuple[Samples, int]:
-    """As `_momentum`, times the velocity; what is conserved is integrated by parts."""
+    """As `_momentum`, times the velocity; conservative terms are integrated by parts."""
     if row.derivative == 2:  # noqa: PLR2004 - of the angle: the inertia
         return -(motion.velocity**2) / 2, 1
     if row.potential is not None:

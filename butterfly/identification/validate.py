@@ -1,4 +1,4 @@
-"""How well an estimator predicts logs that it has not seen."""
+"""Cross-validation and bootstrap: how well an estimator predicts held-out logs."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from butterfly.progress import Track, counted, out_of_time, untracked
 class CrossValidation:
     """Prediction of held-out data."""
 
-    division: Division  # what was left out together
-    # (n,) FIT in per cent of each log, over what was left out of it, each part of it simulated with
-    # the estimate from the others; NaN of logs that were never left out
+    division: Division  # which data were held out together
+    # (n,) FIT in per cent of each log over its held-out samples, each part of it simulated with
+    # the estimate from the others; NaN of logs that were never held out
     fits: Samples
     estimates: dict[str, Estimate]  # one for each part left out, by its name
     horizon: float = math.inf  # longest stretch in s that was simulated at a time
@@ -42,7 +42,7 @@ class CrossValidation:
 
     @property
     def mean(self) -> Gain:
-        """The mean FIT, and its own standard error over logs."""
+        """The mean FIT, with its standard error over logs."""
         return Gain.of(self.fits)
 
 
@@ -70,8 +70,8 @@ def cross_validate(
     """Estimate from all logs except one part, predict that part, and repeat for each part.
 
     Logs are simulated from their first sample, also if a stretch of time is held out; only the
-    FIT of that stretch counts. If the estimator finds no encoder zero, a held-out added mass takes
-    the mean angle of its own logs.
+    FIT of that stretch counts. If the estimator finds no encoder zero, that of a held-out added
+    mass is the mean angle of its logs.
 
     InputError if there cannot be so many folds (see `divide`); IdentifiabilityError if there are
     fewer than two parts, or the rest cannot determine the parameters.
@@ -105,15 +105,15 @@ def _squares(run: FreeRun, stretch: slice) -> tuple[float, float]:
 
 
 def _refusal(data: DataSet, split: Split, name: str, error: Exception) -> str:
-    """Say why the rest is too little, and which split leaves enough."""
+    """Return why the remaining logs do not suffice, and which split would do."""
     part = f"the logs with {name}" if split is Split.MASS else name
     if split is Split.MASS and len(data.masses) == FEW - 1:
         return (
             f"without {part}, only one added mass remains, and p1..p4 are identifiable only up to "
             "a common factor unless one of them is known (such as known: {p4: ...})"
-            f"{remedy(data, besides=split)}"
+            f"{remedy(data, other_than=split)}"
         )
-    return f"without {part}: {error}{remedy(data, besides=split)}"
+    return f"without {part}: {error}{remedy(data, other_than=split)}"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -123,13 +123,13 @@ class Structure:
     terms: tuple[str, ...]
     in_sample: FitSummary
     held_out: dict[Split, FitSummary]
-    gain: Gain | None = None  # of what is left out, over the structure before
+    gain: Gain | None = None  # held out, over the structure before
 
 
 def select_terms(
     data: DataSet, estimator: Estimator, candidates: Sequence[str], *, track: Track = untracked
 ) -> list[Structure]:
-    """Return the structures that the stagewise choice passes through, and what each predicts.
+    """Return the structures of each round of the stagewise choice, with their held-out FIT.
 
     One added mass at a time is held out, or what `divide` finds to suit the logs. InputError if the
     estimator does not offer such terms.
@@ -162,9 +162,9 @@ def select_terms(
 def cross_validate_choice(
     data: DataSet, estimator: Estimator, candidates: Sequence[str], *, track: Track = untracked
 ) -> CrossValidation:
-    """Leave out a part, choose terms as `select_terms` does from the rest, predict the part.
+    """Hold out a part, choose terms from the rest as `select_terms` does, predict the part.
 
-    So the choice has not seen what judges it (nested cross-validation; Varma & Simon, BMC
+    So terms are not chosen by the data that judge them (nested cross-validation; Varma & Simon, BMC
     Bioinformatics 7, 2006).
     """
 
@@ -192,7 +192,7 @@ def bootstrap(
     seed: int = 0,
     track: Track = untracked,
 ) -> Bootstrap:
-    """Draw whole logs with replacement, within each added mass, and estimate anew.
+    """Resample whole logs with replacement, within each added mass, and estimate from them.
 
     Logs are the blocks: within one, errors are correlated. (Efron & Tibshirani, An Introduction to
     the Bootstrap, 1993, ch. 8.) The terms are those of the estimate from all logs. Draws that

@@ -27,7 +27,7 @@ from butterfly.model.terms import DRIVE, IDEAL, TERMS, DriveTerms, FrictionTerms
 
 _SETTINGS = {"delay", *DRIVE, "stribeck_velocity", "cogging_periods"}  # without columns, if known
 _BY_MASS = "mass_inertia"
-_ROUNDS = 20  # about delay and scatter: what has not settled by then runs away
+_ROUNDS = 20  # of delay and scatter: what has not converged by then diverges
 _LATEST = 0.25  # of the shortest log, for a delay
 _LEAST = np.finfo(float).tiny
 
@@ -43,22 +43,22 @@ def averaging_of(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class About:
-    """The test functions of logs, and what the equations of their averages are about."""
+    """The test functions of logs, and the linearisation point of their equations."""
 
     windows: Sequence[Averaging] = ()
-    # (m,) mask of the test functions of each log that count; if (), where the joint moves
+    # (m,) mask of the test functions of each log to use; if (), those where the joint moves
     use: Sequence[NDArray[np.bool_]] = ()
     names: tuple[str, ...]  # of the parameters to be found
-    known: Prior  # what is known of the robot; what is known exactly is not among the names
+    known: Prior  # of the robot; exactly known parameters are not among the names
     slow: float = FrictionTerms.stribeck_velocity  # in rad/s
     delay: float = 0.0  # from input to torque, in s
-    drive: DriveTerms = IDEAL  # what becomes of the input
-    gain: float  # p4, as far as it is known
-    equal_logs: bool = True  # whether each log weighs the same, or else each acceleration
-    variance: float = 1.0  # of a row, beside which what is known with an uncertainty is weighed
+    drive: DriveTerms = IDEAL  # model of the delivered input
+    gain: float  # p4, 0 if unknown
+    equal_logs: bool = True  # whether each log has the same weight, or else each acceleration
+    variance: float = 1.0  # of a row, relative to which priors are weighted
 
     def regression(self) -> Regression:
-        """Put the windows of all logs together, each log weighing the same."""
+        """Return the regression of all logs."""
         use = self.use or [each.moving(self.delay) for each in self.windows]
         equations = [self._of_log(*pair) for pair in zip(self.windows, use, strict=True)]
         parts, targets = zip(*equations, strict=True)
@@ -78,7 +78,7 @@ class About:
         )
 
     def _of_log(self, each: Averaging, used: NDArray[np.bool_]) -> tuple[Samples, Samples]:
-        """(m, n) regressors and (m,) targets of what is used, rms inertial term 1/sqrt(m)."""
+        """(m, n) regressors and (m,) targets where used, the inertial term scaled to norm 1."""
         given = {name: value for name, value in self.known.fixed.items() if name not in _SETTINGS}
         signals = each.signals(
             [name for name in (*self.names, *given, "p1", "p3") if name != _BY_MASS],
@@ -96,18 +96,18 @@ class About:
 
     @property
     def latest(self) -> float:
-        """The delay in s of which the shortest log would hardly see the end."""
+        """Largest delay in s that the shortest log allows."""
         return _LATEST * min(each.duration for each in self.windows)
 
     def moved(self, values: Samples, latest: float, variance: float) -> About:
-        """Return what equations about (n,) values of the names are about, no delay too late."""
+        """Return the linearisation point at (n,) values, with the delay limited to ``latest`` s."""
         found = self.known.fixed | dict(zip(self.names, values.tolist(), strict=True))
         drive = DriveTerms(**{name: found[name] for name in DRIVE if name in found})
         delay = min(max(found["delay"], -latest), latest)
         return replace(self, delay=delay, gain=found["p4"], drive=drive, variance=variance)
 
     def near(self, other: About) -> bool:
-        """Whether delay and drive are where others are."""
+        """Whether delay and drive are nearly those of another point."""
         mine, theirs = vars(self.drive), vars(other.drive)
         still = all(abs(mine[n] - theirs[n]) <= SHOWS * mine[n] for n in DRIVE)
         return still and abs(self.delay - other.delay) < SHOWS * LONGEST_STEP
@@ -117,13 +117,13 @@ class About:
 class WeakFit:
     """A solution, and the equations about it."""
 
-    about: About  # what the equations are about
+    about: About  # linearisation point of the equations
     regression: Regression  # regression, solved: the equations, and the solution
     solved: CellEquations
 
     @classmethod
     def of(cls, windows: Sequence[Averaging], names: tuple[str, ...], known: Prior) -> WeakFit:
-        """Solve with what is uncertain held, and free, as delays may run away: the likelier fit."""
+        """Return the likelier fit, uncertain values held or free, as delays may diverge."""
         exact = known.fixed
         about = About(
             windows=windows,
@@ -146,7 +146,7 @@ class WeakFit:
 
     @classmethod
     def settled(cls, about: About) -> WeakFit:
-        """Solve, and again about what was found, until delay, drive and scatter rest."""
+        """Solve, and again about the solution, until delay, drive and scatter converge."""
         weighs, latest = bool(about.known.uncertain and about.variance), about.latest
         cells, settled = independent_cells_of(len(about.windows), len(about.names)), False
         step, share, values = 0.0, 1.0, np.zeros(len(about.names))
@@ -157,7 +157,7 @@ class WeakFit:
             solved = CellEquations.of(regression, solution, cells=cells) if weighs else None
             variance = about.variance if solved is None else solved.realised_variance
             before, about = about, about.moved(solution.values, latest, variance)
-            if step * (about.delay - before.delay) < 0:  # it goes to and fro
+            if step * (about.delay - before.delay) < 0:  # it oscillates
                 share /= 2
             step = share * (about.delay - before.delay)
             about = replace(about, delay=before.delay + step)
@@ -178,16 +178,16 @@ class WeakFit:
 
     @property
     def penalty(self) -> float:
-        """What the values count by what is uncertain of them (see `Known.penalty`)."""
+        """Sum of the penalties of the uncertain known values (see `Known.penalty`)."""
         return sum(each.penalty(self.values[n]) for n, each in self.about.known.uncertain.items())
 
     @property
     def values(self) -> dict[str, float]:
-        """Values by name, what is known exactly among them."""
+        """Values by name, exactly known ones included."""
         return self.about.known.fixed | self.solved.named
 
     def equations(self, names: tuple[str, ...], slow: float) -> CellEquations:
-        """Return those of n parameters, at a Stribeck velocity in rad/s, about this end."""
+        """Return the equations of n parameters, at a Stribeck velocity in rad/s, about this fit."""
         regression = replace(self.about, names=names, slow=slow).regression()
         cells = independent_cells_of(len(self.about.windows), len(names))
         return CellEquations.of(regression, regression.at(self.values), cells=cells)
@@ -201,7 +201,7 @@ def fitted_terms(
     *,
     choosing: bool,
 ) -> tuple[WeakFit, TermChoice]:
-    """Return the fit of base parameters and some terms, or those of them that predict better."""
+    """Return the fit of base parameters and terms, or of the terms that predict better."""
     linear = tuple(name for name in terms if name != STRIBECK) if choosing else ()
     first = WeakFit.of(windows, (*base, *linear), known)
     problem = LinearProblem(

@@ -81,7 +81,7 @@ class WeighedLogs:
     def next(self) -> WeighedLogs:
         """What logs say where the step leads; IdentifiabilityError where a simulation diverges."""
         values = self.values + self.step
-        moved = self.scatter.apart(self.logs.moved(self.step), self._spread)
+        moved = self.scatter.random_effects(self.logs.moved(self.step), self._spread)
         moved = np.maximum(moved, self.problem.lower - values)
         like = self if self.fixed else None
         return WeighedLogs.simulated(self.problem, values, moved, like)
@@ -130,7 +130,7 @@ class WeighedModel(FreeRunModel):
     def _weighed(self, there: Problem, values: Samples) -> WeighedLogs:
         """Return the logs about (n,) values in other terms, with what each has of its own."""
         mine = self.end.weighed
-        own = there.taking(mine.problem, mine.own, np.zeros(values.size))
+        own = there.values_from(mine.problem, mine.own, np.zeros(values.size))
         own = np.maximum(own, there.lower - values)
         return WeighedLogs.simulated(there, values, own, mine)
 

@@ -129,9 +129,10 @@ def values_sentence(estimate: Estimate) -> str:
     zero = {name for name, lower, upper in limits if lower <= 0 <= upper}
     ratios = {name for name in names if estimate.ratios and not TERMS[name].of_gain}
     shown = {name: f"{name}/p1" if name in ratios else name for name in estimate.names}
-    known = [name for name in names if name not in zero and math.isfinite(estimate.reach[name])]
+    widths = estimate.relative_half_widths
+    known = [name for name in names if name not in zero and math.isfinite(widths[name])]
     parts = [
-        ", ".join(f"{shown[name]} ±{upwards(estimate.reach[name])}" for name in group)
+        ", ".join(f"{shown[name]} ±{upwards(widths[name])}" for name in group)
         for group in (
             [name for name in known if name in OF_VERDICT],
             [name for name in known if name not in OF_VERDICT],
@@ -291,7 +292,7 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "{names} is negative: a positive input moves the joint in the negative direction. If angle "
         "or input counts the other way, set sign: -1 in the manifest, or --units input=-1."
     ),
-    FindingKind.TOLD_APART: (
+    FindingKind.SOURCES_CONFLICT: (
         "The given {names} and the one that follows from the given motor and body data differ by "
         "{number:.1f} standard uncertainties. Check both, and the gear ratio."
     ),
@@ -299,11 +300,11 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "The given motor and body data contradict these values: {combined} would be {number:.1f} "
         "standard errors below 0. Check the given values, their units and the gear ratio."
     ),
-    FindingKind.KNOWN_APART: (
+    FindingKind.KNOWN_CONFLICT: (
         "The added masses contradict the given {combined}: they suggest values about {size:.2g} % "
         "{larger}. One of the two is wrong."
     ),
-    FindingKind.PRIOR_APART: (
+    FindingKind.PRIOR_CONFLICT: (
         "The logs contradict the given {names} by {number:.1f} standard errors. One of the two is "
         "wrong; the estimate is a compromise."
     ),
@@ -311,7 +312,7 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "{logs} {were} excluded: the joint turns over, rests elsewhere or never settles, and has "
         "no steady response to a sine. The methods weak-form and output-error use such logs."
     ),
-    FindingKind.REST_APART: (
+    FindingKind.REST_DIFFERS: (
         "The rest angles differ by {number:.2g} rad from mass to mass, as with a constant torque, "
         "but this method takes each as the encoder zero. The method output-error fits the torque."
     ),

@@ -116,12 +116,12 @@ def _time_curves(
     If what a servo follows is of the same kind as what was measured, it comes last.
     """
     log, difference = run.log, run.log.measured - run.simulated
-    reach = np.full_like(difference, np.nan)
+    half_width = np.full_like(difference, np.nan)
     if band is not None:
-        reach = np.interp(log.time, band.time, band.reach, left=np.nan, right=np.nan)
+        half_width = np.interp(log.time, band.time, band.half_width, left=np.nan, right=np.nan)
     every = max(1, round(_STEP / log.mean_step))
     some = seen_samples([log.measured, difference], most, every=every)
-    columns = [run.simulated, log.measured, -reach, reach, difference]
+    columns = [run.simulated, log.measured, -half_width, half_width, difference]
     if log.setpoint is not None and log.servo and log.servo.of_speed == log.integrated:
         columns.append(log.setpoint)
     with np.errstate(over="ignore"):  # what ran away is not drawn
@@ -202,7 +202,7 @@ def _band_and_curve(curve: Curve | None) -> list[NDArray[np.float32]]:
     """Return (l,) lags in s, limits of the band, and the values; all empty of none."""
     if curve is None:
         return [np.empty(0, dtype=np.float32)] * 4
-    limits = (curve.centre - curve.reach, curve.centre + curve.reach)
+    limits = (curve.centre - curve.half_width, curve.centre + curve.half_width)
     return [each.astype(np.float32) for each in (curve.lag, *limits, curve.value)]
 
 

@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 
 from butterfly.identification.derived_quantities import SYMBOLS
 from butterfly.identification.parameter import Parameter, or_nan, or_none
-from butterfly.identification.physical import Lack, PhysicalParameters
+from butterfly.identification.physical import Missing, PhysicalParameters
 from butterfly.model.prior import plain
 from butterfly.report.format import interval, upwards, with_error
 from butterfly.result import Answer, TextTable
@@ -55,8 +55,10 @@ def physical_table(parameters: PhysicalParameters) -> TextTable:
             each.name,
             with_error(each.value, each.standard_error),
             f"{each.standard_error:#.2g}" if or_none(each.standard_error) else "–",
-            interval(each.value - each.reach, each.value + each.reach) if each.reach else "–",
-            "" if each.told is None else str(each.told),
+            interval(each.value - each.half_width, each.value + each.half_width)
+            if each.half_width
+            else "–",
+            "" if each.given is None else str(each.given),
             each.unit,
             SYMBOLS[each.name].meaning,
         )
@@ -72,9 +74,9 @@ def physical_numbers(parameters: PhysicalParameters) -> dict[str, dict[str, Any]
         each.name: {
             "value": each.value,
             "standard_error": or_none(each.standard_error),
-            "lower": or_none(each.value - each.reach),
-            "upper": or_none(each.value + each.reach),
-            "told": each.told and plain(each.told),
+            "lower": or_none(each.value - each.half_width),
+            "upper": or_none(each.value + each.half_width),
+            "told": each.given and plain(each.given),
             "unit": each.unit,
         }
         for each in parameters.found
@@ -84,12 +86,12 @@ def physical_numbers(parameters: PhysicalParameters) -> dict[str, dict[str, Any]
 def physical_sentences(parameters: PhysicalParameters) -> list[str]:
     """Say what is left open, and which measurement would tell."""
     return [
-        _SENTENCES[each.lack].format(
+        _SENTENCES[each.missing].format(
             names=" and ".join(each.names),
             has="has" if len(each.names) == 1 else "have",
             most=f" k_emf is at most {each.most.value:.3g} V s/rad." if each.most else "",
         )
-        for each in parameters.unseparated
+        for each in parameters.unidentified
     ]
 
 
@@ -112,41 +114,41 @@ class Separated(Answer):
 
 
 _SENTENCES = {
-    Lack.MASS: (
+    Missing.MASS: (
         "m_p and l_c enter only as p3 = m_p g l_c, J_p and m_p l_c² only as their sum in p1: weigh "
         "the moving part (hand_mass)."
     ),
-    Lack.GRAVITY: (
+    Missing.GRAVITY: (
         "Without gravity in the plane of motion l_c and J_p stay unknown, even if the moving part "
         "is weighed: log it with its axis level."
     ),
-    Lack.ROTOR: (
+    Missing.ROTOR: (
         "The load's inertia and the rotor's N² J_r enter only as their sum p1: take J_r from the "
         "motor's data sheet (rotor_inertia)."
     ),
-    Lack.ROTOR_OF_SLIDE: (
+    Missing.ROTOR_OF_SLIDE: (
         "The sliding mass and the rotor's N² J_r enter only as their sum p1: weigh the slide "
         "(hand_mass), or take J_r from the motor's data sheet (rotor_inertia)."
     ),
-    Lack.GAIN: (
+    Missing.GAIN: (
         "k_t and R enter only as p4 = N k_t/R: measure R at standstill (resistance), or take k_t "
         "from the motor's data sheet (torque_constant)."
     ),
-    Lack.BACK_EMF: (
+    Missing.BACK_EMF: (
         "k_f and the back EMF enter only as p2 = k_f + N k_emf p4: turn the motor and read the "
         "voltage on its open leads (back_emf_constant; without losses equal to k_t in SI units)."
         "{most}"
     ),
-    Lack.GEAR: "The motor of a slide needs its gear ratio first, in rad per m (gear_ratio).",
-    Lack.COMMAND: (
+    Missing.GEAR: "The motor of a slide needs its gear ratio first, in rad per m (gear_ratio).",
+    Missing.COMMAND: (
         "The unit of the command is unknown. Give p4 if you know it: 1 where the command is N m at "
         "the joint, the gear ratio where it is N m at the motor, N k_t where it is A."
     ),
-    Lack.SUPPLY: (
+    Missing.SUPPLY: (
         "R, k_t and k_emf of a duty command need its supply (the column supply, or supply of the "
         "loop): p4 = N k_t/R is then per V."
     ),
-    Lack.UNUSED: (
+    Missing.UNUSED: (
         "{names} {has} no effect here: the command is a torque or a current, and the current loop "
         "hides R and back EMF."
     ),

@@ -161,7 +161,7 @@ def test_a_bare_motor_has_its_speed_per_volt_though_not_its_inertia(strangers, t
     estimate = WeakForm(terms=())(data)
     found = physical_parameters(estimate, data.known, data.input_kind, data.logs[0].added_mass)
     gain = found["speed_gain"]
-    assert abs(gain.value - 117.5) < gain.reach < 12  # of a fit to its steps, by others
+    assert abs(gain.value - 117.5) < gain.half_width < 12  # of a fit to its steps, by others
     k = estimate.names.index("p1")
     assert estimate.lower[k] < 0 < estimate.upper[k]
 

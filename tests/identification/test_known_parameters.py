@@ -7,7 +7,7 @@ import pytest
 
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
-from butterfly.identification.derived_quantities import apart, implied
+from butterfly.identification.derived_quantities import discrepancies, implied
 from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.diagnostics.unit_error_search import find_unit_errors
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
@@ -130,7 +130,7 @@ def test_priors_beside_three_masses_go_from_nothing_to_all(several, method):
 def test_a_prior_that_the_logs_contradict_is_said(several):
     def judged(factor):
         data = knowing(several["weak-form"], p4=(factor * ROBOT.p4, 0.01 * ROBOT.p4))
-        return contradicted(METHODS["weak-form"](data), FindingKind.PRIOR_APART)
+        return contradicted(METHODS["weak-form"](data), FindingKind.PRIOR_CONFLICT)
 
     ((parameters, number),) = judged(1.1)
     assert parameters == ("p4",)
@@ -142,7 +142,7 @@ def test_a_prior_that_the_logs_contradict_is_said(several):
 def test_a_fixed_value_that_the_masses_contradict_is_said(several, method):
     def judged(factor):
         data = knowing(several[method], p4=factor * ROBOT.p4)
-        return contradicted(METHODS[method](data), FindingKind.KNOWN_APART)
+        return contradicted(METHODS[method](data), FindingKind.KNOWN_CONFLICT)
 
     assert judged(1.03) == [(("p4",), pytest.approx(-0.03, abs=0.005))]
     assert judged(1.0) == []
@@ -213,7 +213,7 @@ def test_a_vague_prior_beside_two_masses_widens_nothing():
 def test_a_term_that_is_known_is_not_chosen_away(pair):
     estimate = OutputError(workers=1)(knowing(pair, p4=ROBOT.p4, bias=(2e-3, 2e-4)))
     assert "bias" in estimate.names
-    ((said, _),) = contradicted(estimate, FindingKind.PRIOR_APART)
+    ((said, _),) = contradicted(estimate, FindingKind.PRIOR_CONFLICT)
     assert said == ("bias",)
 
 
@@ -317,7 +317,7 @@ def test_two_sources_weigh_by_their_variances_and_what_is_exact_alone():
     p4 = _implied(told)["p4"]
     assert p4.value == pytest.approx(weights @ [0.025, follows[0]] / weights.sum())
     assert p4.uncertainty == pytest.approx(weights.sum() ** -0.5)
-    far = apart(Prior.of(told), InputKind.VOLTAGE)
+    far = discrepancies(Prior.of(told), InputKind.VOLTAGE)
     assert far == {"p4": pytest.approx((0.025 - follows[0]) / np.hypot(0.0005, follows[1]))}
     # What is exact counts alone; two exact values agree or are refused.
     sheet = {"torque_constant": 0.05, "resistance": 2.0}

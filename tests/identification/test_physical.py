@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from butterfly.identification.derived_quantities import WAYS, implied
-from butterfly.identification.physical import Lack, physical_parameters
+from butterfly.identification.physical import Missing, physical_parameters
 from butterfly.identification.quantities import Quantities
 from butterfly.logs.log import InputKind
 from butterfly.model.control_bridge import linearised
@@ -116,7 +116,7 @@ def test_a_weighed_hand_is_separated_as_its_closed_form_says():
     error = 0.05 * np.hypot(1e-4 / 0.04905, 0.01)
     assert found["com_distance"].standard_error == pytest.approx(error)
     reach = 0.05 * np.hypot(4 * 1e-4 / 0.04905, 1.96 * 0.01)
-    assert found["com_distance"].reach == pytest.approx(reach, rel=1e-4)
+    assert found["com_distance"].half_width == pytest.approx(reach, rel=1e-4)
 
 
 def test_one_part_of_the_motor_tells_another():
@@ -137,22 +137,24 @@ def test_a_command_in_amperes_shows_in_its_current_and_hides_the_rest():
     found = _of_logs(told, np.array([1.0, 0.1, 3.0, 0.5]), kind=InputKind.TORQUE)
     assert _parts(found) == {"motor_current"}
     assert found["motor_current"].value == pytest.approx(1.0)
-    lacks = {each.lack: each for each in found.unseparated}
-    assert lacks[Lack.UNUSED].names == ("resistance",)
-    assert Lack.COMMAND in lacks
-    assert Lack.BACK_EMF not in lacks
+    missing = {each.missing: each for each in found.unidentified}
+    assert missing[Missing.UNUSED].names == ("resistance",)
+    assert Missing.COMMAND in missing
+    assert Missing.BACK_EMF not in missing
 
 
 def test_a_current_tells_the_torque_constant_and_a_duty_nothing_of_the_motor():
     told = {"gear_ratio": 10.0, "resistance": 2.0}
     found = _of_logs(told, np.array([1.0, 0.1, 3.0, 0.5]), kind=InputKind.CURRENT)
     assert found["torque_constant"].value == pytest.approx(0.05)
-    assert {each.lack for each in found.unseparated} >= {Lack.UNUSED}
-    assert not {each.lack for each in found.unseparated} & {Lack.COMMAND, Lack.GAIN, Lack.BACK_EMF}
+    missing = {each.missing for each in found.unidentified}
+    assert Missing.UNUSED in missing
+    assert not missing & {Missing.COMMAND, Missing.GAIN, Missing.BACK_EMF}
     known = Prior.of({"gear_ratio": 10.0, "torque_constant": 0.05})
     assert implied(known, InputKind.CURRENT).fixed["p4"] == pytest.approx(0.5)
     assert "p4" not in implied(known, InputKind.DUTY).values
-    assert Lack.SUPPLY in {each.lack for each in _of_logs({}, kind=InputKind.DUTY).unseparated}
+    found = _of_logs({}, kind=InputKind.DUTY)
+    assert Missing.SUPPLY in {each.missing for each in found.unidentified}
 
 
 def test_a_slide_has_a_mass_and_no_centre_of_it():
@@ -166,18 +168,18 @@ def test_a_slide_has_a_mass_and_no_centre_of_it():
     assert found["rotor_inertia"].value == pytest.approx(1e-5)
     found = _of_logs({"hand_mass": 0.5, "torque_constant": 0.1}, values, carrier=SLIDE)
     assert _parts(found) == set()
-    assert Lack.GEAR in {each.lack for each in found.unseparated}
+    assert Missing.GEAR in {each.missing for each in found.unidentified}
 
 
 def test_what_is_left_open_is_named_with_its_remedy():
-    def lacks(told, **setting):
-        return [each.lack for each in _of_logs(told, **setting).unseparated]
+    def missing(told, **setting):
+        return [each.missing for each in _of_logs(told, **setting).unidentified]
 
-    assert lacks({}) == [Lack.MASS, Lack.ROTOR, Lack.GAIN, Lack.BACK_EMF]
-    assert lacks(MOTOR) == []
-    assert lacks(MOTOR, carrier=UPRIGHT) == [Lack.GRAVITY]
+    assert missing({}) == [Missing.MASS, Missing.ROTOR, Missing.GAIN, Missing.BACK_EMF]
+    assert missing(MOTOR) == []
+    assert missing(MOTOR, carrier=UPRIGHT) == [Missing.GRAVITY]
     assert "com_distance" not in {each.name for each in _of_logs(MOTOR, carrier=UPRIGHT).found}
-    (most,) = [each.most for each in _of_logs({}).unseparated if each.most]
+    (most,) = [each.most for each in _of_logs({}).unidentified if each.most]
     assert most.value == pytest.approx(TRUTH.p2 / TRUTH.p4)
 
 
@@ -272,21 +274,19 @@ def test_linear_relations_are_gaussian_conditioning_whether_they_were_used_or_no
     values = np.concatenate([lumped.values, causes.values])
     gap = np.array([1.0, 0, 0, -1, -2])
     gain = whole @ gap / (gap @ whole @ gap)
-    expected = values - gain * (gap @ values), whole - np.outer(gain, gap @ whole)
+    mean, covariance = values - gain * (gap @ values), whole - np.outer(gain, gap @ whole)
 
-    fresh = lumped.told_of(causes, formulas, new=frozenset({"x"}))
-    informed = Quantities(
-        names=lumped.names, values=expected[0][:3], covariance=expected[1][:3, :3]
-    )
-    used = informed.told_of(causes, formulas, new=frozenset())
+    fresh = lumped.combined_with(causes, formulas, new=frozenset({"x"}))
+    informed = Quantities(names=lumped.names, values=mean[:3], covariance=covariance[:3, :3])
+    used = informed.combined_with(causes, formulas, new=frozenset())
     for found in (fresh, used):
         assert found.names == ("x", "y", "z", "c", "d")
-        np.testing.assert_allclose(found.values, expected[0])
-        np.testing.assert_allclose(found.covariance, expected[1], atol=1e-14)
+        np.testing.assert_allclose(found.values, mean)
+        np.testing.assert_allclose(found.covariance, covariance, atol=1e-14)
 
 
 def test_what_is_exact_learns_nothing():
     lumped = Quantities(names=("x",), values=np.array([2.0]), covariance=np.array([[0.01]]))
     causes = Quantities.of({"c": Known(value=1.0)})
-    found = lumped.told_of(causes, {"x": lambda of: 2 * of["c"]}, new=frozenset())
+    found = lumped.combined_with(causes, {"x": lambda of: 2 * of["c"]}, new=frozenset())
     assert found.find(lambda of: of["c"]) == Known(value=1.0)

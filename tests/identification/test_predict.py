@@ -169,7 +169,7 @@ def test_seeds_fix_bands_and_only_their_own_part(data, found):
 
 def test_errors_are_those_of_logs_that_the_estimate_has_not_seen(data, found):
     errors = expected_errors(data, found)
-    assert all(each.unseen for each in errors)
+    assert all(each.held_out for each in errors)
     mass = data.logs[0].added_mass
     unseen = replace(found, values=found.left_out[mass])
     np.testing.assert_allclose(errors[0].relative, _relative(data, unseen), atol=1e-12)
@@ -178,7 +178,7 @@ def test_errors_are_those_of_logs_that_the_estimate_has_not_seen(data, found):
     assert donors(others[:1], others[0].log.added_mass) == others[:1]
     # Those in the sample stand for those unseen, but larger.
     first, *_ = expected_errors(data, replace(found, left_out={}))
-    assert not first.unseen
+    assert not first.held_out
     expected = np.sqrt(4 / 3) * _relative(data, found)
     np.testing.assert_allclose(first.relative, expected, atol=1e-12)
 

@@ -39,10 +39,10 @@ NUMBERS = {
     FindingKind.OMEGA_SET: (0.0042, "0.42 % faster"),
     FindingKind.SCATTER: (0.213, "21 %"),
     FindingKind.LIKE_CLOCK: (0.00213, "+0.21 %"),
-    FindingKind.REST_APART: (0.131, "0.13 rad"),
-    FindingKind.KNOWN_APART: (-0.021, "about 2.1 % smaller"),
-    FindingKind.PRIOR_APART: (3.42, "3.4 standard errors"),
-    FindingKind.TOLD_APART: (4.23, "4.2 standard uncertainties"),
+    FindingKind.REST_DIFFERS: (0.131, "0.13 rad"),
+    FindingKind.KNOWN_CONFLICT: (-0.021, "about 2.1 % smaller"),
+    FindingKind.PRIOR_CONFLICT: (3.42, "3.4 standard errors"),
+    FindingKind.SOURCES_CONFLICT: (4.23, "4.2 standard uncertainties"),
     FindingKind.CONTRADICTED: (5.61, "5.6 standard errors"),
     FindingKind.SEARCH_STOPPED: (60.0, "after 60 s"),
 }
@@ -53,7 +53,7 @@ OF_SCALES = {FindingKind.RESTS_ON: ("mass_scale", "arm")}
 OF_LOGS = {FindingKind.LEFT_OUT, FindingKind.UNPREDICTABLE, FindingKind.ZERO_GUESSED}
 NAMELESS = OF_LOGS | {
     *(FindingKind.FEW_MASSES, FindingKind.OTHER_END, FindingKind.APPROXIMATE),
-    *(FindingKind.POOR_FIT, FindingKind.FEW_LOGS, FindingKind.REST_APART),
+    *(FindingKind.POOR_FIT, FindingKind.FEW_LOGS, FindingKind.REST_DIFFERS),
     *(FindingKind.TORQUE_DRIVEN, FindingKind.NO_UNCERTAINTY),
     *(FindingKind.ABSOLUTE, FindingKind.RATIOS, FindingKind.FOLLOWED, FindingKind.EARLY),
     *(FindingKind.MISFIT, FindingKind.NO_MISFIT),
@@ -112,7 +112,7 @@ def test_values_are_good_if_the_limits_of_the_scale_are_within_a_tenth(reach, le
 def test_an_asymmetric_interval_reaches_as_far_as_its_farther_limit():
     estimate = _estimate()
     estimate = replace(estimate, upper=estimate.values * 1.2)
-    assert estimate.reach["p1"] == pytest.approx(0.2)
+    assert estimate.relative_half_widths["p1"] == pytest.approx(0.2)
     assert estimate.level is Level.CARE
 
 

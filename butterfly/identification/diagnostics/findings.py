@@ -18,32 +18,32 @@ class Ending(StrEnum):
 
 
 class FindingKind(StrEnum):
-    """What was found, gravest first; the comment says what its number is."""
+    """Kinds of findings, gravest first; comments explain the numbers."""
 
     UNIT_ERROR = "slip"  # name of the error; the factor that undoes it
     POOR_FIT = "poor-fit"  # median FIT in per cent, too low for a model that follows
     NO_INERTIA = "no-inertia"  # p1 with the least added inertia
-    NEGATIVE = "negative"  # parameters that cannot be
+    NEGATIVE = "negative"  # parameters that cannot be negative
     SEARCH_STOPPED = "search-stopped"  # seconds; the parameters name what was skipped
     # a unit error that hardly moves the values, or that no motion can show; the factor
     SUSPECTED = "suspected-slip"
     EARLY = "early"  # a delay below 0
     NEGATIVE_GAIN = "negative-gain"
-    TOLD_APART = "told-apart"  # standard uncertainties between two given values
+    SOURCES_CONFLICT = "told-apart"  # standard uncertainties between two given values
     CONTRADICTED = "contradicted"  # physical parameters below 0; standard errors
-    KNOWN_APART = "known-apart"  # share by which the masses want a given value larger
-    PRIOR_APART = "prior-apart"  # standard errors between a given value and the logs
+    KNOWN_CONFLICT = "known-apart"  # relative correction of a given value by the added masses
+    PRIOR_CONFLICT = "prior-apart"  # standard errors between a given value and the logs
     PULLED = "pulled"  # on a bound that the data would cross
     CLOCK = "clock"  # share by which the inputs' sines run faster than their omega
     CLOCK_SET = "clock-set"  # the same where all timestamps were multiplied by 1 more than it
     OMEGA_SET = "omega-set"  # or every omega
     LIKE_CLOCK = "like-clock"  # the same, of a clock error that looks like a term
     TORQUE_DRIVEN = "torque-driven"  # largest resistance in Ohm that the damping allows
-    REST_APART = "rest-apart"  # rad between the rest angles with different masses
+    REST_DIFFERS = "rest-apart"  # rad between the rest angles with different masses
     ZERO_GUESSED = "zero-guessed"  # logs whose encoder zero is a guess
     NO_UNCERTAINTY = "no-uncertainty"  # number of equations
     COMBINATION = "combination"  # condition number, of parameters known in one combination only
-    APPROXIMATE = "approximate"  # a method whose intervals do not know its own error
+    APPROXIMATE = "approximate"  # a method whose intervals do not include its systematic error
     FEW_LOGS = "few-logs"  # number of logs; the scatter is that of their blocks
     SCATTER = "scatter"  # standard deviation between logs, over the value
     LEFT_OUT = "left-out"  # number of all logs; those named have no response to a sine
@@ -55,10 +55,10 @@ class FindingKind(StrEnum):
     SIGN_UNKNOWN = "sign-unknown"
     OTHER_END = "other-end"  # cost of the next best minimum over that of the best
     SCANNED = "scanned"  # value of a parameter from a grid search
-    INSEPARABLE = "inseparable"  # terms dropped: not identifiable beside the others
+    INSEPARABLE = "inseparable"  # terms dropped: not identifiable together with the others
     NOT_HELPING = "not-helping"  # terms offered that did not help to predict
-    # terms that the model lacks, then parameters that they move by more than their intervals; share
-    # of the squared residuals that they explain
+    # missing terms, then parameters that they move by more than their intervals; share of the
+    # squared residuals that they explain
     MISSING_TERM = "missing-term"
     FOLLOWED = "followed"  # rms error of free runs, over the rms motion
     MISFIT = "misfit"  # error of free runs, over the sensor noise
@@ -84,7 +84,7 @@ class Finding:
 
     @property
     def impossible(self) -> bool:
-        """Whether no joint that can be simulated has such values."""
+        """Whether no joint with such values can be simulated."""
         if self.kind is FindingKind.POOR_FIT:
             return self.number is not None and not math.isfinite(self.number)
         return self.kind in {FindingKind.NO_INERTIA, FindingKind.NEGATIVE}

@@ -9,7 +9,7 @@ from scipy.special import stdtrit
 
 from butterfly.arrays import Samples
 from butterfly.identification.data import DataSet
-from butterfly.identification.derived_quantities import apart
+from butterfly.identification.derived_quantities import discrepancies
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.levels import CLEARLY, CONFIDENCE, LOST
@@ -20,7 +20,7 @@ from butterfly.model.prior import LAG
 from butterfly.model.terms import TERMS
 
 LEAST_FIT = 100 * (1 - LOST)
-"""Median FIT in per cent below which parameters say nothing of the robot."""
+"""Median FIT in per cent below which parameters are not those of the robot."""
 
 _EARLY = 1e-4  # s, by which stamps of input and angle may differ
 _OF_LEVEL = {"coulomb": 1.0, "stribeck": 1.0}
@@ -30,14 +30,14 @@ LEAST_RESISTANCE = 0.01
 
 
 def judge_physics(estimate: Estimate, masses: Sequence[AddedMass]) -> list[Finding]:
-    """Tell what no joint can have: no inertia, friction that drives, torque before its command."""
+    """Return findings of impossible values: no inertia, negative friction, a negative delay."""
     found = estimate.parameters
     judged = []
     least = min((found.p1 + mass.inertia for mass in masses), default=found.p1)
     if not least > 0:
         judged.append(Finding(FindingKind.NO_INERTIA, ("p1",), number=least))
-    reach = np.nan_to_num((estimate.upper - estimate.lower) / 2).tolist()
-    rows = list(zip(estimate.names, estimate.values.tolist(), reach, strict=True))
+    half = np.nan_to_num((estimate.upper - estimate.lower) / 2).tolist()
+    rows = list(zip(estimate.names, estimate.values.tolist(), half, strict=True))
     negative = [name for name, value, error in rows if TERMS[name].lower == 0 and value < -error]
     if "load" in estimate.names and any(_drives(estimate, mass) for mass in masses):
         negative.append("load")
@@ -45,7 +45,7 @@ def judge_physics(estimate: Estimate, masses: Sequence[AddedMass]) -> list[Findi
         judged.append(Finding(FindingKind.NEGATIVE, tuple(negative)))
     if any(n == "delay" and value < -max(e, _EARLY) for n, value, e in rows):
         judged.append(Finding(FindingKind.EARLY, ("delay",)))
-    # it may be: angle or input count the other way
+    # possible: angle or input may count the other way
     if found.p4 < 0 and "p4" not in estimate.known.parameters:
         judged.append(Finding(FindingKind.NEGATIVE_GAIN, ("p4",)))
     return judged
@@ -62,13 +62,13 @@ def _drives(estimate: Estimate, mass: AddedMass) -> bool:
     weights[estimate.names.index("load")] = mass.weight
     error = float(np.sqrt(max(weights @ estimate.covariance @ weights, 0.0)))
     level = estimate.parameters.with_added_mass(mass).level(0.0)
-    # Of a sum no degrees of freedom are known; it has hardly fewer than the least of its parts.
+    # A sum has hardly fewer degrees of freedom than the fewest of its parts.
     freedom = np.inf if estimate.freedom is None else estimate.freedom[weights != 0].min()
     return bool(level < -stdtrit(freedom, 0.5 + CONFIDENCE / 2) * error)
 
 
 def judge_input(estimate: Estimate, kind: InputKind) -> list[Finding]:
-    """Tell whether a motor fed by a voltage could have this damping: p2 >= K^2/R = p4^2 R (6)."""
+    """Return findings on the input: a voltage-driven motor has p2 >= K^2/R = p4^2 R (6)."""
     if kind is InputKind.NONE:
         return [Finding(FindingKind.UNDRIVEN, ("p4", "delay"))]
     if kind is not InputKind.VOLTAGE or "p4" not in estimate.names:
@@ -85,11 +85,11 @@ def judge_input(estimate: Estimate, kind: InputKind) -> list[Finding]:
 
 
 def judge_knowledge(estimate: Estimate, data: DataSet) -> list[Finding]:
-    """Tell what cannot all be true: p4 of two sources, negative friction or inertia."""
+    """Return contradictions: p4 by two sources, physical parameters that are clearly negative."""
     carrier = data.logs[0].added_mass
-    sources = apart(data.given, data.input_kind, carrier.joint)
+    sources = discrepancies(data.given, data.input_kind, carrier.joint)
     found = [
-        Finding(FindingKind.TOLD_APART, (name,), number=far)
+        Finding(FindingKind.SOURCES_CONFLICT, (name,), number=far)
         for name, far in sources.items()
         if far > CLEARLY
     ]
@@ -101,7 +101,7 @@ def judge_knowledge(estimate: Estimate, data: DataSet) -> list[Finding]:
 
 
 def judge_basis(estimate: Estimate, data: DataSet) -> list[Finding]:
-    """Tell on what all values rest that no log shows, as far as its uncertainty was not told."""
+    """Return the scales that no log can identify and that were given without an uncertainty."""
     loads = [log.added_mass for log in data.logs if log.added_mass.mass]
     open_ = {
         "mass_scale": loads and not any(mass.mass_uncertainty for mass in loads),
@@ -121,6 +121,6 @@ def judge_basis(estimate: Estimate, data: DataSet) -> list[Finding]:
 
 
 def judge_fit(fits: Samples) -> list[Finding]:
-    """Tell whether the model does not follow, by the (n,) FIT in % of the free runs of n logs."""
+    """Return the finding of a poor fit, by the (n,) FIT in % of n free runs, or none."""
     median = float(np.median(fits))
     return [] if median >= LEAST_FIT else [Finding(FindingKind.POOR_FIT, number=median)]

@@ -1,10 +1,10 @@
-"""Residuals: what the free runs of a whole model leave of each log, and what explains it.
+"""Residuals of free runs, and whether sensors or missing terms explain them.
 
-From the errors of the free runs is taken what a small change of the parameters, of zeros and of
-each log's start would take from them, to first order and jointly: a value that is off within its
-interval is no misfit. What stays is compared with errors drawn as each log's encoder and noise make
-them (a parametric bootstrap: Efron & Tibshirani, An Introduction to the Bootstrap, 1993, section
-6.5). Those terms are missing that predict logs better that were left out, by the same equations.
+From the errors of the free runs the effects of small changes of the parameters, of zeros and of
+each log's start are projected out, to first order and jointly: a value that is off within its
+interval is no misfit. The remainder is compared with errors drawn from the model of each log's
+encoder and noise (a parametric bootstrap: Efron & Tibshirani, An Introduction to the Bootstrap,
+1993, section 6.5). Missing terms are those that improve the prediction of held-out logs.
 """
 
 from __future__ import annotations
@@ -53,17 +53,17 @@ _LENGTHS = ("motion", "error", "after_small_changes", "by_sensors", "encoder_ste
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ErrorBand:
-    """How far a reading may be from the simulation, by the parameters and the sensor."""
+    """Band about the simulation, by the uncertainty of the parameters and the sensor."""
 
     time: Samples  # (m,) instants in s
-    reach: Samples  # (m,) half widths in rad, at `CONFIDENCE`
+    half_width: Samples  # (m,) in rad, at `CONFIDENCE`
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LogResiduals:
-    """What the free run leaves of one log, where its errors count (see `first_counted`).
+    """Residuals of one log's free run, from `first_counted` on.
 
-    The defaults are those of a log that could not be simulated, or in which nothing moves.
+    The defaults are those of a log that cannot be simulated or does not move.
     """
 
     name: str  # of the log
@@ -71,24 +71,24 @@ class LogResiduals:
     motion: float  # rms of the measured angle about its mean, in rad
     # rms of measured less simulated angle in rad, averaged over steps of the simulation
     error: float = np.inf
-    left: float = np.inf  # less what a small change of parameters would take from it
-    explained: float = 0.0  # the same of errors drawn as the log's sensor makes them
-    share: float = 0.0  # of the squares of what is left that the missing terms explain
+    left: float = np.inf  # the same after small changes of the parameters
+    explained: float = 0.0  # the same of errors drawn from the sensor's model
+    share: float = 0.0  # of the squared residuals that the missing terms explain
     sensor: SensorErrors = _NO_ERRORS
-    # of what is left with itself, and with the input before it
+    # of the residuals with themselves, and with the input before them
     autocorrelation: Curve | None = None
     cross_correlation: Curve | None = None
     band: ErrorBand | None = None  # about the simulated angle, within which a reading is expected
 
     @cached_property
     def excess(self) -> float:
-        """How far the curves reach, over the half-width of their bands: above 1, one leaves it."""
+        """Largest distance of the curves from their centres, over the half-width of the band."""
         curves = (self.autocorrelation, self.cross_correlation)
         return max((each.excess for each in curves if each), default=np.inf)
 
     @property
     def outside(self) -> bool:
-        """Whether it is more than sensors explain, of which 5 % of good logs are accused."""
+        """Whether residuals exceed the sensor's errors, as those of 5 % of good logs do."""
         return self.excess > 1
 
     @property
@@ -98,7 +98,7 @@ class LogResiduals:
 
     @property
     def times(self) -> float:
-        """What is left, divided by what the sensor explains."""
+        """Rms residual over that of the sensor's errors."""
         return self.left / self.explained if self.explained else np.inf
 
     def numbers(self) -> dict[str, Any]:
@@ -115,11 +115,11 @@ class LogResiduals:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MissingTerms:
-    """The terms of the table that the model lacks, and that help to predict logs left out."""
+    """Missing terms: those of the table that improve the prediction of held-out logs."""
 
     terms: tuple[str, ...] = ()
     others: tuple[tuple[str, ...], ...] = ()  # sets of as many that predict as well
-    share: float = 0.0  # of the squares of what is left that they explain
+    share: float = 0.0  # of the squared residuals that they explain
     moved: tuple[str, ...] = ()  # parameters that they move by more than their intervals allow
     rival: Samples | None = None  # (n,) values with them, if they move any so far
 
@@ -130,7 +130,7 @@ class MissingTerms:
 
     @property
     def findings(self) -> list[Finding]:
-        """Tell which they are, and what they move."""
+        """The finding that names them, and the parameters that they move; none without terms."""
         if not self.terms:
             return []
         return [Finding(FindingKind.MISSING_TERM, (self.names, *self.moved), number=self.share)]
@@ -138,17 +138,17 @@ class MissingTerms:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Residuals:
-    """What the free runs of all logs leave."""
+    """Residuals of the free runs of all logs."""
 
     logs: tuple[LogResiduals, ...]  # one for each log of the data set
     missing: MissingTerms = MissingTerms()
-    # what follows a condition, where sensors do not explain it; and (n,) values that hold as well
+    # contrasts between conditions, where sensors do not explain the residuals; and (n,) rivals
     agreement: tuple[Contrast, ...] = ()
     rivals: tuple[Samples, ...] = ()
 
     @property
     def outside(self) -> int:
-        """How many logs are more than sensors explain."""
+        """Number of logs whose residuals exceed the sensor's errors."""
         return sum(log.outside for log in self.logs)
 
     @property
@@ -158,12 +158,12 @@ class Residuals:
 
     @property
     def explained(self) -> float:
-        """Rms over the logs of what sensors explain over motion."""
+        """Rms over the logs of the sensor's errors over motion."""
         return self._over_motion([log.explained for log in self.logs])
 
     @property
     def left(self) -> float:
-        """Rms over the logs of what no small change of the parameters explains, over motion."""
+        """Rms over the logs of the residuals after small changes of the parameters, over motion."""
         return self._over_motion([log.left for log in self.logs])
 
     def _over_motion(self, lengths: Sequence[float]) -> float:
@@ -174,17 +174,17 @@ class Residuals:
 
     @property
     def times(self) -> float:
-        """What is left, divided by what sensors explain."""
+        """Rms residual over that of the sensors' errors."""
         return self.left / self.explained if self.explained else np.inf
 
     @property
     def beyond_sensors(self) -> bool:
-        """Whether more logs are outside than chance explains in those of one robot and clock."""
+        """Whether more logs are outside than by chance, logs of one robot being correlated."""
         return self.outside > _BY_CHANCE * len(self.logs)
 
     @property
     def findings(self) -> list[Finding]:
-        """How near the model follows, how far beyond the sensors, and which terms are missing."""
+        """Findings: relative residual, its ratio to the sensors' errors, and missing terms."""
         kind = FindingKind.MISFIT if self.beyond_sensors else FindingKind.NO_MISFIT
         followed = Finding(FindingKind.FOLLOWED, number=self.left)
         return [followed, Finding(kind, number=self.times), *self.missing.findings]
@@ -211,7 +211,7 @@ def residual_units(joint: JointKind, place: str = "residuals.") -> dict[str, str
 
 
 def residuals_of(data: DataSet, estimate: Estimate, runs: Sequence[FreeRun] = ()) -> Residuals:
-    """Compare what free runs of an estimate leave with what sensors and absent terms explain."""
+    """Return the residuals of an estimate's free runs, compared with sensors and missing terms."""
     unknowns = _Unknowns.of(data, estimate)
     every = [
         unknowns.expanded(
@@ -248,14 +248,14 @@ def residuals_of(data: DataSet, estimate: Estimate, runs: Sequence[FreeRun] = ()
 
 
 def _bare(log: Log) -> LogResiduals:
-    """Return what there is to say of a log that cannot be simulated, or in which nothing moves."""
+    """Return the residuals of a log that cannot be simulated or does not move."""
     motion = float(np.std(log.measured[first_counted(log) :]))
     return LogResiduals(name=log.name, label=log.label, motion=motion)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _RunErrors:
-    """The m errors of one log's free run where they count, and what they change by."""
+    """The m errors of one log's free run where they count, with their derivatives."""
 
     run: FreeRun
     first: int  # number of the first sample that counts
@@ -265,13 +265,13 @@ class _RunErrors:
     blank: LogResiduals  # name and motion of the log
     errors: Samples  # (m,) simulated less measured angle in rad
     starts: tuple[Samples, ...]  # of segments: (k, j) orthonormal, in which each start moves errors
-    equations: LogEquations  # of errors over the motion, less what starts explain
-    # (m,) standard deviations in rad that the parameters give the simulated angle, to first order
-    reach: Samples
+    equations: LogEquations  # of errors over the motion, the starts projected out
+    # (m,) standard deviations in rad of the simulated angle by the parameters, to first order
+    deviation: Samples
 
     @cached_property
-    def unsure(self) -> float:
-        """What counts for nothing, in rad: a share of the motion about its straight line."""
+    def negligible(self) -> float:
+        """Negligible error in rad: a share of the rms motion about its linear trend."""
         log = self.run.log
         time, angle = (
             each[self.first :] - each[self.first :].mean() for each in (log.time, log.measured)
@@ -279,7 +279,7 @@ class _RunErrors:
         return SHOWS * float(np.std(angle - time * ((time @ angle) / (time @ time))))
 
     def drawn(self, left: Samples, random: np.random.Generator) -> tuple[SensorErrors, Samples]:
-        """Return the sensor, and (m, k) draws of errors if (m,) are left; k is 0 if it is white."""
+        """Return the sensor by (m,) residuals, and (m, k) draws of its errors; k is 0 if white."""
         counts, middles, _ = self.averages
         unit, counted = self.blank.motion * left.size**0.5, slice(self.first, None)  # rad
         angle = self.run.simulated[counted] - np.interp(
@@ -288,24 +288,24 @@ class _RunErrors:
         sensor = SensorErrors.of(self.run.log.measured[counted], angle)
         if sensor.white:
             return sensor, np.empty((left.size, 0))
-        shifts = self.unsure * random.standard_normal(DRAWS)
+        shifts = self.negligible * random.standard_normal(DRAWS)
         drawn = sensor.draw(angle, shifts, counts, random)
         drawn /= unit
         _take_away(self.starts, drawn)
         return sensor, drawn
 
     def judged(self, left: Samples, sensor: SensorErrors, drawn: Samples) -> LogResiduals:
-        """Judge the log by (m,) relative errors that are left, and by (m, k) that are drawn."""
+        """Return the log's residuals by (m,) relative ones, compared with (m, k) drawn ones."""
         count, motion = left.size, self.blank.motion
         size = motion * float(np.linalg.norm(left))
         lags = max(1, min(round(_LONGEST_LAG / self.step), count // 4))
         lag = np.asarray(self.step * np.arange(lags + 1), dtype=np.float64)
-        allowed = self.unsure / size if size else 0.0
+        allowed = self.negligible / size if size else 0.0
         auto, crossed = correlations([left, *drawn.T], self.averages[2], lags)
         white = sensor.spread * (count / (self.run.log.time.size - self.first)) ** 0.5
         by_draws = motion * float(np.linalg.norm(drawn)) / DRAWS**0.5
-        # the spread of the parameters, to first order, and that of the readings
-        reach = SPREADS * np.hypot(self.reach, sensor.spread)
+        # of the parameters, to first order, and of the readings
+        half_width = SPREADS * np.hypot(self.deviation, sensor.spread)
         return replace(
             self.blank,
             error=float(np.linalg.norm(self.errors)) / count**0.5,
@@ -314,23 +314,23 @@ class _RunErrors:
             sensor=sensor,
             autocorrelation=Curve.of(lag[1:], auto, count, allowed**2),
             cross_correlation=Curve.of(lag, crossed, count, allowed),
-            band=ErrorBand(time=self.averages[1], reach=reach),
+            band=ErrorBand(time=self.averages[1], half_width=half_width),
         )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Unknowns:
-    """The unknowns of a whole model, and the absent terms, by which errors are differentiated."""
+    """The unknowns and absent terms by which errors are differentiated."""
 
     estimate: Estimate
     keys: tuple[Key, ...]  # of its n unknowns: the parameters, then zeros and biases
-    absent: tuple[str, ...]  # terms of the table that it does not have, and that logs may show
+    absent: tuple[str, ...]  # terms of the table that it does not have, and that may be missing
     settings: Mapping[str, float]  # Stribeck velocity in rad/s, if its friction is absent
     root: Samples  # (p, p) root of the covariance of p parameters; zeros where there is none
 
     @classmethod
     def of(cls, data: DataSet, estimate: Estimate) -> _Unknowns:
-        """Return the model of an estimate, and what else the logs of a data set may show."""
+        """Return the unknowns of an estimate, and the absent terms that logs may identify."""
         local = estimate.owners(data.unread)
         has = {*estimate.names, *(name for name, _ in local)}
         named = [row.name for row in TERMS.values() if row.looks_like and row.name not in has]
@@ -361,7 +361,7 @@ class _Unknowns:
             squares = [run.fit, float(errors @ errors), float(np.vdot(rows, rows))]
         if not (blank.motion > 0 and np.isfinite(squares).all()):
             return None
-        reach = np.linalg.norm(rows[:, : len(self.root)] @ self.root.T, axis=1)
+        deviation = np.linalg.norm(rows[:, : len(self.root)] @ self.root.T, axis=1)
         starts, left = simulation.directions(*about), errors.copy()
         _take_away(starts, left)
         _take_away(starts, rows)
@@ -374,7 +374,7 @@ class _Unknowns:
             errors=errors,
             starts=starts,
             equations=LogEquations.relative(left, rows, [*columns.values()], blank.motion),
-            reach=reach,
+            deviation=deviation,
         )
 
     def equations(self, runs: Sequence[_RunErrors]) -> Equations:
@@ -386,7 +386,7 @@ class _Unknowns:
     def contrasts(
         self, left: Equations, logs: Sequence[Log]
     ) -> tuple[tuple[Contrast, ...], tuple[Samples, ...]]:
-        """Return parameters that follow a condition in what is left, and (p,) values of rivals."""
+        """Return the contrasts of residual equations, and (p,) values of their rivals."""
         names, count = labels_of(self.keys), cells_of(len(logs), len(self.keys))
         unknowns = left.in_steps(np.eye(left.values.size, len(names)))
         cells = replace(
@@ -400,7 +400,7 @@ class _Unknowns:
     def missing_terms(
         self, at: Equations, directions: Samples, logs: Sequence[Log]
     ) -> tuple[MissingTerms, Samples]:
-        """Return which absent terms help where all (n, d) directions are fitted, and (k,) shares.
+        """Return the missing terms where all (n, d) directions are fitted, and (k,) shares.
 
         The shares are those of each log's squared errors that the terms explain.
         """
@@ -409,7 +409,7 @@ class _Unknowns:
         by_terms = np.eye(at.values.size)[:, len(self.keys) :]
         steps = at.in_steps(np.column_stack([directions, by_terms]))
         cells = steps.cells(names, lower_bounds(names), independent_cells_of(len(logs), len(names)))
-        # derivatives foretell the residuals as well as a value counts as known
+        # derivatives predict the residuals about as precisely as values are known
         rounding = PRECISE * float(np.sqrt(cells.cost.mean()))
         nested = submodels_of(cells, [log.added_mass for log in logs], rounding)
         model = LinearModel(models=(nested,), optional=self.absent)
@@ -436,9 +436,9 @@ class _Unknowns:
 
 
 def _reduce(errors: Sequence[Samples], at: Equations, directions: Samples) -> None:
-    """Take from each log's (m, k) errors, in place, what a step along (n, d) directions explains.
+    """Subtract from each log's (m, k) errors, in place, the effect of the best common steps.
 
-    Logs of which k is 0 stay as they are.
+    These are along (n, d) directions; logs of which k is 0 stay as they are.
     """
     pairs = [(log, each) for log, each in zip(at.logs, errors, strict=True) if each.size]
     pulls = [log.spread(each.T @ log.rows, len(directions)) for log, each in pairs]
@@ -449,7 +449,7 @@ def _reduce(errors: Sequence[Samples], at: Equations, directions: Samples) -> No
 
 
 def _take_away(directions: Sequence[Samples], errors: Samples) -> None:
-    """Take from (m, ...) errors the orthonormal directions of segments, one after the other."""
+    """Subtract from (m, ...) errors, in place, their projection on each segment's directions."""
     ends = np.cumsum([each.shape[0] for each in directions])[:-1]
     for each, part in zip(directions, np.split(errors, ends), strict=True):
         take_away(each, part)

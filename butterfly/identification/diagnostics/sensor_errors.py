@@ -1,8 +1,8 @@
-"""What sensors make of a perfect model: errors of readings, and the correlations that they have.
+"""Errors of sensors' readings, and their correlations, as a perfect model would leave them.
 
 A reading is the angle with white noise, rounded to a step of the encoder. Where the noise is half a
 step or more, its error is white (Widrow & Kollar, Quantization Noise, 2008, chapter 19). Where it
-is less, the error depends on the angle, and the slower that moves the longer the error stays.
+is less, the error depends on the angle, and is correlated the longer the slower this moves.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class SensorErrors:
 
     step: float  # of the encoder in rad; 0 if the readings lie on no grid
     noise: float  # standard deviation in rad of the noise before rounding
-    places: ClassVar[int] = 1024  # in a step, a power of two, at which errors are known
+    places: ClassVar[int] = 1024  # in a step, a power of two, at which errors are computed
 
     @property
     def spread(self) -> float:
@@ -47,9 +47,9 @@ class SensorErrors:
 
     @classmethod
     def of(cls, measured: Samples, angle: Samples) -> SensorErrors:
-        """Tell step and noise from (n,) readings and the angles in rad that a model gives for them.
+        """Estimate step and noise from (n,) readings and a model's angles in rad.
 
-        What a model misses is smooth, and hardly enters the second differences of the errors.
+        Errors of the model are smooth, and hardly enter the second differences of the errors.
         """
         step, rough = encoder_step(measured), roughness(measured - angle)
         white = cls(step=step, noise=math.sqrt(max(rough / 6 - step**2 / 12, 0.0)))
@@ -79,9 +79,9 @@ class SensorErrors:
         places = _places(angle, self.step)
         by_place = _by_place(self.noise, self.step)
         drawn = np.empty((moved.size, counts.size))
-        for own, shift in zip(drawn, moved, strict=True):
+        for draw, shift in zip(drawn, moved, strict=True):
             sums, variances = _sums(places, shift, counts, by_place)
-            own[:] = (sums + np.sqrt(variances) * random.standard_normal(counts.size)) / counts
+            draw[:] = (sums + np.sqrt(variances) * random.standard_normal(counts.size)) / counts
         return drawn.T
 
 
@@ -89,14 +89,14 @@ def encoder_step(readings: Samples) -> float:
     """Return the step in rad of the grid on which (n,) readings in rad lie; 0 if on none."""
     gaps = np.diff(np.unique(readings))
     gaps = gaps[gaps > 1e-9]  # noqa: PLR2004 - rad, what rounding of numbers leaves
-    if gaps.size < 3:  # noqa: PLR2004 - of fewer nothing can be told
+    if gaps.size < 3:  # noqa: PLR2004 - too few to estimate a step
         return 0.0
     step = float(np.median(gaps[gaps < 1.5 * np.percentile(gaps, 5)]))
     return step if np.median(np.abs(gaps / step - np.rint(gaps / step))) < PRECISE else 0.0
 
 
 def _places(angle: Samples, step: float) -> Places:
-    """Return where (n,) angles in rad are in a step of the encoder, of which 0 is the beginning."""
+    """Return the (n,) places of angles in rad within a step of the encoder, from its beginning."""
     count, places = SensorErrors.places, np.empty(angle.size, dtype=np.int16)
     for part in blocks(angle.size):
         places[part] = np.floor((angle[part] / step + 0.5) * count).astype(np.int64) & (count - 1)
@@ -116,7 +116,7 @@ def _by_place(noise: float, step: float) -> Samples:
 
 @compiled
 def _sums(places: Places, moved: int, counts: Counts, by_place: Samples) -> Samples:
-    """(2, m) sums over so many places each, one after the other, all moved alike."""
+    """(2, m) sums of mean and variance over (m,) counts of consecutive places, all shifted."""
     result = np.zeros((2, counts.size))
     begin = 0
     for cell in range(counts.size):
@@ -140,24 +140,24 @@ def roughness(errors: Samples) -> float:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Curve:
-    """A correlation over lags, and what sensors make of it."""
+    """A correlation over lags, with the band of that of sensor errors."""
 
     lag: Samples  # (l,) in s
     value: Samples  # (l,) correlation, between -1 and 1
-    centre: Samples  # (l,) mean of that of a sensor's errors
-    reach: Samples  # (l,) half-widths of the band about it that holds whole curves
+    centre: Samples  # (l,) mean correlation of a sensor's errors
+    half_width: Samples  # (l,) of the simultaneous band about it
 
     @property
     def excess(self) -> float:
         """Largest distance from the centre over the band's half-width."""
-        return float((np.abs(self.value - self.centre) / self.reach).max())
+        return float((np.abs(self.value - self.centre) / self.half_width).max())
 
     @classmethod
     def of(cls, lag: Samples, curves: Samples, count: int, allowance: float) -> Curve:
-        """Put a band about a curve; both of a good log stay inside in a share of `CONFIDENCE`.
+        """Return a curve with its band; both curves of a good log are inside at `CONFIDENCE`.
 
         ``curves``: (l, 1 + k) it, and those of a sensor's errors if these are not white; ``count``:
-        number of errors; ``allowance``: by how much a misfit too small to count may move the curve.
+        number of errors; ``allowance``: effect of a negligible misfit on the curve.
         """
         value, drawn, variance, centre = curves[:, 0], curves[:, 1:], 0.0, np.zeros(lag.size)
         if drawn.size:
@@ -165,7 +165,7 @@ class Curve:
             variance = float(drawn.var(axis=1, ddof=1).mean()) * (1 + 1 / drawn.shape[1])
         factor = -float(ndtri((1 - CONFIDENCE) / (4 * lag.size)))
         half = factor * math.sqrt(max(variance, 1 / count)) + allowance
-        return cls(lag=lag, value=value, centre=centre, reach=np.full(lag.size, half))
+        return cls(lag=lag, value=value, centre=centre, half_width=np.full(lag.size, half))
 
 
 def correlations(errors: Sequence[Samples], inputs: Samples, lags: int) -> tuple[Samples, Samples]:
@@ -173,11 +173,11 @@ def correlations(errors: Sequence[Samples], inputs: Samples, lags: int) -> tuple
     size = fft.next_fast_len(inputs.size + lags, real=True)
     moving = inputs - inputs.mean()
     driven = np.conj(fft.rfft(moving, size))
-    own, crossed = np.empty((2, lags + 1, len(errors)))
+    auto, crossed = np.empty((2, lags + 1, len(errors)))
     for k, each in enumerate(errors):
         spectrum = fft.rfft(each, size)
-        own[:, k] = fft.irfft(np.abs(spectrum) ** 2, size)[: lags + 1]
+        auto[:, k] = fft.irfft(np.abs(spectrum) ** 2, size)[: lags + 1]
         crossed[:, k] = fft.irfft(spectrum * driven, size)[: lags + 1]
-    powers = np.where(own[0] > 0, own[0], 1.0)
+    powers = np.where(auto[0] > 0, auto[0], 1.0)
     crossed /= np.sqrt(powers * (float(np.sum(moving**2)) or 1.0))
-    return np.asarray(own[1:] / powers), crossed
+    return np.asarray(auto[1:] / powers), crossed

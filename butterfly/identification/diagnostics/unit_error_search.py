@@ -159,7 +159,7 @@ class _Fit(NamedTuple):
         """Return the misfit, and the slope, if values change by a slope times (k,) changes each."""
         unchanged = np.zeros(self.equations.log.size)
         direction = np.stack([changes.get(name, unchanged) for name in _NAMES], axis=1)
-        rest, parts = self.equations.apart(direction)
+        rest, parts = self.equations.orthogonalised(direction)
         information = float(parts.sum()) or math.inf
         slope = -float(np.sum(rest * self.equations.gradient)) / information
         explained = slope**2 * float(parts.sum() / self.equations.cost.sum())

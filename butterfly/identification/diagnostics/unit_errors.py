@@ -1,7 +1,6 @@
 """The table of hypotheses about units, columns and masses, and those that inputs alone decide.
 
-The template of its sentence is a fact of each hypothesis: a refusal ends with it where it is
-raised.
+Each hypothesis has the template of its sentence, which errors end with.
 """
 
 from __future__ import annotations
@@ -26,12 +25,12 @@ from butterfly.model.parameters import AddedMass
 from butterfly.signals.frequency_response import ResponsePoint
 from butterfly.signals.spectrum import dominant_frequency
 
-_DETUNED = MATTERS / 2  # relative difference of an omega, by whose square inertia changes
+_DETUNED = MATTERS / 2  # relative error of an omega; that of the inertia is twice it
 _HEAVIEST = 10.0  # kg, above which a mass is asked about: 7 of 110 random robots have more
 _SINE = 0.8  # share of a signal that one sine explains, if it is one
 
 _AGREE = "the logs agree with a joint"
-_OF_COLUMN = {  # how the sentence on a unit begins, and what holds in SI units
+_OF_COLUMN = {  # beginning of the sentence on a unit, and what is true in SI units
     "angle": ("The angle looks", _AGREE),
     "time": ("The timestamps look", _AGREE),
     "omega": ("The omegas in the manifest look", "they are the frequencies of the recorded inputs"),
@@ -124,7 +123,7 @@ class UnitError(StrEnum):
         *("setpoint", "input"),
         "The input looks like a set-point that the joint follows. In the manifest, set input: "
         "setpoint and the servo's loop, such as loop: {{law: dynamixel-x, kp: 400}}.",
-        (1.0, 0.8, 1.25),  # of the angle that is taken off; all but the first are springs
+        (1.0, 0.8, 1.25),  # of the angle that is subtracted; all but the first are springs
     )
     GAIN = (
         *("gain", "loop"),
@@ -161,19 +160,19 @@ RIGHT: dict[str, Callable[[float, Log], Log]] = {
     "input": lambda share, log: replace(log, input=log.input - share * log.angle, lead=None),
     "time": lambda factor, log: replace(log, time=factor * log.time, lead=None),
 }
-"""How a log is with a right column, by the number that makes it right."""
+"""Functions that correct a column of a log, by a factor or another number."""
 
 
 def unit_error(
     error: UnitError, factor: float, *more: str, logs: Sequence[str] = (), moves: bool = True
 ) -> Finding:
-    """Return the finding that names a mistake, what undoes it, and whether that moves values."""
+    """Return the finding of a unit error; ``moves``: whether its correction moves values."""
     kind = FindingKind.UNIT_ERROR if moves else FindingKind.SUSPECTED
     return Finding(kind, (error, *more), number=factor, logs=tuple(logs))
 
 
 def unit_error_text(finding: Finding) -> str:
-    """Return the sentence that names the mistake of a finding, and what undoes it."""
+    """Return the sentence that names the unit error of a finding, and its correction."""
     error, *more = finding.parameters
     number, logs = finding.number or 0.0, listed(finding.logs)
     given, ways = more if len(more) > 1 else ("", "1")
@@ -201,7 +200,7 @@ def with_unit_errors(error: ButterflyError, errors: Sequence[Finding]) -> Butter
 
 
 def unit_errors_of_refused(logs: Sequence[Log]) -> list[Finding]:
-    """Return why the inputs of sines are not at the frequencies that the manifest gives them."""
+    """Return the unit errors that explain inputs of sines at other frequencies than given."""
     sines = [log for log in logs if log.excitation is not None]
     if not sines:
         return []
@@ -215,7 +214,7 @@ def unit_errors_of_refused(logs: Sequence[Log]) -> list[Finding]:
 
 
 def unit_errors_of_omegas(sines: Sequence[Log], ratios: Samples) -> list[Finding]:
-    """Return what is wrong with omegas, by (n,) measured over given frequencies of n inputs.
+    """Return the unit errors of omegas, by (n,) measured over given frequencies of n inputs.
 
     It is a unit or a factor of all of them, or else the omegas of single logs.
     """
@@ -233,7 +232,7 @@ def unit_errors_of_omegas(sines: Sequence[Log], ratios: Samples) -> list[Finding
 
 
 def unit_errors_of_still(logs: Sequence[Log]) -> list[Finding]:
-    """Return swapped columns if angles stand still, and the inputs come to rest as angles do."""
+    """Return the finding of swapped columns if angles are constant and inputs decay."""
     still = [log.input for log in logs if np.ptp(log.angle) == 0 and np.isfinite(log.input).all()]
     halves = [[half.std() for half in np.array_split(each, 2)] for each in still]
     rested = bool(still) and all(2 * second < first for first, second in halves)
@@ -241,7 +240,7 @@ def unit_errors_of_still(logs: Sequence[Log]) -> list[Finding]:
 
 
 def clock_error(points: Sequence[ResponsePoint]) -> float:
-    """Return by which share the sines of all logs run faster than omega; 0 within its error."""
+    """Return the relative excess of the sines' frequencies over omega; 0 if insignificant."""
     shares = np.array([point.detuning for point in points])
     if shares.size < 2:  # noqa: PLR2004 - which have a scatter
         return 0.0
@@ -252,7 +251,7 @@ def clock_error(points: Sequence[ResponsePoint]) -> float:
 
 
 def unit_errors_of_masses(masses: Sequence[AddedMass]) -> list[Finding]:
-    """Return the question whether the heaviest mass is in grams, which no motion can tell."""
+    """Return the question whether the heaviest mass is in grams, which motion cannot decide."""
     heaviest = max(mass.mass for mass in masses)
     return [unit_error(UnitError.GRAMS, heaviest, moves=False)] if heaviest > _HEAVIEST else []
 

@@ -1,4 +1,4 @@
-"""What all estimators have in common: their terms, their label, and what may be known."""
+"""Base of all estimators: terms, label, and usable known values."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Estimator:
 
     @property
     def label(self) -> str:
-        """Short name for tables: the method, and what it was told besides its defaults."""
+        """Short name for tables: the method and its options other than the defaults."""
         parts: list[str] = []
         for each in fields(self):
             value = getattr(self, each.name)
@@ -75,11 +75,11 @@ class Estimator:
         raise NotImplementedError
 
     def near(self, found: Estimate) -> Callable[[DataSet], Estimate]:  # noqa: ARG002
-        """Return the estimator, its search begun at an estimate if it has one."""
+        """Return the estimator with its search, if any, started at an estimate."""
         return self
 
     def holding_terms_of(self, estimate: Estimate) -> Self:
-        """Return the estimator with the terms that an estimate of its own has, and no choice."""
+        """Return the estimator with the terms of one of its estimates, without a choice."""
         if not hasattr(self, "terms"):
             return self
         return self.with_terms(tuple(name for name in estimate.names if name not in PARAMETERS))
@@ -94,16 +94,16 @@ TAKES = {
     | {"delay", "mass_inertia", *_SETTINGS},
     "output-error": set(TERMS),
 }
-"""What may be known beforehand, by the methods that make use of it."""
+"""Names that may be known beforehand, by method."""
 
 
 def usable(method: str, known: Prior) -> Prior:
-    """Return what a method can make use of; that a term is absent any method can."""
+    """Return the part of a prior that a method can use; any can use a term's absence."""
     return known.within(n for n, each in known.parameters.items() if _can_use(method, n, each))
 
 
 def require_usable(method: str, known: Prior, names: tuple[str, ...] = PARAMETERS) -> None:
-    """Raise InputError for knowledge that a method cannot use, or knowledge of all ``names``."""
+    """Raise InputError for known values that a method cannot use, or if all ``names`` are known."""
     if not known.open(names):
         expected = "at least one unknown parameter (to use known ones only: `predict`)"
         raise InputError(method, "known", f"{', '.join(names)}, all exactly", expected)

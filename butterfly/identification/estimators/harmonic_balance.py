@@ -1,4 +1,4 @@
-"""Harmonic balance: a linear regression over the steady responses to sines, as a fast look.
+"""Harmonic balance: a fast linear regression over the steady responses to sines.
 
 At each log's frequency w, with the phasors th of the angle and u of the input and a = |th|, the
 balance of the fundamental of (78) with Coulomb friction and an input delay d reads
@@ -10,8 +10,8 @@ the describing functions of all other terms that it offers. The known Z = m l^2 
 the scale, so two different added masses are needed. Each row is divided by its left-hand side over
 th at the previous iterate (Sanathanan & Koerner, IEEE Trans. Autom. Control 8, 1963), and by the
 angle error's standard deviation: the phasor's, and one in proportion to the swing, common to all
-logs (DerSimonian & Laird, Controlled Clinical Trials 7, 1986). What describing functions neglect is
-in no interval.
+logs (DerSimonian & Laird, Controlled Clinical Trials 7, 1986). Intervals do not include the errors
+of describing functions.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ from butterfly.model.terms import BASE_TERMS, COMMON, PARAMETERS, TERMS, Frictio
 from butterfly.signals.frequency_response import ResponsePoint
 
 LINEAR = ("p1", "p2", "p3", "p4")
-"""What is estimated in the limit of small swings without Coulomb friction and delay."""
+"""Parameters in the limit of small swings without Coulomb friction and delay."""
 
 _EXACT = ROUNDING**3  # relative variance of a phasor that rounding leaves even to exact data
 
@@ -57,8 +57,8 @@ class HarmonicBalance(Estimator):
     """Estimate p1..p4, coulomb, delay and terms from the steady responses to sines: a fast look.
 
     Needs at least four logs with two different added masses (none counts as one), or enough known
-    values. Its intervals do not know what describing functions neglect, so that it is to be used
-    with care at best. The Stribeck velocity comes from a grid search.
+    values. Its intervals do not include the errors of describing functions, so that it is to be
+    used with care at best. The Stribeck velocity comes from a grid search.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ def _fitted(
 
 
 def _inferred(fit: HarmonicBalanceFit, method: str, chosen: TermChoice | None = None) -> Estimate:
-    """Return the estimate of a fit, whose intervals do not know what the method neglects."""
+    """Return the estimate of a fit; its intervals do not include errors of the method."""
     rivals, findings = (chosen.rival_values, chosen.findings) if chosen else ((), ())
     return infer(
         SolvedFit(
@@ -177,7 +177,7 @@ class Phasors:
     masses: tuple[AddedMass, ...]
     names: tuple[str, ...]  # the parameters that are estimated
     swing: Samples  # in rad, at which the describing functions are taken
-    # what is known of the robot; what is known exactly is not among the names
+    # of the robot; exactly known parameters are not among the names
     known: Prior = NO_PRIOR
     # in rad/s, at which Stribeck friction is described
     stribeck_velocity: float = FrictionTerms.stribeck_velocity
@@ -203,7 +203,7 @@ class Phasors:
         )
 
     def regression(self, weights: Samples, values: Mapping[str, float]) -> Regression:
-        """Return the equations, as (n,) weights count them, about a delay in s and p4 by name."""
+        """Return the equations, with (n,) weights, about a delay in s and p4 by name."""
         delay, known = values.get("delay", 0.0), self.known.fixed
         late = self.input * np.exp(-1j * self.omega * delay)
         columns = self._columns | {"p4": -late}
@@ -221,7 +221,7 @@ class Phasors:
         )
 
     def named(self, values: Samples) -> dict[str, float]:
-        """Return (n,) values of the names, and what is known exactly, by name."""
+        """Return (n,) values and exactly known ones by name."""
         return self.known.fixed | dict(zip(self.names, values.tolist(), strict=True))
 
     def slope(self, values: Samples) -> Samples:
@@ -235,7 +235,7 @@ class Phasors:
 
     @cached_property
     def _columns(self) -> dict[str, NDArray[np.complex128]]:
-        """What parameters multiply, the motor's torque aside: (n,) each."""
+        """(n,) regressors by parameter, without those of the motor's torque."""
         fields = {"weight": "weight", "mass": "mass", "carried": "swung"}
         given = {field: self._of_masses(name) for field, name in fields.items()}
         periods = self.known.fixed.get("cogging_periods", FrictionTerms.cogging_periods)
@@ -252,7 +252,7 @@ class Phasors:
     def _carried(self) -> NDArray[np.complex128]:
         """(n,) torques of the added masses."""
         pairs = (("p1", "inertia"), ("p3", "gravity_moment"))
-        return np.asarray(sum(self._of_masses(own) * self._columns[name] for name, own in pairs))
+        return np.asarray(sum(self._of_masses(load) * self._columns[name] for name, load in pairs))
 
     def _of_masses(self, name: str) -> Samples:
         """(n,) some property of the added masses."""
@@ -263,14 +263,14 @@ class Phasors:
 class HarmonicBalanceFit:
     """A balance and its solution."""
 
-    phasors: Phasors  # what was balanced
+    phasors: Phasors  # of the balance
     weights: Samples  # (n,) of the n logs
     solved: CellEquations  # about the solution
 
     @classmethod
     @np.errstate(divide="ignore", over="ignore", invalid="ignore")
     def of(cls, phasors: Phasors) -> HarmonicBalanceFit:
-        """Solve, weigh by the slopes and errors at the solution, and solve again until it rests."""
+        """Solve, reweight by slopes and errors at the solution, and iterate to convergence."""
         count, swing = len(phasors.names), np.abs(phasors.angle)
         values, weights = np.zeros(count), np.ones(phasors.omega.size)
         for _ in range(MOST):

@@ -13,7 +13,7 @@ function of the motion. The delay enters as p4 d int phi' u, about the current o
 
 The noise of the angle enters regressors and targets alike, so that least squares is biased by its
 power. The same regressors of a simulation with the recorded inputs are free of it: equations that
-are multiplied by them, not by their own regressors, are not biased by noise (instrumental
+are multiplied by them, not by the noisy regressors, are not biased by noise (instrumental
 variables; Soderstrom & Stoica, Instrumental Variable Methods for System Identification, 1983;
 Young, Automatica 17, 1981).
 
@@ -52,7 +52,7 @@ from butterfly.model.parameters import AddedMass, LumpedParameters, require_peri
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import COMMON, OF_ANGLE, PARAMETERS, offered
 
-_APART = 0.05  # rad between rest angles, whose cosines then differ by a thousandth
+_DIFFERENT = 0.05  # rad between rest angles, whose cosines then differ by a thousandth
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,9 +95,9 @@ class WeakForm(Estimator):
         found = self.of_logs(data.logs, zeros, data.known, uncertain)
         if data.guessed:
             found = found.with_findings(Finding(FindingKind.ZERO_GUESSED, logs=data.guessed))
-        apart = max(zeros.values()) - min(zeros.values())
-        if data.unread and apart >= _APART:
-            found = found.with_findings(Finding(FindingKind.REST_APART, number=apart))
+        spread = max(zeros.values()) - min(zeros.values())
+        if data.unread and spread >= _DIFFERENT:
+            found = found.with_findings(Finding(FindingKind.REST_DIFFERS, number=spread))
         return found
 
     def of_logs(
@@ -110,16 +110,16 @@ class WeakForm(Estimator):
         """Estimate from logs, given the encoder's zero in rad for each added mass."""
         require_usable(self.method, known)
         known = prior_of_fit(logs, known)
-        plain, chosen = self.least_squares(logs, zeros, known)
+        ordinary, chosen = self.least_squares(logs, zeros, known)
         fixed = chosen.settings | {"cogging_periods": self._periods(known)}
-        parameters = LumpedParameters(**fixed | plain.values)
-        fit = refined(plain, instruments_of(logs, plain.about.windows, parameters, zeros))
+        parameters = LumpedParameters(**fixed | ordinary.values)
+        fit = refined(ordinary, instruments_of(logs, ordinary.about.windows, parameters, zeros))
 
         solved, cells = fit.solved, cells_of(len(logs), len(fit.solved.names))
-        rivals = [each + solved.values - plain.solved.values for each in chosen.rival_values]
+        rivals = [each + solved.values - ordinary.solved.values for each in chosen.rival_values]
         doubt = None if uncertain is None else offset_covariance(fit, uncertain)
         counted = solved.log.size == cells * len(logs)
-        conditions = Conditions.of(logs, cells) if counted else None  # which are cell by cell
+        conditions = Conditions.of(logs, cells) if counted else None  # one per cell
         return infer(
             SolvedFit(
                 method="weak form",
@@ -150,7 +150,7 @@ class WeakForm(Estimator):
         known: Prior,
         offers: Sequence[str] = COMMON,
     ) -> tuple[WeakFit, TermChoice]:
-        """Return the fit of the terms, or, if None are given, of those chosen from offers."""
+        """Return the fit of the given terms, or, without any, of those chosen from offers."""
         masses, periods = [log.added_mass for log in logs], self._periods(known)
         windows = [
             averaging_of(log, reading_of(log, zeros), self.half_width, periods) for log in logs
@@ -169,7 +169,7 @@ def instruments_of(
     parameters: LumpedParameters,
     zeros: Mapping[AddedMass, float],
 ) -> list[Averaging]:
-    """Return the windows of each log's simulation, or of the log itself where that fails."""
+    """Return the averages of each log's simulation, or of the log itself where that fails."""
     if not parameters.p1 + min(log.added_mass.inertia for log in logs) > 0:
         return [*windows]
     instruments = []
@@ -181,14 +181,14 @@ def instruments_of(
 
 
 def refined(fit: WeakFit, instruments: Sequence[Averaging]) -> WeakFit:
-    """Return the fit of some logs through instruments; what a bound holds stays there."""
+    """Return the instrumental-variables estimate about a fit; active bounds stay active."""
     names, pairs = fit.solved.names, [*zip(fit.about.windows, instruments, strict=True)]
     delay = fit.about.delay
     moving = [each.moving(delay) & other.moving(delay) for each, other in pairs]
     regression = replace(fit.about, use=moving).regression()
     about = replace(fit.about, windows=instruments, use=moving)
     through = about.regression()
-    # what the simulations lack of balance is taken from the logs
+    # errors of balance of the simulations are subtracted from those of the logs
     simulated = np.array([each is not other for each, other in pairs])
     error = np.where(simulated[through.cluster], through.residuals(fit.solved.values), 0.0)
     regression = replace(regression, target=regression.target + error)
@@ -215,7 +215,7 @@ def refined(fit: WeakFit, instruments: Sequence[Averaging]) -> WeakFit:
 
 
 def _through(multiplied: Samples, rows: Samples, target: Samples) -> Samples:
-    """Solve equations that are multiplied by instruments."""
+    """Return the (n,) solution of equations multiplied by instruments."""
     scale = np.linalg.norm(multiplied, axis=0)
     if not (scale > 0).all():
         raise IdentifiabilityError("these logs do not excite all parameters")

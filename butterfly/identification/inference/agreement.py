@@ -1,19 +1,19 @@
 """Whether all conditions agree on one set of values: contrasts, from the equations at the optimum.
 
-A model that lacks something still follows the logs, with values that depend on where it was looked
-at. So let one parameter j follow one condition x linearly (the added mass, 1/command, swing^2,
-omega^2, 1/speed, time in the log, the sign of the input), all others re-optimised to first order.
+A model with a missing term still follows the logs, with values that depend on the conditions. So
+let one parameter j follow one condition x linearly (the added mass, 1/command, swing^2, omega^2,
+1/speed, time in the log, the sign of the input), all others re-optimised to first order.
 With the cells' curvature H_c = J^T J and gradient s_c = J^T r, and x about its mean,
 
     q = H^-1 sum x_c H_c e_j,  a_c = x_c e_j - q,  S = sum a_c^T s_c,  I = sum a_c^T H_c a_c,
 
-the slope is gamma = -S/I. Its scatter is that of the clusters k without one another (jackknife),
+the slope is gamma = -S/I. Its standard error is that of leaving out clusters k (jackknife),
 
     e_k = (z_k + I_k gamma) / (1 - I_k/I),  t = gamma I / sqrt(sum e_k^2),
 
-with 1/sum((I_k/I)^2) - 1 degrees of freedom. What would hold at the condition's limit, theta -
-gamma q + gamma (x* - mean x) e_j, is a rival that the intervals hold. A mass that is weighed wrong
-is a contrast as well: of p1 and p3 together, in its logs.
+with 1/sum((I_k/I)^2) - 1 degrees of freedom. The values at the condition's limit x*, theta -
+gamma q + gamma (x* - mean x) e_j, are a rival that the intervals include. A mass that is weighed
+wrong is a contrast as well: of p1 and p3 together, in its logs.
 """
 
 from __future__ import annotations
@@ -32,29 +32,29 @@ from butterfly.identification.inference.covariance import cluster_covariance, ha
 from butterfly.identification.levels import ACCUSED, CONFIDENCE, FEW, MATTERS, ROUNDING, SHOWS
 from butterfly.model.terms import PARAMETERS
 
-_SHARE = 0.05  # of the squared errors, that a contrast explains which is named
-# of the largest torque, that a contrast of steady responses explains: less is what the steps of an
-# integration leave, of which 3 of 57 sound robots were accused (2 by more than this)
+_SHARE = 0.05  # of the squared errors, above which a contrast is named
+# of the largest torque, above which a contrast of steady responses counts: integration errors are
+# below; without it 3 of 57 sound robots had one (2 above this)
 _LEAST_TORQUE = 1e-4
 
 _LIMITS = {Condition.DIRECTION: (-1.0, 1.0), Condition.WEIGHED: ()}
-"""Where conditions would disturb no more, if that is not at 0."""
+"""Values of conditions at which their disturbance vanishes, where these are not 0."""
 
 _SCATTERS = ("coulomb", "p2", "p4")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Contrast:
-    """One parameter that follows one condition, where it should be the same in all."""
+    """One parameter that follows one condition, though it should be constant."""
 
     parameter: str  # or, of a mass that is weighed wrong, "mass"
     condition: Condition
     least: float  # least, largest: of the condition, in SI units of `Conditions`, or kg
     largest: float
-    first: float  # first, last: the parameter there; of a mass what was given and what would fit
+    first: float  # first, last: the parameter there; of a mass the given and the fitted value
     last: float
     share: float  # of the squared errors that it explains
-    chance: float  # that conditions which agree look so, over all contrasts that were tried
+    chance: float  # p-value, corrected for all contrasts that were tried
 
     @property
     def grows(self) -> bool:
@@ -63,7 +63,7 @@ class Contrast:
 
     @property
     def play(self) -> float:
-        """Gap in rad, of which an encoder stays half behind, that a delay by 1/speed tells."""
+        """Gap in rad, by a delay in proportion to 1/speed: the encoder lags by half of it."""
         if self.condition is not Condition.SPEED:
             return 0.0
         return 2 * (self.last - self.first) / (self.largest - self.least)
@@ -74,13 +74,13 @@ class _Tried(NamedTuple):
 
     parameter: str  # parameter, condition: of the contrast
     condition: Condition
-    mean: float  # of the condition, by what the cells tell; of a mass its own
+    mean: float  # of the condition, weighted by information; of a mass its value in kg
     x: Samples  # (k,) the condition
     direction: Samples  # (k, n) along which the values move with a slope of 1
     gamma: float = 0.0  # the slope
     at_mean: Samples = np.empty(0)  # (n,) values with that slope, at the mean of the condition
     share: float = 0.0  # of the squared errors that it explains
-    chance: float = 1.0
+    chance: float = 1.0  # p-value by the scatter between cells
     of_logs: float = 1.0  # the same by the scatter between logs
 
     def at(self, x: float, place: int) -> Samples:
@@ -90,24 +90,24 @@ class _Tried(NamedTuple):
         return moved
 
 
-# a contrast that is no chance and matters, and (n,) values where the condition disturbs no more
+# a significant and relevant contrast, with limits of its condition and the (n,) values there
 _Accepted = tuple[Contrast, _Tried, list[tuple[float, Samples]]]
 
 
 class Rival(NamedTuple):
-    """What would hold at the limit of a condition that a parameter follows."""
+    """Values at the limit of a condition that a parameter follows."""
 
     values: Samples  # (n,)
-    reach: Samples  # (n,) half-widths of their intervals, by what that leaves of the residuals
+    half_widths: Samples  # (n,) of their intervals, by the residuals with that contrast
 
 
 def disagreements_of(
     equations: CellEquations, conditions: Conditions
 ) -> tuple[tuple[Contrast, ...], tuple[Rival, ...]]:
-    """Return the contrasts that are no chance and matter, the best first, and their rivals."""
+    """Return the significant and relevant contrasts, the best first, and their rivals."""
     accepted = _accepted(equations, conditions)
     rivals = (
-        Rival(end, _reach(equations, each, limit, end))
+        Rival(end, _widths_at(equations, each, limit, end))
         for _, each, ends in accepted
         for limit, end in ends
     )
@@ -137,7 +137,7 @@ def _accepted(equations: CellEquations, conditions: Conditions) -> list[_Accepte
         if not chance < 1 - CONFIDENCE:
             break
         limits = _LIMITS.get(each.condition, (0.0,))
-        if each.condition is Condition.TIME:  # no instant disturbs less than another
+        if each.condition is Condition.TIME:  # whose disturbance vanishes nowhere
             limits = float(each.x.min()), float(each.x.max())
         place = 0 if not limits else equations.names.index(each.parameter)
         ends = [np.maximum(each.at(limit, place), equations.lower) for limit in limits]
@@ -149,7 +149,7 @@ def _accepted(equations: CellEquations, conditions: Conditions) -> list[_Accepte
 
 
 def score_of(equations: CellEquations, name: str) -> float | None:
-    """Return the chance of the score of a parameter that is held; None if it is not told apart."""
+    """Return the p-value of the score test of a parameter that is held; None if unidentifiable."""
     every = np.ones(equations.log.size)
     unit = np.outer(every, np.array(equations.names) == name)
     found = _solved(equations, _Tried(name, Condition.ALL, 0.0, every, unit))
@@ -157,7 +157,7 @@ def score_of(equations: CellEquations, name: str) -> float | None:
 
 
 def weighed_within(contrasts: Sequence[Contrast]) -> float:
-    """Return within which share masses are weighed: the least change to agree, or 0."""
+    """Return the least relative change of an added mass that makes logs agree; 0 if they do."""
     wrong = [each for each in contrasts if each.condition is Condition.WEIGHED]
     return min((abs(each.last / each.first - 1) for each in wrong), default=0.0)
 
@@ -167,8 +167,8 @@ def _of_parameters(equations: CellEquations, conditions: Conditions) -> Iterator
     for condition, x in conditions.values.items():
         for place, name in enumerate(equations.names):
             weight = equations.curvature[:, place, place]
-            # a gap is crossed in a time that falls with the speed, and a clock's regimes may differ
-            # by a message; a delay follows nothing else
+            # the time to cross a gap falls as 1/speed, and regimes of a clock may differ by a
+            # message; a delay follows nothing else
             of_delay = condition in {Condition.SPEED, Condition.REGIME}
             follows = name in PARAMETERS and (name == "delay") is of_delay
             held = not follows or equations.on_bound[place]
@@ -180,10 +180,10 @@ def _of_parameters(equations: CellEquations, conditions: Conditions) -> Iterator
 
 
 def _of_masses(equations: CellEquations, conditions: Conditions) -> Iterator[_Tried]:
-    """Yield each added mass as weighed wrong, where there are enough of them."""
+    """Yield an error of each added mass, where there are enough different ones."""
     names, masses = equations.names, conditions.masses
     effects = {mass.inertia_and_moment for mass in masses}
-    # to call one of two the same as the other explains everything
+    # of two masses, one equal to the other would explain everything
     if len(effects) < FEW or not {"p1", "p3"} <= {*names}:
         return
     for mass in sorted({mass for mass in masses if mass.mass}):
@@ -194,12 +194,12 @@ def _of_masses(equations: CellEquations, conditions: Conditions) -> Iterator[_Tr
 
 
 def _solved(equations: CellEquations, asked: _Tried) -> _Tried | None:
-    """Let the values move along a direction; None where the cells cannot tell that from others."""
-    apart, parts = equations.apart(asked.direction)
+    """Return a contrast with its slope and p-values; None if it is not identifiable."""
+    rest, parts = equations.orthogonalised(asked.direction)
     information = float(parts.sum())
     if not information:
         return None
-    scores = np.einsum("kn,kn->k", apart, equations.gradient)
+    scores = np.einsum("kn,kn->k", rest, equations.gradient)
     gamma, cost = -float(scores.sum()) / information, float(equations.cost.sum())
     explained = gamma**2 * information
     logs = np.unique(equations.log, return_inverse=True)[1]
@@ -207,15 +207,15 @@ def _solved(equations: CellEquations, asked: _Tried) -> _Tried | None:
     of_logs, chance = _chance(*sums, gamma=gamma), _chance(scores, parts, gamma=gamma)
     return asked._replace(
         gamma=gamma,
-        at_mean=equations.values - (asked.direction - apart)[0] * gamma,
+        at_mean=equations.values - (asked.direction - rest)[0] * gamma,
         share=explained / cost if cost > 0 else 0.0,
         chance=chance,
         of_logs=of_logs if logs.max() >= FEW else chance,
     )
 
 
-def _reach(equations: CellEquations, each: _Tried, limit: float, values: Samples) -> Samples:
-    """(n,) half-widths of (n,) values at the limit of a condition, the slope being a value more."""
+def _widths_at(equations: CellEquations, each: _Tried, limit: float, values: Samples) -> Samples:
+    """(n,) half-widths of (n,) values at a condition's limit, the slope being estimated too."""
     unit = np.array([name == each.parameter for name in equations.names])
     slope = np.einsum("kmn,kn->km", equations.rows, np.outer(each.x - limit, unit))
     left = equations.residuals + equations.rows @ (values - equations.values) + slope * each.gamma
@@ -249,7 +249,7 @@ def from_log_to_log(equations: CellEquations) -> Iterator[Contrast]:
         chance = float(fdtrc(more, rows - more, explained / more / left)) * len(_SCATTERS)
         scatter = float(np.std(change)) / (abs(float(equations.values[place])) or np.inf)
         share = 1 - left / (cost / rows)
-        if chance < ACCUSED and scatter > MATTERS and _is_seen(equations, share):
+        if chance < ACCUSED and scatter > MATTERS and _is_relevant(equations, share):
             values = equations.values[place] + change
             yield Contrast(
                 parameter=equations.names[place],
@@ -264,7 +264,7 @@ def from_log_to_log(equations: CellEquations) -> Iterator[Contrast]:
 
 
 def differing_values(equations: CellEquations, name: str) -> Samples | None:
-    """(n,) values if one of them were another in every log, of that one the mean; or None."""
+    """(n,) values if one of them were local to each log, with its mean; None if undetermined."""
     equations, place = equations.of_logs, equations.names.index(name)
     change = _in_each_log(equations, place)
     if change is None:
@@ -276,14 +276,14 @@ def differing_values(equations: CellEquations, name: str) -> Samples | None:
 
 
 def _in_each_log(equations: CellEquations, place: int) -> Samples | None:
-    """(k,) changes of a value in each log, less their mean; None where the logs cannot tell."""
+    """(k,) deviations of a value in each log from their mean; None if not identifiable."""
     pulls = equations.curvature[:, :, place]
-    own = np.diag(pulls[:, place]) - pulls @ _inverse(equations) @ pulls.T
-    scaled, size = unit_diagonal(own)
+    reduced = np.diag(pulls[:, place]) - pulls @ _inverse(equations) @ pulls.T
+    scaled, size = unit_diagonal(reduced)
     powers, axes = np.linalg.eigh(scaled)
-    if not (np.diag(own) > 0).all() or powers[1:].min(initial=1.0) < SHOWS:
+    if not (np.diag(reduced) > 0).all() or powers[1:].min(initial=1.0) < SHOWS:
         return None
-    axes, powers = axes[:, 1:], powers[1:]  # the least is that of a change which all logs share
+    axes, powers = axes[:, 1:], powers[1:]  # the least is that of a change common to all logs
     return np.asarray(-(axes / powers) @ (axes.T @ (equations.gradient[:, place] / size)) / size)
 
 
@@ -294,7 +294,7 @@ def _inverse(equations: CellEquations) -> Samples:
 
 
 def _chance(scores: Samples, parts: Samples, *, gamma: float) -> float:
-    """Probability of such a slope by chance, by the scatter of clusters (see above)."""
+    """Two-sided p-value of a slope, by the scatter of clusters (see above)."""
     information = parts.sum()
     shares = parts / information
     freedom = 1 / float(np.sum(shares**2)) - 1
@@ -308,7 +308,7 @@ def _chance(scores: Samples, parts: Samples, *, gamma: float) -> float:
 def _matters(
     equations: CellEquations, each: _Tried, rivals: list[Samples], of: tuple[str, ...]
 ) -> bool:
-    """Whether a contrast explains much, or moves some parameters, and whole logs say it as well."""
+    """Whether a contrast is significant between logs too, and explains much or moves parameters."""
     kept = np.isin(equations.names, of) & (equations.values != 0)
     moved = np.max(np.abs(np.array(rivals)[:, kept] / equations.values[kept] - 1), initial=0.0)
     if not each.of_logs < 1 - CONFIDENCE:
@@ -316,14 +316,14 @@ def _matters(
     return bool(each.share > _SHARE or moved > MATTERS)
 
 
-def _is_seen(equations: CellEquations, share: float) -> bool:
-    """Whether a share of the squared errors is more than an integration's steps leave."""
+def _is_relevant(equations: CellEquations, share: float) -> bool:
+    """Whether a share of the squared errors exceeds the errors of the integration."""
     torques = np.abs(equations.values) * np.sqrt(np.diag(equations.total[0]))
     return bool(share * equations.cost.sum() > (_LEAST_TORQUE * torques.max()) ** 2)
 
 
 def _contrast(each: _Tried, place: int, chance: float) -> Contrast:
-    """Say what a parameter is at either end of its condition, or what a mass would have to be."""
+    """Return a contrast: a parameter at both ends of its condition, or a mass given and fitted."""
     least, largest = float(each.x.min()), float(each.x.max())
     if each.condition is Condition.WEIGHED:
         least = largest = each.mean

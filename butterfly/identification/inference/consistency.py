@@ -1,4 +1,4 @@
-"""Whether what was given beside the logs agrees with them: added masses, and prior knowledge."""
+"""Whether given added masses and prior values agree with the logs."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ OF_SCALES: dict[str, dict[str, float]] = {
 def moved_by_givens(
     cells: CellEquations, carried: Sequence[AddedMass], known: Prior
 ) -> Samples | None:
-    """Return what is uncertain of added masses, arms and scales does to the residuals of k cells.
+    """Return the effect of uncertain added masses, arms and scales on the residuals of k cells.
 
     A mass that is off by dm adds dm (l^2 r_1 + g l r_3) to the residuals of its logs, an arm that
     is off by dl adds dl m (2 l r_1 + g r_3), with r_1 and r_3 their derivatives by p1 and p3. Equal
@@ -50,9 +50,9 @@ def moved_by_givens(
     moves: dict[tuple[str, float], Samples] = {}
     for position, added in enumerate(carried):
         for key, by_inertia, by_gravity in _moves(added):
-            own = moves.setdefault(key, np.zeros((2, count)))
-            own[:, position] = by_inertia, by_gravity
-    columns = [_moved(cells, {"p1": own[0], "p3": own[1]}) for own in moves.values()]
+            move = moves.setdefault(key, np.zeros((2, count)))
+            move[:, position] = by_inertia, by_gravity
+    columns = [_moved(cells, {"p1": each[0], "p3": each[1]}) for each in moves.values()]
     for scale, share in known.scales.items():
         grows = OF_SCALES[scale]
         if "p4" in grows and "p4" in known.fixed:
@@ -84,7 +84,7 @@ def _moved(cells: CellEquations, by: Mapping[str, Samples]) -> Samples:
 
 
 def _moves(added: AddedMass) -> list[tuple[tuple[str, float], float, float]]:
-    """Return what a standard uncertainty of a mass, and of its arm, adds to inertia and gravity."""
+    """Return the effects of a mass's and its arm's standard uncertainty on inertia and gravity."""
     uncertain = (
         ("mass", added.mass, added.mass_uncertainty, 1),
         ("arm", added.arm, added.arm_uncertainty, 2),
@@ -100,7 +100,7 @@ def prior_contradictions(cells: CellEquations, covariance: Samples) -> list[Find
     """Return the priors that the logs contradict, by the (n, n) covariance of the estimate.
 
     The estimate less the prior has the variance C + s - 2 v N, with C that of the estimate, s that
-    of the prior and v N what the normal equations would have for it.
+    of the prior, N the inverse of the normal equations and v the variance of a row.
     """
     prior, (rows, _) = cells.prior, cells.with_prior
     if prior is None:
@@ -112,18 +112,18 @@ def prior_contradictions(cells: CellEquations, covariance: Samples) -> list[Find
         given = prior.variance / prior.weight[k]
         variance = float(covariance[k, k] + given - 2 * prior.variance * normal[k])
         if variance < MATTERS**2 * given:
-            continue  # the logs say nothing of the parameter
+            continue  # the logs have no information on the parameter
         distance = float(abs(cells.values[k] - prior.mean[k]) / np.sqrt(variance))
         if distance > CLEARLY:
-            findings.append(Finding(FindingKind.PRIOR_APART, (cells.names[k],), number=distance))
+            findings.append(Finding(FindingKind.PRIOR_CONFLICT, (cells.names[k],), number=distance))
     return findings
 
 
 def scale_errors(cells: CellEquations, carried: Sequence[AddedMass], known: Prior) -> list[Finding]:
     """Return whether the added masses of k cells contradict parameters that are known exactly.
 
-    Residuals do not change if all torques grow alike, so their derivative by the known ones' common
-    factor is that of all others, turned. Its step is where the logs of k cells would have it.
+    Residuals do not change with a common factor of all torques, so their derivative by that of the
+    known ones is minus that of all others. Its step is the factor that the logs of k cells support.
     """
     fixed = tuple(name for name in known.scale() if name in known.fixed)
     names, rows, residuals = cells.names, cells.rows, cells.residuals
@@ -139,7 +139,7 @@ def scale_errors(cells: CellEquations, carried: Sequence[AddedMass], known: Prio
     step = np.linalg.lstsq(flat, -residuals.ravel(), rcond=None)[0] / size
     covariance, freedom = cluster_covariance(whole, residuals + whole @ step)
     share, error = float(step[-1]), float(np.sqrt(covariance[-1, -1]))
-    sure = float(stdtrit(freedom[-1], 1 - ACCUSED / 2))
-    if abs(share) <= max(sure * error, MATTERS):
+    quantile = float(stdtrit(freedom[-1], 1 - ACCUSED / 2))
+    if abs(share) <= max(quantile * error, MATTERS):
         return []
-    return [Finding(FindingKind.KNOWN_APART, fixed, number=share)]
+    return [Finding(FindingKind.KNOWN_CONFLICT, fixed, number=share)]

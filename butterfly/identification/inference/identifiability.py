@@ -1,9 +1,9 @@
-"""Judge what the data can and cannot tell; a fit whose scale rests on one uncertain value.
+"""Identifiability by conditioning; and fits whose scale rests on one uncertain known value.
 
-Where all logs carry the same, the equations are homogeneous: p1..p4, the carried inertia and moment
-among them, times any number are as good. Noise in the regressors would make least squares prefer
-small numbers. So what tells the scale best is held, then given its share: its column is what
-homogeneity says.
+Where all logs carry the same, the equations are homogeneous: p1..p4 with the carried inertia and
+moment fit as well times any factor. Noise in the regressors would bias least squares towards small
+factors. So the known value that determines the scale best is held in the fit, and given its
+uncertainty after it: its column follows from homogeneity.
 """
 
 from __future__ import annotations
@@ -29,19 +29,19 @@ SINGULAR_CONDITION = 1 / ROUNDING
 """Above this condition number, a scaled regression is singular for every practical purpose."""
 
 WEAK_CONDITION = SINGULAR_CONDITION**0.5
-"""Above this one, half way to that in digits, one combination is poorly known."""
+"""Above this one, half as many digits, one combination is poorly determined."""
 
 OTHER_LOGS = "add logs at other speeds and amplitudes, or with another known mass"
-"""What helps where logs do not tell enough."""
+"""Advice where logs have too little information."""
 
 
 @dataclass(frozen=True)
 class Conditioning:
-    """How well a regression tells its parameters apart, whatever their units."""
+    """Conditioning of a regression, whatever the units of its parameters."""
 
     number: float  # condition number with the columns scaled to one length
-    weakest: tuple[str, ...]  # parameters of the combination that the data tell least about
-    sum: str = ""  # what they do tell of two such
+    weakest: tuple[str, ...]  # parameters of the combination that is determined worst
+    sum: str = ""  # of two such, the sentence on the combination that is determined
 
     @classmethod
     def of(
@@ -51,21 +51,21 @@ class Conditioning:
         known: NDArray[np.bool_] | None = None,
         about: tuple[Samples, Samples] | None = None,
     ) -> Conditioning:
-        """Judge the (m, n) rows of a regression; ``known``: a mask of what counts as rows do."""
-        # values and residuals there tell what two parameters are together
+        """Return that of (m, n) rows; ``known``: (n,) mask of parameters with a prior."""
+        # ``about``: values and residuals, to compute the combination of two parameters
         scaled, size = unit_columns(rows)  # one without effect makes the regression singular
         whole = scaled if known is None else np.concatenate([scaled, np.eye(len(names))[known]])
         _, singular, right = np.linalg.svd(whole, full_matrices=False)
-        # those that take more than an equal part in the direction
-        taking = np.flatnonzero(right[-1] ** 2 > 1 / (1 + len(names)))
+        # those of more than an equal share of the direction
+        largest = np.flatnonzero(right[-1] ** 2 > 1 / (1 + len(names)))
         number = float(singular[0] / singular[-1]) if singular[-1] > 0 else math.inf
-        found = cls(number=number, weakest=tuple(names[k] for k in taking))
-        if about is None or taking.size != 2:  # noqa: PLR2004 - which are a sum
+        found = cls(number=number, weakest=tuple(names[k] for k in largest))
+        if about is None or largest.size != 2:  # noqa: PLR2004 - which are a sum
             return found
         values = about[0] - np.linalg.lstsq(scaled, about[1], rcond=1 / WEAK_CONDITION)[0] / size
-        (first, second), (one, other) = found.weakest, right[-1][taking] / size[taking]
+        (first, second), (one, other) = found.weakest, right[-1][largest] / size[largest]
         share = float(-one / other)
-        both = float(values[taking[0]] + share * values[taking[1]])
+        both = float(values[largest[0]] + share * values[largest[1]])
         text = f"{first} {'+' if share > 0 else '-'} {abs(share):.3g} {second} is {both:.4g}"
         most = f", {first} at most that" if share > 0 and not TERMS[second].lower < 0 else ""
         return replace(found, sum=f"{text}{most}")
@@ -77,17 +77,17 @@ class Conditioning:
 
     @property
     def refusal(self) -> IdentifiabilityError:
-        """The error that says what the data do not tell."""
-        apart = " separately" if len(self.weakest) > 1 else ""
-        told = f", but {self.sum}" if self.sum else ""
+        """The error that names the parameters that are not identifiable."""
+        alone = " separately" if len(self.weakest) > 1 else ""
+        but = f", but {self.sum}" if self.sum else ""
         return IdentifiabilityError(
-            f"{' and '.join(self.weakest)} cannot be identified{apart} from these logs (condition "
-            f"number {self.number:.1e}){told}: {OTHER_LOGS}"
+            f"{' and '.join(self.weakest)} cannot be identified{alone} from these logs (condition "
+            f"number {self.number:.1e}){but}: {OTHER_LOGS}"
         )
 
     @property
     def findings(self) -> list[Finding]:
-        """What there is to say of it: nothing of a good one."""
+        """The finding of a poorly determined combination, if any."""
         if self.number <= WEAK_CONDITION:
             return []
         return [Finding(FindingKind.COMBINATION, self.weakest, number=self.number)]
@@ -96,7 +96,7 @@ class Conditioning:
 def precision(values: Samples, lower: Samples, upper: Samples) -> list[str]:
     """Return how well each of (n,) parameters is known: precise, rough, or not-from-zero."""
     zero = (lower <= 0) & (upper >= 0)
-    # what is said without "probably" must hold: half-widths as if they were standard errors
+    # a definite statement is made at `CLEARLY` times the half-widths, as if standard errors
     precise = CLEARLY * (upper - lower) / 2 <= PRECISE * np.abs(values)
     return [
         "not-from-zero" if at_zero else "precise" if well else "rough"
@@ -105,12 +105,12 @@ def precision(values: Samples, lower: Samples, upper: Samples) -> list[str]:
 
 
 def is_driven(logs: Iterable[Log]) -> bool:
-    """Whether any input ever acts."""
+    """Whether any input is not 0."""
     return any(bool(np.any(log.input)) for log in logs)
 
 
 def prior_of_fit(logs: Sequence[Log], known: Prior) -> Prior:
-    """Return what is known in a fit of logs: with a guess of the delay, and a scale.
+    """Return the prior of a fit of logs, with a guess of the delay, and a scale.
 
     IdentifiabilityError if nothing sets the scale.
     """
@@ -120,7 +120,7 @@ def prior_of_fit(logs: Sequence[Log], known: Prior) -> Prior:
 
 
 def with_scale(masses: Iterable[AddedMass], known: Prior, *, driven: bool = True) -> Prior:
-    """Return what is known, with the uncertain parameter held that alone sets the scale, if any.
+    """Return the prior, with the uncertain parameter held that alone sets the scale, if any.
 
     IdentifiabilityError without two different masses, or a torque that is known, not 0.
     """
@@ -144,7 +144,7 @@ def with_scale(masses: Iterable[AddedMass], known: Prior, *, driven: bool = True
 
 
 def _remedies(carried: AddedMass, *, driven: bool) -> list[str]:
-    """Name what would tell how large the parameters are, of logs that all carry the same."""
+    """Return what would determine the scale of logs that all carry the same, in words."""
     slide = carried.joint is JointKind.SLIDE
     other = "another known mass, or with none" if carried.mass else "a known mass"
     remedies = [f"add a log with {other}"]
@@ -165,16 +165,16 @@ def _remedies(carried: AddedMass, *, driven: bool) -> list[str]:
 
 
 def growth(names: Sequence[str], values: Samples, added: AddedMass) -> Samples:
-    """Return how (n,) values change if all torques grow by a common factor: (n,) per 1 of it."""
+    """Return the (n,) derivatives of (n,) values by a common factor of all torques."""
     shares = [SHARES.get(name, 0.0) for name in names]
     return np.array([added.loads.get(name, 0.0) for name in names]) + values * shares
 
 
 def with_held(solved: CellEquations, name: str, known: Prior, added: AddedMass) -> CellEquations:
-    """Return equations with a parameter that their solver held, and its row of the prior.
+    """Return equations that include a parameter that their solver held, and its prior.
 
-    ``added``: what all logs carry. The parameter's column follows from the others, as no residual
-    changes if all torques grow by a common factor.
+    ``added``: what all logs carry. The parameter's column follows from the others, as residuals do
+    not change with a common factor of all torques.
     """
     before = [*PARAMETERS, name]
     at = sum(each in solved.names for each in before[: before.index(name)])

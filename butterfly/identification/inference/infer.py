@@ -52,25 +52,25 @@ _NOTHING = np.finfo(float).tiny ** 0.5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SolvedFit:
-    """The n values at which a method ended, the equations about them, and what is known of both.
+    """A fit of n values: equations about them, conditions, prior and findings.
 
-    A known value that was held, as it sets the scale, is none of the n.
+    A known value that was held, as it sets the scale, is not among the n.
     """
 
     method: str
     equations: CellEquations  # as the solver weighs them
-    # before logs were weighed as wholes: conditions are compared in these; the same if None
+    # before logs were weighted by random effects, to compare conditions; the same if None
     unweighted: CellEquations | None = None
-    shared: int | None = None  # number of values, the first ones, that are the robot's; None: all
+    shared: int | None = None  # number of the first values, the robot's parameters; None: all
     masses: Sequence[AddedMass] = ()  # one per log
-    conditions: Conditions | None = None  # under which the cells were recorded
+    conditions: Conditions | None = None  # of the cells
     known: Prior = NO_PRIOR  # of the robot
-    driven: bool = True  # whether an input ever acts
+    driven: bool = True  # whether any input is not 0
     # (n,) estimates from parts of the data; None: those without each added mass
     left_out: Mapping[Hashable, Samples] | None = None
     rivals: Sequence[Samples] = ()  # (shared,) values of other fits that predict as well
-    consider_covariance: Samples | None = None  # (n, n), of what was taken as given
-    torques: bool = False  # whether residuals are torques, which a misfit may add to any value
+    consider_covariance: Samples | None = None  # (n, n), by errors of quantities taken as given
+    torques: bool = False  # whether residuals are torques, so that a misfit may bias any value
     fixed: dict[str, float] = field(default_factory=dict)  # values that were not fitted
     findings: Sequence[Finding] = ()  # of the method
 
@@ -96,7 +96,7 @@ class SolvedFit:
         )
 
     def carried(self, share: float) -> list[AddedMass]:
-        """Return the masses of the independent cells, uncertain by a share at least."""
+        """Return the masses of the independent cells, uncertain by ``share`` or more."""
         weighed = [
             replace(each, mass_uncertainty=max(each.mass_uncertainty, share * each.mass))
             for each in self.masses
@@ -208,9 +208,9 @@ def without_each_mass(fit: SolvedFit) -> tuple[dict[Hashable, Samples], list[Fin
 def limits_of(
     fit: SolvedFit, spread: Pair, left_out: Iterable[Samples], rivals: Iterable[Rival]
 ) -> Pair:
-    """Return (shared,) limits, by covariance and freedom, that hold partial estimates and rivals.
+    """Return (shared,) limits by covariance and freedom, with partial estimates and rivals inside.
 
-    Of torques they hold what a misfit may have made of values, too.
+    Of torques they include the bias that a misfit may cause, too.
     """
     robot = slice(fit.shared)
     values, covariance, freedom = fit.equations.values[robot], spread[0][robot, robot], spread[1]
@@ -218,12 +218,12 @@ def limits_of(
     limits = honest_limits(values, covariance, freedom[robot], partial, fit.rivals)
     most = half_widths(covariance, freedom[robot])
     for rival in rivals:
-        end, reach = rival.values[robot], np.minimum(rival.reach[robot], most)
-        limits = np.minimum(limits[0], end - reach), np.maximum(limits[1], end + reach)
+        end, half = rival.values[robot], np.minimum(rival.half_widths[robot], most)
+        limits = np.minimum(limits[0], end - half), np.maximum(limits[1], end + half)
     if not fit.torques:
         return limits
     misfit = misfit_over_value(fit.equations)[robot]
-    return outweighed(misfit, values, limits, fit.equations.names[robot])
+    return misfit_limits(misfit, values, limits, fit.equations.names[robot])
 
 
 def ending_of(fit: SolvedFit, limits: Pair) -> Ending:
@@ -236,7 +236,7 @@ def ending_of(fit: SolvedFit, limits: Pair) -> Ending:
 
 
 def findings_of_bounds(fit: SolvedFit, covariance: Samples) -> list[Finding]:
-    """Return active bounds, with those the data clearly pull beyond first, and unknown signs."""
+    """Return active bounds, first those that the data contradict, and unidentifiable signs."""
     robot, equations = slice(fit.shared), fit.equations
     names, active = equations.names[robot], equations.on_bound[robot]
     step = scaled_least_squares(*equations.independent.with_prior)
@@ -251,10 +251,10 @@ def findings_of_bounds(fit: SolvedFit, covariance: Samples) -> list[Finding]:
 
 
 def misfit_over_value(equations: CellEquations) -> Samples:
-    """(n,) R = |r| / (|p| |s|), with s the column of a value less what the others explain.
+    """(n,) R = |r| / (|p| |s|), with s a value's column less its projection on the others.
 
-    Standard errors take what a fit leaves for noise; where it is as large as what a parameter alone
-    does to the rows, a misfit may have made the value: a ripple of the velocity is read as inertia.
+    Standard errors take residuals for noise; where these are as large as the effect of a parameter
+    alone, a misfit may have biased its value: a ripple of the velocity looks like inertia.
     """
     scaled, size = unit_diagonal(equations.curvature.sum(axis=0))
     alone = size / np.sqrt(np.diag(np.linalg.pinv(scaled)))
@@ -263,9 +263,9 @@ def misfit_over_value(equations: CellEquations) -> Samples:
     return np.asarray(np.divide(left, effect, out=most, where=effect > left * _NOTHING))
 
 
-def outweighed(misfit: Samples, values: Samples, limits: Pair, names: Sequence[str]) -> Pair:
-    """Return (n,) limits that hold what a misfit may have made of scale, or precise values."""
+def misfit_limits(misfit: Samples, values: Samples, limits: Pair, names: Sequence[str]) -> Pair:
+    """Return (n,) limits that include the bias by a misfit of the scale, or of precise values."""
     claims = precision(values, *limits)
     doubted = [n in OF_VERDICT or c == "precise" for n, c in zip(names, claims, strict=True)]
-    reach = np.where(np.array(doubted) & (misfit > LOST), misfit * np.abs(values), 0.0)
-    return np.minimum(limits[0], values - reach), np.maximum(limits[1], values + reach)
+    bias = np.where(np.array(doubted) & (misfit > LOST), misfit * np.abs(values), 0.0)
+    return np.minimum(limits[0], values - bias), np.maximum(limits[1], values + bias)

@@ -29,10 +29,10 @@ _SPEEDS = (0.03, 0.5, 10)  # least and largest Stribeck velocity over the larges
 
 
 def candidates(names: Iterable[str], masses: Iterable[AddedMass], known: Prior) -> tuple[str, ...]:
-    """Return the terms that are worth trying with some added masses, and some knowledge.
+    """Return the terms that are identifiable with some added masses and known values.
 
-    What grows with the added mass shows with three of them: by two the scale of all is set. Without
-    gravity friction with a gear may as well be uneven friction: it carries what accelerates alone.
+    Terms that grow with the added mass need three of them: two determine the scale. Without gravity
+    a gear's load is inertial alone: its friction cannot be distinguished from uneven friction.
     """
     carried = list(masses)
     effects = {mass.inertia_and_moment for mass in carried}
@@ -49,7 +49,7 @@ def candidates(names: Iterable[str], masses: Iterable[AddedMass], known: Prior) 
 
 
 def usual_velocity(known: Prior) -> float:
-    """Return the Stribeck velocity in rad/s that is known, or else the model's."""
+    """Return the Stribeck velocity in rad/s: the known one, or else the model's default."""
     return known.fixed.get("stribeck_velocity", FrictionTerms.stribeck_velocity)
 
 
@@ -65,7 +65,7 @@ def stribeck_velocities(fastest: float, known: Prior) -> list[float]:
 def optional_terms(
     terms: Sequence[str] | None, offers: Iterable[str], masses: Iterable[AddedMass], known: Prior
 ) -> tuple[str, ...]:
-    """Return the unknown ones of some terms, or, if None are given, the candidates of offers."""
+    """Return the unknown ones of given terms, or, without any, the candidates of offers."""
     if terms is None:
         return candidates(offers, masses, known)
     return tuple(name for name in terms if name not in known.parameters)
@@ -82,10 +82,10 @@ class LinearProblem:
     masses: Sequence[AddedMass]  # of each log
     known: Prior
     fastest: float  # largest speed in rad/s
-    negligible: float = NEGLIGIBLE  # size of an error that is none
+    negligible: float = NEGLIGIBLE  # size of an error by rounding
 
     def fitted(self, *, choosing: bool) -> TermChoice:
-        """Return the fit with the terms, or with those of them that predict better."""
+        """Return the fit with all terms, or, if ``choosing``, those that predict better."""
         speeds = [usual_velocity(self.known)]
         if STRIBECK in self.terms:
             speeds = stribeck_velocities(self.fastest, self.known)
@@ -99,7 +99,7 @@ class LinearProblem:
 
 
 class TermChoice(NamedTuple):
-    """Terms that were chosen, and what speaks for others."""
+    """Chosen terms, with rivals and findings."""
 
     names: tuple[str, ...]  # of the parameters, the terms last
     terms: tuple[str, ...]  # chosen
@@ -111,20 +111,20 @@ class TermChoice(NamedTuple):
 
     @property
     def rival_values(self) -> tuple[Samples, ...]:
-        """(n,) values of the parameters that were chosen, by the rivals; 0 if they have none."""
+        """(n,) values of the chosen parameters in each rival; 0 of those that it does not have."""
         return tuple(np.array([each.get(name, 0.0) for name in self.names]) for each in self.rivals)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LinearModel:
-    """The end of a fit in some of the rows of linear equations (see `stagewise.Model`).
+    """A fit of some of the terms of linear equations (see `stagewise.Model`).
 
     Several equations differ in the Stribeck velocity alone; the first ones are fitted.
     """
 
     models: tuple[Submodels, ...]
-    optional: tuple[str, ...]  # rows that may be absent
-    terms: frozenset[str] = frozenset()  # rows that are fitted
+    optional: tuple[str, ...]  # terms that may be absent
+    terms: frozenset[str] = frozenset()  # those that are fitted
     masses: Sequence[AddedMass] = ()
     simulates: bool = False
 
@@ -146,7 +146,7 @@ class LinearModel:
         return np.asarray(self.models[0].fitted(self.kept[np.newaxis])[0])
 
     def offers(self, rows: Collection[str]) -> list[Offer]:
-        """Test rows that it does not have; of Stribeck friction the velocity that explains most."""
+        """Return score tests of missing terms, Stribeck's at the velocity that explains most."""
         found = []
         for row in rows:
             scanned = self.models if row == STRIBECK else self.models[:1]
@@ -159,7 +159,7 @@ class LinearModel:
         return found
 
     def adding(self, offer: Offer) -> LinearModel | None:
-        """Return the fit with a row more; None if no joint has it."""
+        """Return the fit with a term more; None if its value is on a bound."""
         models = (offer.nested,) if offer.name == STRIBECK else self.models
         more = replace(self, models=models, terms=self.terms | {offer.name})
         place = more.nested.names.index(offer.name)
@@ -176,18 +176,18 @@ class LinearModel:
 
     @property
     def refusal(self) -> IdentifiabilityError:
-        """The error that says which parameters the equations do not determine."""
-        kept, own = self.kept, self.models[0].equations
-        alone = self.models[0].about(np.where(kept, own.values, 0.0)).equations
-        known = None if own.prior is None else own.prior.active[kept]
-        names = tuple(np.array(own.names)[kept].tolist())
+        """The error that names the parameters that the equations do not determine."""
+        kept, whole = self.kept, self.models[0].equations
+        alone = self.models[0].about(np.where(kept, whole.values, 0.0)).equations
+        known = None if whole.prior is None else whole.prior.active[kept]
+        names = tuple(np.array(whole.names)[kept].tolist())
         rows, left = alone.rows.reshape(-1, kept.size)[:, kept], alone.residuals.ravel()
         return Conditioning.of(rows, names, known, (alone.values[kept], left)).refusal
 
     def choice(
         self, rivals: Iterable[Mapping[str, float]] = (), findings: Iterable[Finding] = ()
     ) -> TermChoice:
-        """Return what was chosen, and what speaks for others."""
+        """Return the choice, with rivals and further findings."""
         scanned = self.nested.settings if STRIBECK in self.terms else {}
         terms = tuple(name for name in self.optional if name in self.terms)
         base = (n for n in self.nested.names if n not in FOLLOWERS.union(self.optional))
@@ -205,7 +205,7 @@ class LinearModel:
 
 
 def choose(model: LinearModel, rare: Collection[str] = ()) -> TermChoice:
-    """Choose from the rows of linear equations; IdentifiabilityError if they are singular."""
+    """Choose terms of linear equations; IdentifiabilityError if these are singular without any."""
     if not model.determined:
         raise model.refusal
     found = stagewise(model, model.optional, rare)
@@ -216,8 +216,8 @@ def choose(model: LinearModel, rare: Collection[str] = ()) -> TermChoice:
 def demanded(model: LinearModel, terms: Sequence[str]) -> TermChoice:
     """Fit some terms, at the Stribeck velocity that predicts best.
 
-    The last of them are dropped that the equations cannot tell from the others.
-    IdentifiabilityError if these are singular without any.
+    The last ones are dropped until the rest is identifiable. IdentifiabilityError if the equations
+    are singular without any.
     """
     for count in range(len(terms), -1, -1):
         fits = [
@@ -232,7 +232,7 @@ def demanded(model: LinearModel, terms: Sequence[str]) -> TermChoice:
 
 
 def _held_out_error(model: LinearModel) -> float:
-    """Return the mean error of cells, predicted by the others if these determine the values."""
+    """Return the mean error of held-out cells; of fitted ones where the rest is singular."""
     errors = model.nested.held_out(model.kept[np.newaxis])[0]
     finite = np.isfinite(errors).all()
     return float(np.mean(np.sqrt(errors if finite else model.nested.equations.cost)))

@@ -1,9 +1,8 @@
-"""One fit with every term, and what its equations say of fits with fewer.
+"""Nested models of one fit with every term, from its linear equations.
 
-About a fit with all terms the equations are linear. Those of a fit without some of them are the
-same ones, the values of what is left out set to those of a joint that lacks it; so a fit with fewer
-terms, or to fewer logs, and what it predicts of data that it has not seen, costs the solution of a
-few equations and no simulation.
+About a fit with all terms the equations are linear. Those of a nested model are the same, its
+missing terms held at the values of a joint without them; so a fit with fewer terms, or to fewer
+logs, and its prediction of held-out data, costs the solution of a few equations and no simulation.
 """
 
 from __future__ import annotations
@@ -21,21 +20,21 @@ from butterfly.model.parameters import value_if_absent
 from butterfly.model.terms import FOLLOWERS
 
 NEGLIGIBLE = 1e-6
-"""Of a motion, how well it is predicted at best: rounding leaves more."""
+"""Share of a motion below which a prediction error is rounding."""
 
-_SINGULAR = 1e-11  # of the scaled normal equations, below which a combination is not determined
+_SINGULAR = 1e-11  # eigenvalue over the largest, below which a combination is undetermined
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Submodels:
-    """All fits that have some of the n parameters of equations in k cells."""
+    """All fits of subsets of the n parameters of equations in k cells."""
 
     equations: CellEquations
-    # (k,) numbers of the parts of the data that are left out together, one after the other
+    # (k,) indices of the folds of the data, which are held out one at a time
     folds: NDArray[np.intp]
-    # values of what is no parameter here, but was set
+    # values that were set, as the Stribeck velocity, which is no parameter here
     settings: dict[str, float] = field(default_factory=dict)
-    negligible: float = 0.0  # size of an error that is none, as rounding leaves it to exact data
+    negligible: float = 0.0  # size of an error by rounding
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -44,25 +43,25 @@ class Submodels:
 
     def about(self, values: Samples) -> Submodels:
         """Return the same equations about other (n,) values."""
-        own = self.equations
-        residuals = own.residuals + own.rows @ (values - own.values)
-        bound = values <= own.lower
-        moved = replace(own, values=values, residuals=residuals, on_bound=bound)
+        before = self.equations
+        residuals = before.residuals + before.rows @ (values - before.values)
+        bound = values <= before.lower
+        moved = replace(before, values=values, residuals=residuals, on_bound=bound)
         return replace(self, equations=moved)
 
     def fitted(self, kept: NDArray[np.bool_]) -> Samples:
-        """Return (t, n) values of t fits with the parameters ``kept``; nan if undetermined."""
+        """Return (t, n) values of t fits of (t, n) masks of parameters; nan if undetermined."""
         return self._fitted(*self.equations.total, kept)
 
     def held_out(self, kept: NDArray[np.bool_]) -> Samples:
-        """(t, k) squared errors of cells by fits to the other parts; nan if not determined."""
+        """(t, k) squared errors of cells by fits without their fold; nan if undetermined."""
         found = self._left_out(kept, self.folds)
         if np.isfinite(found[0]).all() or np.unique(self.folds).size == self.folds.size:
             return found
-        return self._left_out(kept, np.arange(self.folds.size))  # of parts, single cells
+        return self._left_out(kept, np.arange(self.folds.size))  # each cell a fold
 
     def _left_out(self, kept: NDArray[np.bool_], folds: NDArray[np.intp]) -> Samples:
-        parts, own = np.unique(folds), self.equations
+        parts, every = np.unique(folds), self.equations
         errors = np.empty((len(kept), folds.size))
         lost = np.full(len(kept), parts.size == 1)
         at_once = max(1, 4096 // len(kept))  # which bounds the memory that the fits take
@@ -70,7 +69,7 @@ class Submodels:
             left_out = folds == some[:, None]
             curvature, gradient = (
                 np.repeat(whole - np.tensordot(left_out, each, 1), len(kept), axis=0)
-                for whole, each in zip(own.total, (own.curvature, own.gradient), strict=True)
+                for whole, each in zip(every.total, (every.curvature, every.gradient), strict=True)
             )
             fits = self._fitted(curvature, gradient, np.tile(kept, (some.size, 1)))
             for mine, values in zip(left_out, np.split(fits, some.size), strict=True):
@@ -81,23 +80,23 @@ class Submodels:
 
     def costs(self, values: Samples) -> Samples:
         """(t, k) squared errors of the cells with (t, n) values."""
-        steps, own = values - self.equations.values, self.equations
-        bent = np.einsum("tn,knt->tk", steps, own.curvature @ steps.T)
-        return np.asarray(np.maximum(own.cost + 2 * steps @ own.gradient.T + bent, 0.0))
+        steps, at = values - self.equations.values, self.equations
+        bent = np.einsum("tn,knt->tk", steps, at.curvature @ steps.T)
+        return np.asarray(np.maximum(at.cost + 2 * steps @ at.gradient.T + bent, 0.0))
 
     def _fitted(self, curvature: Samples, gradient: Samples, kept: NDArray[np.bool_]) -> Samples:
-        """Solve for the parameters that are kept, without the others; what a bound stops stays."""
-        # what says nothing without another one stays as it is when absent
-        mute = [name in FOLLOWERS for name in self.names]
+        """(t, n) values of the parameters ``kept``; the others as if their term were absent."""
+        # parameters that only another term identifies stay as they are when absent
+        followers = [name in FOLLOWERS for name in self.names]
         without = [value_if_absent(name) for name in self.names]
-        absent = np.where(mute, self.equations.values, without)
+        absent = np.where(followers, self.equations.values, without)
         return _bounded(self.equations, (curvature, gradient), kept, absent)
 
 
 def submodels_of(
     equations: CellEquations, parts: Sequence[Hashable], negligible: float
 ) -> Submodels:
-    """Return fits with fewer terms, which predict one of ``parts``, logs or stretches in turn."""
+    """Return the nested models of equations; folds are ``parts`` of logs, or cells of few logs."""
     cells = equations.independent
     few = cells.log.size > np.unique(cells.log).size
     folds = np.arange(cells.log.size) if few else folds_of([parts[k] for k in cells.log])
@@ -105,7 +104,7 @@ def submodels_of(
 
 
 def folds_of(parts: Sequence[Hashable]) -> NDArray[np.intp]:
-    """Return the number of each log's part; where there are too few parts, each log is one."""
+    """Return the (n,) fold of each of n logs: its part, or the log itself where parts are few."""
     different = list(dict.fromkeys(parts))
     if len(different) < FEW:
         return np.arange(len(parts))
@@ -113,17 +112,17 @@ def folds_of(parts: Sequence[Hashable]) -> NDArray[np.intp]:
 
 
 def without_logs(equations: CellEquations, logs: Iterable[int]) -> Samples:
-    """Return (n,) values without some logs, to first order (the linear jackknife), or nan."""
+    """Return (n,) values without some logs, to first order (linear jackknife); or nan."""
     rest = equations.without(logs)
-    own, all_ = (np.einsum("kii->i", each.curvature) for each in (rest, equations))
-    moved = (own > ROUNDING**2 * all_) | (all_ == 0)  # what only these move stays
+    left, whole = (np.einsum("kii->i", each.curvature) for each in (rest, equations))
+    moved = (left > ROUNDING**2 * whole) | (whole == 0)  # others are identified by these alone
     return np.asarray(_bounded(equations, rest.total, moved[np.newaxis], equations.values)[0])
 
 
 def _bounded(
     about: CellEquations, total: tuple[Samples, Samples], kept: NDArray[np.bool_], absent: Samples
 ) -> Samples:
-    """(t, n) values that solve equations for what is kept, within bounds; nan if untold."""
+    """(t, n) bounded solutions for parameters ``kept``; nan if undetermined."""
     (curvature, gradient), at, lower = total, about.values, about.lower
     held, (count, size) = np.maximum(at, lower), kept.shape
     curvature = np.broadcast_to(curvature, (count, size, size))
@@ -133,18 +132,18 @@ def _bounded(
     free = kept & ~idle
     rows = np.flatnonzero(free.any(axis=1))
     while rows.size:
-        own = curvature[rows]
-        pull = gradient[rows] + np.einsum("tm,tmn->tn", values[rows] - at, own)
-        reached = values[rows] + _solved(own, -pull, free[rows])
-        low = free[rows] & (reached < lower)
-        values[rows] = np.where(free[rows], np.maximum(reached, lower), values[rows])
+        some = curvature[rows]
+        pull = gradient[rows] + np.einsum("tm,tmn->tn", values[rows] - at, some)
+        solved = values[rows] + _solved(some, -pull, free[rows])
+        low = free[rows] & (solved < lower)
+        values[rows] = np.where(free[rows], np.maximum(solved, lower), values[rows])
         free[rows] &= ~low
         rows = rows[low.any(axis=1) & free[rows].any(axis=1)]
     return values
 
 
 def _solved(matrix: Samples, targets: Samples, free: NDArray[np.bool_]) -> Samples:
-    """Solve (t, n, n) normal equations for those ``free``, others being 0; nan if untold."""
+    """(t, n) solutions of (t, n, n) normal equations for ``free`` ones, else 0; nan if singular."""
     lost = np.asarray((free & ~(np.einsum("tnn->tn", matrix) > 0)).any(axis=1))
     scaled, scale = unit_diagonal(matrix)
     asked = free & ~lost[:, np.newaxis]
@@ -154,13 +153,13 @@ def _solved(matrix: Samples, targets: Samples, free: NDArray[np.bool_]) -> Sampl
         inverses = np.linalg.inv(matrices)
     except np.linalg.LinAlgError:
         inverses = np.full_like(matrices, np.nan)
-    # no less than the largest eigenvalue over the smallest, which take longer to find
+    # an upper bound of the condition number, cheaper than its eigenvalues
     ratios = np.linalg.norm(matrices, axis=(1, 2)) * np.linalg.norm(inverses, axis=(1, 2))
-    unsure = ~(ratios < 1 / _SINGULAR)
-    if unsure.any():
-        eigenvalues, axes = np.linalg.eigh(matrices[unsure])
+    doubtful = ~(ratios < 1 / _SINGULAR)
+    if doubtful.any():
+        eigenvalues, axes = np.linalg.eigh(matrices[doubtful])
         eigenvalues[eigenvalues[:, 0] < _SINGULAR * eigenvalues[:, -1]] = np.nan
-        inverses[unsure] = axes / eigenvalues[:, None, :] @ np.swapaxes(axes, 1, 2)
+        inverses[doubtful] = axes / eigenvalues[:, None, :] @ np.swapaxes(axes, 1, 2)
     inverses[lost] = np.nan
     pulls = np.where(asked, targets / scale, 0.0)
     return np.asarray((inverses @ pulls[:, :, None])[:, :, 0] / scale)

@@ -163,7 +163,7 @@ MORE = {"hand_mass": 0.005, "rotor_inertia": 1e-4}  # inertia than there is
         ({"back_emf_constant": 0.07}, "contradicted", "viscous_friction", DAMPING_APART),
         (MORE, FindingKind.CONTRADICTED, "inertia", None),
         ({"rotor_inertia": 0.005}, FindingKind.CONTRADICTED, "hand_inertia", None),
-        (TWO_GAINS, FindingKind.TOLD_APART, "p4", GAINS_APART),
+        (TWO_GAINS, FindingKind.SOURCES_CONFLICT, "p4", GAINS_APART),
     ],
 )
 def test_what_is_known_and_cannot_all_be_true_is_remarked(known, kind, name, apart):
@@ -193,8 +193,8 @@ def test_what_agrees_is_not_remarked():
         (Finding(FindingKind.UNIT_ERROR, ("degrees",), number=57.3), False, True),
         (Finding(FindingKind.SUSPECTED, ("mass", "50 g", "3"), number=0.051), False, False),
         (Finding(FindingKind.FEW_MASSES, number=2), False, False),
-        (Finding(FindingKind.PRIOR_APART, ("p1",), number=4.0), False, False),
-        (Finding(FindingKind.KNOWN_APART, ("p4",), number=0.03), False, False),
+        (Finding(FindingKind.PRIOR_CONFLICT, ("p1",), number=4.0), False, False),
+        (Finding(FindingKind.KNOWN_CONFLICT, ("p4",), number=0.03), False, False),
     ],
 )
 def test_only_what_no_joint_has_what_does_not_follow_and_slips_forbid(finding, impossible, forbids):

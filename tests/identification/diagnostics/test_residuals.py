@@ -185,7 +185,7 @@ def test_readings_of_a_good_model_lie_inside_its_bands(logs, noisy):
         inside = []
         for log, misfit in zip(data.logs, residuals_of(data, found).logs, strict=True):
             run = FreeRun.of(log, Setting(parameters=found.parameters, zero=data.zero_of(log)))
-            near = np.interp(log.time, misfit.band.time, misfit.band.reach)
+            near = np.interp(log.time, misfit.band.time, misfit.band.half_width)
             inside.append(np.mean(np.abs(run.simulated - log.angle) <= near))
         assert 0.93 <= np.mean(inside) <= 0.99
 
@@ -204,7 +204,7 @@ def test_a_band_is_as_wide_as_what_the_interval_of_a_parameter_moves(logs):
         for each in (found.parameters, replace(found.parameters, p3=upper[k]))
     ]
     moved = np.interp(bands[0].time, log.time, np.abs(angles[1] - angles[0]))
-    reach = np.sqrt(bands[1].reach ** 2 - bands[0].reach ** 2)
+    reach = np.sqrt(bands[1].half_width ** 2 - bands[0].half_width ** 2)
     assert np.linalg.norm(reach - moved) < 0.1 * np.linalg.norm(moved)
 
 

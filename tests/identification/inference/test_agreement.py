@@ -13,6 +13,7 @@ from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.equations import compressed
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.inference.agreement import (
+    Contrast,
     differing_values,
     disagreements_of,
     weighed_within,
@@ -141,13 +142,13 @@ def test_a_rival_is_as_uncertain_as_what_it_leaves_of_the_residuals_makes_it():
     flat = wider.reshape(-1, 4) * np.append(UNITS, UNITS[2])
     left = target.ravel() - flat @ np.linalg.lstsq(flat, target.ravel(), rcond=None)[0]
     errors = np.sqrt(np.diag(np.linalg.inv(flat.T @ flat)) * np.mean(left**2))[:3] * UNITS
-    np.testing.assert_allclose(rival.reach / errors, 2.4, rtol=0.5)  # Student's, of twelve logs
+    np.testing.assert_allclose(rival.half_widths / errors, 2.4, rtol=0.5)  # Student's, of 12 logs
     found = infer(_fit(equations, conditions=_conditions()))
     plain = infer(_fit(equations))
     place = NAMES.index("p4")
     most = (plain.upper - plain.lower)[place] / 2
-    assert rival.reach[place] < most / 2
-    ends = rival.values[place] + rival.reach[place] * np.array([-1, 1])
+    assert rival.half_widths[place] < most / 2
+    ends = rival.values[place] + rival.half_widths[place] * np.array([-1, 1])
     hull = [plain.lower[place], plain.upper[place], *ends]
     assert found.lower[place] == pytest.approx(min(hull), rel=1e-9)
     assert found.upper[place] == pytest.approx(max(hull), rel=1e-9)
@@ -257,7 +258,7 @@ def test_one_parameter_of_equal_logs_is_the_textbook_s_analysis_of_variance():
 
     closed = minimize_scalar(minus_twice_log, bounds=(0, 1), method="bounded").x
     assert found.friction == pytest.approx(closed, rel=1e-3)
-    assert found.apart(logs, spread_of(("coulomb",), np.ones(1)))[:, 0] == pytest.approx(
+    assert found.random_effects(logs, spread_of(("coulomb",), np.ones(1)))[:, 0] == pytest.approx(
         estimates, rel=1e-2
     )
 
@@ -281,13 +282,13 @@ def test_logs_that_do_not_see_a_parameter_have_fewer_coordinates():
     blind = np.diag([1.0, 1.0, 0.0, 1.0])
     logs[::2] = [(residuals, rows @ blind) for residuals, rows in logs[::2]]
     found = LogRows.of(logs)
-    assert found.told.sum(axis=1).tolist() == [3, 4] * 15
+    assert found.present.sum(axis=1).tolist() == [3, 4] * 15
     assert Likelihood(found, spread_of(FOUR, VALUES)).best().friction == pytest.approx(0.2, rel=0.4)
     white = (
         Likelihood(found, spread_of(FOUR, VALUES)).best().whitened(found, spread_of(FOUR, VALUES))
     )
-    assert not white[0][~found.told].any()
-    assert not white[1][~found.told].any()
+    assert not white[0][~found.present].any()
+    assert not white[1][~found.present].any()
 
 
 def test_coloured_errors_weigh_as_their_autocovariance_says():

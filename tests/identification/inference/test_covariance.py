@@ -16,8 +16,8 @@ from butterfly.identification.inference.infer import (
     SolvedFit,
     findings_of_bounds,
     infer,
+    misfit_limits,
     misfit_over_value,
-    outweighed,
 )
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Penalty
@@ -219,7 +219,7 @@ def test_the_scale_and_values_that_look_precise_are_widened_by_a_misfit():
     values, narrow = np.full(4, 2.0), np.array([0.5, 0.01, 0.01, 0.5])
     limits = (values - narrow, values + narrow)
     misfit = np.array([0.7, 0.4, 0.7, 0.7])
-    lower, upper = outweighed(misfit, values, limits, ("p1", "p2", "p3", "coulomb"))
+    lower, upper = misfit_limits(misfit, values, limits, ("p1", "p2", "p3", "coulomb"))
     np.testing.assert_allclose(lower, [0.6, 1.99, 0.6, 1.5])
     np.testing.assert_allclose(upper, [3.4, 2.01, 3.4, 2.5])
 
