@@ -14,7 +14,7 @@ import pyarrow.compute as pc
 from cyclopts import Parameter as Option
 from pyarrow import csv, parquet
 
-from butterfly.cli.options import OUT, Limit, parse_pairs
+from butterfly.cli.options import OUT
 from butterfly.cli.output import ExitCode, say, show_progress, show_table, write_json
 from butterfly.cli.written import OutputFile
 from butterfly.errors import InputError, nearest
@@ -43,6 +43,7 @@ _ASKED = (
 )
 """Columns shown only on request, to keep tables readable."""
 
+_MOST = 50  # rows that are printed
 _NOTHING = {"", "–"}
 
 
@@ -126,9 +127,7 @@ def table(
     /,
     *,
     table: Annotated[Literal["runs", "estimates"] | None, Option(metavar="TABLE")] = None,
-    where: Annotated[str | None, Option(name="--filter", metavar="PAIRS")] = None,
     columns: Annotated[str | None, Option(metavar="NAMES")] = None,
-    limit: Limit = 50,
     out: Annotated[Path | None, OUT, OutputFile((".csv", ".parquet"))] = None,
 ) -> None:
     """Print a sweep's table, or export it.
@@ -136,27 +135,23 @@ def table(
     In CSV, text that starts with =, +, - or @ gets a leading apostrophe, to keep spreadsheets from
     running it as a formula.
 
-    Example: butterfly results table results/large-sweep --table estimates --filter parameter=p1
+    Example: butterfly results table results/large-sweep --columns number,fit_median
 
     Parameters
     ----------
     table
         Which table. Default: runs; estimates with --out.
-    where
-        Keep rows with COLUMN=VALUE, separated by commas.
     columns
         Columns, separated by commas. Default: the most useful; all with --out.
-    limit
-        Maximum number of rows to print.
     out
         Write all rows to this file: .csv or .parquet.
     """
     name = table or (RUNS if out is None else ESTIMATES)
-    found = chosen_rows(ResultStore(folder).table(name), where, columns)
+    found = chosen_columns(ResultStore(folder).table(name), columns)
     if out is None:
-        if found.num_rows > limit:
-            say(f"{limit} of {found.num_rows} rows. --limit N prints more; --out FILE writes all.")
-        show_rows(f"{folder}: {name}", found, limit, asked=columns is not None)
+        if found.num_rows > _MOST:
+            say(f"The first {_MOST} of {found.num_rows} rows; --out FILE writes all.")
+        show_rows(f"{folder}: {name}", found, asked=columns is not None)
     else:
         with replacing(out, mark_of(out, "table")) as draft:
             if out.suffix.lower() == ".csv":
@@ -166,7 +161,7 @@ def table(
         say(f"{found.num_rows} rows: {out}")
     plan = folder / EXPERIMENT
     kind = read_experiment(plan).input_kind if plan.exists() else InputKind.TORQUE
-    write_json(rows_document(name, found, limit, kind))
+    write_json(rows_document(name, found, kind))
 
 
 def clean(folder: Folder, /, *, failed: bool = False) -> None:
@@ -183,9 +178,9 @@ def clean(folder: Folder, /, *, failed: bool = False) -> None:
     say(f"{len(removed)} removed.")
 
 
-def show_rows(title: str, table: pa.Table, count: int, *, asked: bool) -> None:
-    """Print the first ``count`` rows of a sweep's table; all columns if they were ``asked`` for."""
-    rows = table.slice(0, count).to_pylist()
+def show_rows(title: str, table: pa.Table, *, asked: bool) -> None:
+    """Print the first rows of a sweep's table; all columns if they were ``asked`` for."""
+    rows = table.to_pylist()
     if not rows:
         say(f"{title}: no rows.")
         return
@@ -218,7 +213,7 @@ def show_rows(title: str, table: pa.Table, count: int, *, asked: bool) -> None:
     show_table(
         title,
         [field_label(name) for name in columns],
-        list(zip(*(cells[name] for name in columns), strict=True)),
+        list(zip(*(cells[name][:_MOST] for name in columns), strict=True)),
         lead=max(len(named), 1),
     )
 
@@ -232,40 +227,21 @@ def shown_text(value: Any) -> str:  # noqa: ANN401 - a cell of any table
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-def chosen_rows(table: pa.Table, where: str | None, columns: str | None) -> pa.Table:
-    """Return the rows ``where`` COLUMN=VALUE holds and the named columns of a table."""
-    for name, text in (parse_pairs(where, "--filter") if where else {}).items():
-        column = table[_known(name, table.column_names, "--filter")]
-        if pa.types.is_integer(column.type) and text.isdigit():
-            table = table.filter(pc.equal(column, int(text)))
-        elif pa.types.is_floating(column.type) or pa.types.is_integer(column.type):
-            try:
-                value = float(text)
-            except ValueError:
-                raise InputError("--filter", name, text, "a number") from None
-            near = pc.abs(pc.subtract(column.cast("double", safe=False), value))
-            table = table.filter(pc.less_equal(near, 1e-9 * max(abs(value), 1e-300)))
-        else:
-            table = table.filter(pc.equal(column.cast("string"), text))
+def chosen_columns(table: pa.Table, columns: str | None) -> pa.Table:
+    """Return a table's named columns; all without names."""
     if columns is None:
         return table
     names = [part.strip() for part in columns.split(",")]
-    return table.select([_known(name, table.column_names, "--columns") for name in names])
+    return table.select([column_named(name, table.column_names) for name in names])
 
 
-def _known(name: str, names: Sequence[str], option: str) -> str:
-    meant = matching(name, names)
+def column_named(name: str, names: Sequence[str]) -> str:
+    """Return the column of a name or a printed header; InputError unless it is one."""
+    meant = [name] if name in names else [each for each in names if field_name(each) == name]
     if len(meant) != 1:
         expected = ", or ".join(meant) or nearest(name, names)
-        raise InputError(option, name, "an unknown column", expected)
+        raise InputError("--columns", name, "an unknown column", expected)
     return meant[0]
-
-
-def matching(name: str, names: Sequence[str]) -> list[str]:
-    """Return the columns that match a name, its last part, or a printed header."""
-    if name in names:
-        return [name]
-    return [each for each in names if each.endswith(f".{name}") or field_name(each) == name]
 
 
 def without_formulas(table: pa.Table) -> pa.Table:

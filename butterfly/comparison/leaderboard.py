@@ -12,7 +12,7 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary
-from butterfly.identification.identify import fitted, judge
+from butterfly.identification.identify import judged
 from butterfly.identification.splits import Split
 from butterfly.identification.validate import Gain, cross_validate
 from butterfly.progress import Track, out_of_time, untracked
@@ -71,13 +71,9 @@ def _entry(data: DataSet, estimator: Estimator, split: Split) -> Entry:
     found, seen, held, error = None, None, None, ""
     seconds = 0.0
     try:
-        data, found = fitted(data, estimator)
+        data, found = judged(data, estimator)
         seconds = time.perf_counter() - begun
-        predictor = data.simulations
-        found = predictor.settled(found)
-        fits = predictor.fits(found)
-        found = judge(data, estimator, found)
-        seen = FitSummary.of(fits, found.horizon)
+        seen = FitSummary.of(data.simulations.fits(found), found.horizon)
         held = cross_validate(data, estimator, split)
     except ButterflyError as problem:
         error = str(problem)

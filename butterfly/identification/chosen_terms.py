@@ -16,7 +16,12 @@ from butterfly.identification.blocks import independent_cells_of
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.fit import Equations, Minimum
 from butterfly.identification.inference.identifiability import Conditioning
-from butterfly.identification.inference.linear_terms import STRIBECK, LinearModel, candidates
+from butterfly.identification.inference.linear_terms import (
+    STRIBECK,
+    LinearModel,
+    candidates,
+    stribeck_velocities,
+)
 from butterfly.identification.inference.stagewise import (
     ChosenTerms,
     Offer,
@@ -32,7 +37,6 @@ from butterfly.model.parameters import value_if_absent
 from butterfly.model.prior import Prior
 from butterfly.model.terms import BASE_TERMS, COMMON, OF_SERVO, RARE, TERMS, companions, offered
 
-_SPEEDS = (0.03, 0.1, 0.35)  # over the largest speed, at which Stribeck friction is tested
 _INDEPENDENT = 2 * FEW  # logs, from which on rare terms are tried
 _BASE = BASE_TERMS[0]
 
@@ -93,8 +97,8 @@ class FreeRunModel:
             fastest = 2**0.5 * max(log.rms_speed for log in self.problem.logs)
             tried = [
                 offer
-                for share in _SPEEDS
-                for offer in self._offers([STRIBECK], {"stribeck_velocity": share * fastest})
+                for speed in stribeck_velocities(fastest)[::4]  # three of them
+                for offer in self._offers([STRIBECK], {"stribeck_velocity": speed})
             ]
             found += [max(tried, key=lambda each: each.share)] if tried else []
         return found

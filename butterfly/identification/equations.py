@@ -212,10 +212,10 @@ class CellEquations:
 
     def change_by(self, pull: Samples) -> Samples:
         """(n,) change of the `free` values: the inverse curvature times an (n,) gradient."""
-        return np.asarray(self._inverse @ pull)
+        return np.asarray(self.inverse @ pull)
 
     @cached_property
-    def _inverse(self) -> Samples:
+    def inverse(self) -> Samples:
         """(n, n) pseudo-inverse of the curvature of the `free` values; 0 elsewhere."""
         scaled, size = unit_diagonal(self.total[0])
         block = np.ix_(self.free, self.free)

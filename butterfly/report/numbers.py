@@ -112,9 +112,9 @@ def runs_document(records: Sequence[RunRecord]) -> dict[str, Any]:
     )
 
 
-def rows_document(name: str, table: pa.Table, limit: int, kind: InputKind) -> dict[str, Any]:
-    """Return the first rows of a table of results, with the units of what they estimate."""
-    rows = table.slice(0, limit).to_pylist()
+def rows_document(name: str, table: pa.Table, kind: InputKind) -> dict[str, Any]:
+    """Return the rows of a table of results, with the units of what they estimate."""
+    rows = table.to_pylist()
     for row in rows:
         if "parameter" in row:
             row["unit"] = unit_of(row["parameter"], kind)

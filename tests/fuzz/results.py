@@ -27,7 +27,7 @@ _LOOKS = (
     "results list {0}",
     "results show {0} 0",
     "results table {0}",
-    "results table {0} --table estimates --filter parameter=p1",
+    "results table {0} --table estimates --columns parameter",
     "results table {0} --out {0}.csv",
     "compare {0}/0 {0}/1",
     "results clean {0} --failed",

@@ -14,7 +14,7 @@ from butterfly.identification.predict import draw_parameters
 from butterfly.identification.problem import Start
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging
 from butterfly.identification.weak_regression import WeakFit
-from butterfly.model.prior import NO_PRIOR, SCALES, Prior
+from butterfly.model.prior import LAG, NO_PRIOR, SCALES, Prior
 from butterfly.model.terms import PARAMETERS, FrictionTerms, lower_bounds
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, SWINGS, estimate_of, noisy, steady, wild
@@ -140,14 +140,16 @@ def _rescaled(log, scale, share):
     if scale == "time_scale":
         sine = replace(sine, omega=sine.omega * (1 + share))
         return replace(log, time=log.time / (1 + share), excitation=sine)
+    if scale == LAG:
+        return replace(log, angle=np.interp(log.time - share, log.time, log.angle))
     column = scale.removesuffix("_scale")
     return replace(log, **{column: getattr(log, column) / (1 + share)})
 
 
-@pytest.mark.parametrize("scale", sorted(SCALES))
+@pytest.mark.parametrize("scale", [*sorted(SCALES), LAG])
 def test_the_uncertainty_of_a_scale_widens_errors_by_what_it_would_move(sines, plain, scale):
     share, estimator = 2e-4, HarmonicBalance(terms=())
-    told = replace(sines, known=Prior.of({scale: (1.0, share)}))
+    told = replace(sines, known=Prior.of({scale: (float(scale != LAG), share)}))
     wide = estimator(told)
     off = estimator(DataSet.of([_rescaled(log, scale, share) for log in sines.logs]))
     added = np.sqrt(np.diag(wide.covariance) - np.diag(plain.covariance))
@@ -156,14 +158,7 @@ def test_the_uncertainty_of_a_scale_widens_errors_by_what_it_would_move(sines, p
         k = plain.names.index(name)
         size = share * abs(plain.values[k])
         assert added[k] == pytest.approx(moved[k], abs=0.1 * moved[k] + 0.15 * size), name
-
-
-def test_an_uncertain_lag_of_the_logger_widens_the_delay_alone(sines, plain):
-    late = 5e-3
-    wide = HarmonicBalance(terms=())(replace(sines, known=Prior.of({"lag": (0.0, late)})))
-    added = np.sqrt(np.diag(wide.covariance) - np.diag(plain.covariance))
-    expected = late * (np.array(plain.names) == "delay")
-    np.testing.assert_allclose(added, expected, atol=1e-9 * late)
+    assert scale != LAG or added[plain.names.index("delay")] == pytest.approx(share, rel=1e-3)
 
 
 def test_a_scale_is_not_uncertain_beside_an_exact_value(sines):

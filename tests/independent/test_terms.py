@@ -15,10 +15,8 @@ from butterfly.api.verbs import identify
 from butterfly.identification.blocks import Condition
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import HarmonicBalance, OutputError
-from butterfly.identification.inference.agreement import Contrast
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import LumpedParameters
-from butterfly.report.agreement_texts import causes
 from butterfly.verdict import Level
 from tests.independent import defects
 
@@ -96,13 +94,6 @@ def _assert_play(found):
 def test_backlash_is_named_with_its_size_by_free_runs_under_chirps_and_sums_of_sines():
     data = DataSet.of(defects.draw("backlash", 5).logs)
     _assert_play(identify(data, OutputError(terms=("drag",), workers=1)))
-
-
-def test_a_delay_that_grows_with_the_speed_is_no_backlash():
-    contrast = Contrast(parameter="delay", condition=Condition.SPEED, least=1.0, largest=2.0,
-                        first=0.01, last=0.002, share=0.5, chance=0.0)  # fmt: skip
-    assert contrast.play < 0
-    assert "backlash" not in " ".join(causes(contrast))
 
 
 @pytest.mark.slow

@@ -270,7 +270,7 @@ def differing_values(equations: CellEquations, name: str) -> Samples | None:
     if change is None:
         return None
     pull = np.einsum("kn,k->n", equations.curvature[:, :, place], change)
-    values = equations.values - _inverse(equations) @ pull
+    values = equations.values - equations.inverse @ pull
     values[place] += change.mean()
     return np.asarray(values)
 
@@ -278,19 +278,13 @@ def differing_values(equations: CellEquations, name: str) -> Samples | None:
 def _in_each_log(equations: CellEquations, place: int) -> Samples | None:
     """(k,) deviations of a value in each log from their mean; None if not identifiable."""
     pulls = equations.curvature[:, :, place]
-    reduced = np.diag(pulls[:, place]) - pulls @ _inverse(equations) @ pulls.T
+    reduced = np.diag(pulls[:, place]) - pulls @ equations.inverse @ pulls.T
     scaled, size = unit_diagonal(reduced)
     powers, axes = np.linalg.eigh(scaled)
     if not (np.diag(reduced) > 0).all() or powers[1:].min(initial=1.0) < SHOWS:
         return None
     axes, powers = axes[:, 1:], powers[1:]  # the least is that of a change common to all logs
     return np.asarray(-(axes / powers) @ (axes.T @ (equations.gradient[:, place] / size)) / size)
-
-
-def _inverse(equations: CellEquations) -> Samples:
-    """(n, n) pseudo-inverse of the curvature of all cells."""
-    scaled, size = unit_diagonal(equations.total[0])
-    return np.linalg.pinv(scaled, hermitian=True) / np.outer(size, size)
 
 
 def _chance(scores: Samples, parts: Samples, *, gamma: float) -> float:

@@ -19,7 +19,7 @@ from butterfly.identification.inference.stagewise import Offer, offers_in, stage
 from butterfly.identification.inference.submodels import NEGLIGIBLE, Submodels, submodels_of
 from butterfly.identification.levels import FEW
 from butterfly.model.parameters import AddedMass
-from butterfly.model.prior import Prior
+from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import FOLLOWERS, GEAR, FrictionTerms, companions
 
 STRIBECK = "stribeck"
@@ -53,7 +53,7 @@ def usual_velocity(known: Prior) -> float:
     return known.fixed.get("stribeck_velocity", FrictionTerms.stribeck_velocity)
 
 
-def stribeck_velocities(fastest: float, known: Prior) -> list[float]:
+def stribeck_velocities(fastest: float, known: Prior = NO_PRIOR) -> list[float]:
     """Return Stribeck velocities in rad/s to try: none if its friction is known, one if it is."""
     if STRIBECK in known.parameters:
         return []

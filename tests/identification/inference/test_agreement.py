@@ -318,13 +318,17 @@ def test_a_parameter_without_any_effect_takes_no_part():
     assert 0.05 < Likelihood(LogRows.of(logs), spread).best().friction < 0.5
 
 
-@pytest.mark.parametrize("grows", [True, False])
-def test_a_gain_that_grows_towards_a_second_resonance_is_no_lag(grows):
-    ends = {"first": 1.0, "last": 1.1} if grows else {"first": 1.1, "last": 1.0}
-    contrast = Contrast(
-        parameter="p4", condition=Condition.FREQUENCY, least=1.0, largest=9.0, **ends, share=0.5,
-        chance=0.0,
-    )  # fmt: skip
-    named = causes(contrast)
-    assert named[0] == ("an elastic joint" if grows else "drive lag")
-    assert ("drive lag" in named) is not grows
+@pytest.mark.parametrize(
+    ("name", "condition", "last", "first", "absent"),
+    [
+        ("p4", Condition.FREQUENCY, 1.1, "an elastic joint", "drive lag"),
+        ("p4", Condition.FREQUENCY, 0.9, "drive lag", "backlash"),
+        ("delay", Condition.SPEED, 1.1, "backlash", "drive lag"),
+        ("delay", Condition.SPEED, 0.9, "a friction term missing in the model", "backlash"),
+    ],
+)
+def test_causes_depend_on_whether_a_parameter_grows(name, condition, last, first, absent):
+    ends = {"least": 1.0, "largest": 2.0, "first": 1.0, "last": last}
+    named = causes(Contrast(parameter=name, condition=condition, **ends, share=0.5, chance=0.0))
+    assert named[0] == first
+    assert absent not in named
