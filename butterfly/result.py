@@ -87,6 +87,7 @@ class TextTable(NamedTuple):
     title: str
     headers: Sequence[str]
     rows: Sequence[Sequence[object]]
+    detail: bool = False  # whether it is printed with --verbose alone
 
     @classmethod
     def of_page(cls, page: Page) -> tuple[TextTable, ...]:

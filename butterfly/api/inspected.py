@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
-from os import PathLike
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from butterfly.api.sources import Named, is_data, manifest_of, names_result, read
 from butterfly.api.verbs import identify, numbers_of_logs, saved_identification
@@ -39,11 +38,14 @@ from butterfly.report.inspection import (
     inspection_page,
 )
 from butterfly.report.numbers import estimate_numbers
-from butterfly.report.page import write_html
+from butterfly.report.page import Page
 from butterfly.report.summary import zero_sentences
 from butterfly.result import Answer, TextTable
 from butterfly.twin.twin import Twin
 from butterfly.verdict import Level, Verdict
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
 
 ARM = 0.104  # m
 
@@ -109,18 +111,24 @@ class Inspection(Answer):
             expected = "usable logs; repair or exclude these (see the findings)"
             raise InputError(self.source, "logs", f"{self.unusable} unusable", expected)
 
-    def plot(self, path: str | PathLike[str]) -> None:
-        """Plot a single log to an HTML page.
+    def shown_rows(self) -> list[dict[str, str]]:
+        """Return a row for each log, formatted for reading."""
+        (table,) = self.printed
+        return [dict(zip(table.headers, map(str, row), strict=False)) for row in table.rows]
 
-        Raises
-        ------
-        InputError
-            If there are several logs, or the file cannot be written.
-        """
-        (only,) = self.logs if len(self.logs) == 1 else (None,)
-        if only is None or only.log is None or only.health is None:
-            raise InputError(self.source, "plot", f"{len(self.logs)} logs", "one log (--log N)")
-        write_html(inspection_page(only.log, only.health), Path(path))
+    def figures(self) -> dict[str, Figure]:
+        """Return the recording of the worst log that can be read."""
+        from butterfly.report.log_figures import recorded_figure  # noqa: PLC0415 - slow to import
+
+        drawn = [each.log for each in self.logs if each.log is not None]
+        return {"log": recorded_figure(drawn[0])} if drawn else {}
+
+    def page(self) -> Page:
+        """Return the page of `report`: of a single log all that is known of it."""
+        first, *others = self.logs
+        if others or first.log is None or first.health is None:
+            return super().page()
+        return inspection_page(first.log, first.health, self.to_dict())
 
 
 def _looked_at(seen: Inspected) -> dict[str, Any]:

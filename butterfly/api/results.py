@@ -5,16 +5,14 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from os import PathLike
-from pathlib import Path
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.identification.data import DataSet
-from butterfly.identification.design import Candidate
+from butterfly.identification.design import HELPS, Candidate
 from butterfly.identification.diagnostics.residuals import Residuals, residual_units, residuals_of
 from butterfly.identification.estimate import Estimate, left_out_content
 from butterfly.identification.estimators import Estimator
@@ -27,8 +25,13 @@ from butterfly.logs.log import Log
 from butterfly.report.finding_texts import estimate_verdict
 from butterfly.report.format import fit_text
 from butterfly.report.numbers import residual_numbers, rests_on
-from butterfly.report.page import Fact
-from butterfly.report.summary import best_experiment_text, held_out_sentences, selection_texts
+from butterfly.report.page import Fact, Page
+from butterfly.report.summary import (
+    best_experiment_text,
+    held_out_sentences,
+    medians_of,
+    selection_texts,
+)
 from butterfly.result import Answer, TextTable
 
 if TYPE_CHECKING:
@@ -222,7 +225,12 @@ class Designed(Tabulated):
         rows = self.rows()
         cells = [[f"{v:.2f}" if isinstance(v, float) else v for v in row.values()] for row in rows]
         ranked = [(str(rank), *row) for rank, row in enumerate(cells, start=1)]
-        return [TextTable(self.title, ("", *rows[0]), ranked)]
+        return [TextTable(self.title, ("", *rows[0]), ranked, detail=not self._helps)]
+
+    @property
+    def _helps(self) -> bool:
+        """Whether the first candidate shrinks the standard errors by what matters."""
+        return bool(self.rows()[0]["mean"] <= HELPS)
 
     def figures(self) -> dict[str, Figure]:
         """Return the figures of its page, by name."""
@@ -233,14 +241,16 @@ class Designed(Tabulated):
         best, *_ = rows = self.rows()
         (swing,) = (name for name in best if name.startswith("swing in "))
         return [
-            Fact("best next experiment", best["input"], best["added mass"]),
+            Fact("best next experiment", best["input"], best["added mass"])
+            if self._helps
+            else Fact("best next experiment", "none helps", "standard errors stay as they are"),
             Fact("standard errors after it", f"{100 * best['mean']:.3g} %", "of those now, mean"),
             Fact("swing", f"{best[swing]:.2g} {swing.removeprefix('swing in ')}"),
             Fact("candidates", str(len(rows))),
         ]
 
 
-class Selection(Answer):
+class Selection(Tabulated):
     """Terms chosen by cross-validation."""
 
     kind: ClassVar[str] = "selection"
@@ -257,11 +267,8 @@ class Selection(Answer):
         nested: CrossValidation | None = None,
     ) -> Selection:
         """Tabulate the sets of terms tried; the last one is chosen."""
-        from butterfly.report.ranking_pages import selection_page, structures_table  # noqa: PLC0415 - slow to import
-
-        verdict, table = estimate_verdict(found), structures_table(passed)
-        title = f"{data.name}: FIT in %, in sample and held out"
-        result = cls(
+        verdict = estimate_verdict(found)
+        return cls(
             title=f"Terms chosen for {data.name!r} by {estimator.method}",
             summary=(*verdict.lines, *selection_texts(passed, nested)),
             judged=verdict,
@@ -280,26 +287,32 @@ class Selection(Answer):
                 "nested": None if nested is None else nested.mean._asdict(),
             },
             units={"rows.in_sample": "%", "rows.left_out": "%", "rows.gain": "%", "nested": "%"},
-            printed=(
-                TextTable(
-                    title, [*map(str, table.headers)], [[*map(str, row)] for row in table.rows]
-                ),
-            ),
         )
-        return result.drawn_as(selection_page(data, passed, result))
 
     def shown_rows(self) -> list[dict[str, str]]:
-        """Return each set of terms with its median FIT, in sample and held out."""
+        """Return each set of terms with its median FIT, in sample and held out, and the gain."""
         return [
             {
                 "terms": ", ".join(row["terms"]) or "none",
-                "FIT in sample in %": fit_text(row["in_sample"]["median"]),
-                **{
-                    f"held-out FIT by {split} in %": fit_text(fit["median"])
-                    for split, fit in row["left_out"].items()
-                },
+                **{f"FIT {name} in %": fit_text(fit) for name, fit in medians_of(row).items()},
+                "gain in FIT": "±".join(f"{each:.1f}" for each in (row["gain"] or {}).values()),
             }
             for row in self.rows()
+        ]
+
+    def figures(self) -> dict[str, Figure]:
+        """Return the figures of its page, by name; none where nothing was added."""
+        return {"fit": self.plot.choices()} if len(self.rows()) > 1 else {}
+
+    def facts(self) -> list[Fact]:
+        """Return the numbers that matter most: of the chosen terms."""
+        chosen = self.rows()[-1]
+        return [
+            Fact("terms chosen", ", ".join(chosen["terms"]) or "none", "besides p1..p4, coulomb"),
+            *(
+                Fact(f"FIT {name}", f"{fit_text(fit)} %", "median")
+                for name, fit in medians_of(chosen).items()
+            ),
         ]
 
 
@@ -335,36 +348,42 @@ class Residual(Answer):
             chosen=tuple(chosen),
         )
 
-    def tables(self) -> list[TextTable]:
-        """Return the errors of the chosen logs, and the shape of their residual torques."""
+    def shown_rows(self) -> list[dict[str, str]]:
+        """Return the errors of the chosen logs, and whether sensor noise explains them."""
         from butterfly.report.residual import HEADERS, residual_table  # noqa: PLC0415 - slow to import
 
         rows = residual_table(self.residuals.logs[k] for k in self.chosen).rows
-        return [TextTable(f"{self.data.name}: residuals of {self.estimate.method}", HEADERS, rows)]
+        return [dict(zip(HEADERS, map(str, row), strict=True)) for row in rows]
 
     def torque(self, number: int) -> ResidualTorque:
         """Return the residual torque of a log, by its number."""
         setting = self.data.simulations.setting(number, self.estimate)
         return ResidualTorque.of(self.data.logs[number], setting.parameters, setting.zero)
 
-    def plot(self, path: str | PathLike[str]) -> None:
-        """Plot residual torque and error of the log with the largest error to an HTML page.
+    @property
+    def _worst(self) -> int:
+        """Number of the chosen log with the largest error."""
+        return max(self.chosen, key=lambda k: self.residuals.logs[k].relative)
 
-        Raises
-        ------
-        InputError
-            If the file cannot be written.
-        """
-        from butterfly.report.page import write_html  # noqa: PLC0415 - slow to import
-        from butterfly.report.residual import residual_page  # noqa: PLC0415 - slow to import
+    def figures(self) -> dict[str, Figure]:
+        """Return residual torque and correlations of the log with the largest error."""
+        from butterfly.report.residual import residual_figures  # noqa: PLC0415 - slow to import
 
-        assert self.judged is not None  # noqa: S101 - it rests on an estimate
-        worst = max(self.chosen, key=lambda k: self.residuals.logs[k].relative)
-        page = residual_page(
-            self.torque(worst),
-            self.residuals.logs[worst],
-            self.judged,
-            self.notes,
-            joint=self.data.joint,
-        )
-        write_html(page, Path(path))
+        worst = self._worst
+        return residual_figures(self.torque(worst), self.residuals.logs[worst], self.data.joint)
+
+    def facts(self) -> list[Fact]:
+        """Return the numbers that matter most: of the log with the largest error."""
+        worst = self.residuals.logs[self._worst]
+        return [
+            Fact("largest error", f"{100 * worst.relative:.2g} %", f"of the motion, {worst.label}"),
+            Fact("over sensor noise", f"{worst.times:.3g} ×", "encoder resolution and noise"),
+            Fact("correlations", "outside" if worst.outside else "inside", "bands"),
+        ]
+
+    def page(self) -> Page:
+        """Return the page of `report`."""
+        from butterfly.report.residual import EXPLAINED  # noqa: PLC0415 - slow to import
+
+        page = super().page()
+        return replace(page, lead=page.lead and replace(page.lead, text=EXPLAINED))

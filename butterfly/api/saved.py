@@ -12,20 +12,22 @@ from butterfly.api.changed import Changed
 from butterfly.api.compared import Compared
 from butterfly.api.identification import Identification
 from butterfly.api.predicted import Drawn, Predicted
-from butterfly.api.results import Designed, Validated
+from butterfly.api.results import Designed, Selection, Validated
 from butterfly.api.sources import root_of
 from butterfly.errors import InputError
 from butterfly.files import read_file, whole
 from butterfly.progress import budget
 from butterfly.report.parameter_table import Separated
+from butterfly.result import Answer, Result
 
-_SAVED = (Identification, Validated, Designed, Compared, Predicted, Drawn, Separated, Changed)
+_SAVED: tuple[type[Identification | Answer], ...] = (
+    *(Identification, Validated, Designed, Selection, Compared),
+    *(Predicted, Drawn, Separated, Changed),
+)
 _KINDS = {f"butterfly.{each.kind}": each for each in _SAVED}
 
 
-def load(
-    path: str | PathLike[str], *, root: str | PathLike[str] | None = None
-) -> Identification | Validated | Designed | Compared | Predicted | Drawn | Separated | Changed:
+def load(path: str | PathLike[str], *, root: str | PathLike[str] | None = None) -> Result:
     """Load a saved result.
 
     Parameters

@@ -20,14 +20,13 @@ from butterfly.cli.options import (
     Holdout,
     Limit,
     LogNumbers,
-    Page,
     Report,
     Split,
     parse_names,
     parse_numbers,
     parse_pairs,
 )
-from butterfly.cli.output import ExitCode, say, show, show_progress
+from butterfly.cli.output import ExitCode, show, show_progress
 from butterfly.cli.written import SAVED
 from butterfly.errors import InputError
 from butterfly.experiment.methods import kind_of
@@ -169,30 +168,24 @@ def residual(
     fit: Fit = Fit(),  # noqa: B008
     log: LogNumbers = None,
     holdout: Holdout = None,
-    plot: Page = None,
+    page: Report = NO_REPORT,
 ) -> ExitCode:
     """Analyse the residuals, and name the terms that the model is missing.
 
     Compares each log's free-run error with the sensor noise, and tests its correlations.
 
-    Example: butterfly residual result.json --log 2 --plot residual.html
+    Example: butterfly residual result.json --log 2 --report residual.html
 
     Parameters
     ----------
     data
         A saved result; or a manifest, a folder of logs or a shipped data set's name, to identify
         first.
-    plot
-        Plot the residual torque of the log with the largest error (HTML).
     """
     found = bf.residual(
         data, _method(data, fit), logs=parse_numbers(log), holdout=parse_names(holdout)
     )
-    ended = show(found)
-    if plot is not None:
-        found.plot(plot)
-        say(f"Plot: {plot}")
-    return ended
+    return show(found, report=page.report, figures=page.figures)
 
 
 def compare(

@@ -9,6 +9,7 @@ from cyclopts import Parameter
 
 import butterfly as bf
 from butterfly.cli.options import (
+    NO_REPORT,
     OUT,
     SILENT,
     Data,
@@ -16,7 +17,7 @@ from butterfly.cli.options import (
     Facts,
     LogNumbers,
     OutFolder,
-    Page,
+    Report,
     parse_numbers,
 )
 from butterfly.cli.output import ExitCode, say, show, show_progress
@@ -29,7 +30,7 @@ def inspect(
     /,
     *,
     log: LogNumbers = None,
-    plot: Page = None,
+    page: Report = NO_REPORT,
     added_mass: Annotated[float, Parameter(metavar="kg")] = 0.0,
     options: DataOptions = SILENT,
 ) -> ExitCode:
@@ -38,15 +39,13 @@ def inspect(
     Checks clock, gaps, saturation and clipping. Several logs: one line each, worst first. An
     experiment or a saved result: prints the robot's parameters instead.
 
-    Examples: butterfly inspect logs/ --units time=ms; butterfly inspect Data_52__8__002.mat --plot
-    log.html
+    Examples: butterfly inspect logs/ --units time=ms; butterfly inspect Data_52__8__002.mat
+    --report log.html
 
     Parameters
     ----------
     data
         Logs, a folder of logs, a manifest, a saved result, an experiment, or a shipped name.
-    plot
-        Plot the log to this file (HTML).
     added_mass
         Added mass of the robot of an experiment or saved result, at --arm (default 0.104 m).
     """
@@ -58,13 +57,8 @@ def inspect(
         root=options.root,
         **options.description(),
     )
-    if isinstance(found, bf.Inspection) and plot is not None and len(found.logs) > 1:
-        raise InputError(data, "--plot", f"{len(found.logs)} logs", "one log (--log N)")
-    ended = show(found)
+    ended = show(found, report=page.report, figures=page.figures)
     if isinstance(found, bf.Inspection):
-        if plot is not None:
-            found.plot(plot)
-            say(f"Plot: {plot}")
         found.require_usable()
     return ended
 

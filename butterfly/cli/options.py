@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 from cyclopts import Group, Parameter
 from cyclopts.validators import Number
 
-from butterfly.cli.written import FOLDER, PAGE, REPORT
+from butterfly.cli.written import FOLDER, REPORT
 from butterfly.errors import InputError
 
 _ALL = "--help-all" in sys.argv
@@ -36,7 +36,6 @@ LogNumbers = Annotated[str | None, Parameter(name="--log", metavar="NUMBERS", he
 Holdout = Annotated[str | None, Parameter(group=THE_DATA, metavar="NAMES", help=_HOLDOUT)]
 HandMass = Annotated[float | None, Parameter(metavar="kg", help=_HAND_MASS)]
 Limit = Annotated[int, Parameter(metavar="N", validator=Number(gte=1))]
-Page = Annotated[Path | None, Parameter(group=WRITTEN, metavar="FILE"), PAGE]
 Split = Literal["auto", "mass", "frequency", "log", "time"]
 
 

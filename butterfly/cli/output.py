@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 _PIPED = 80  # columns, where nobody says how many there are
 _READABLE = 100  # characters in a line of a sentence, however wide a terminal is
 _INDENT, _GAP = 2, 2  # spaces before a line of a table, and between columns
-_PROSE = 24  # characters beyond which a cell of words may be folded at its spaces
+_PROSE = 16  # characters beyond which a cell of words may be folded at its spaces
 _FEW_WORDS = 2  # of a cell that is never folded: an interval, say
 _NUMBER = re.compile(r"[^\w]*[\d.]+(e[-+]?\d+)?([^\w]|$)")
 _KEPT = re.compile(r"(?<=\d) (?=\S)|(?<=\bN) (?=m\b)|(?<=\bm) (?=s²?/rad)|(?<=\bkg) (?=m²)")
@@ -147,7 +147,8 @@ def show(
         say_verdict(result.judged)
     verdict = result.judged.lines[:_VERDICT] if result.judged else ()
     say_some([each for each in result.paragraphs() if each not in verdict], headed=bool(verdict))
-    for table in () if asked.silent else result.tables():
+    tables = [each for each in result.tables() if asked.verbose or not each.detail]
+    for table in () if asked.silent else tables:
         show_table(table.title, table.headers, table.rows[:rows])
     if report is not None:
         result.report(report, figures=figures)

@@ -25,7 +25,6 @@ class OutputFile:
 
 
 SAVED = OutputFile((".json",), documents=(outputs.mark_of_document("identification", "saved"),))
-PAGE = OutputFile((".html",))
 REPORT = OutputFile((".html",), beside=".json", documents=('"schema": "butterfly.',))
 FOLDER = OutputFile()
 

@@ -25,7 +25,7 @@ from butterfly.identification.inference.linear_terms import (
 from butterfly.identification.inference.stagewise import (
     ChosenTerms,
     Offer,
-    is_possible,
+    friction_brakes,
     offers_in,
     stagewise,
 )
@@ -152,7 +152,7 @@ class FreeRunModel:
         least = dict(zip(problem.labels, problem.lower.tolist(), strict=True))
         free = all(values[n] > least[n] for n in (offer.name, "p1") if n in values)
         free &= all(values[name] <= TERMS[name].most for name in problem.labels if name in TERMS)
-        possible = is_possible(values, [log.added_mass for log in problem.logs])
+        possible = friction_brakes(values, [log.added_mass for log in problem.logs])
         if not (end.converged and kept and free and possible):
             return None
         return None if conditioning_of(problem, end.at).singular else found

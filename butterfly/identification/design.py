@@ -19,7 +19,7 @@ from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError, require_number
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.levels import LOST
+from butterfly.identification.levels import LOST, MATTERS
 from butterfly.identification.segment import LONGEST_STEP
 from butterfly.identification.servo_drive import driven
 from butterfly.identification.simulation import Simulation
@@ -33,6 +33,9 @@ from butterfly.signals.excitations import Excitation, FreeDecay, Multisine, init
 
 DURATION = 40.0
 """Length of a run in s."""
+
+HELPS = 1 - MATTERS
+"""Standard errors over the present ones, in the mean, up to which an experiment helps."""
 
 _INDEPENDENT = 2  # independent numbers that a run determines for certain: gain and phase
 _SWINGS = (0.15, 0.4)  # target swings of the amplitudes, over the allowed one

@@ -90,13 +90,13 @@ def judge(
     # Where the hand passes the upright no free run of a whole log stays near: such logs count only
     # if all do.
     segmented = found.horizon is not None and math.isfinite(found.horizon)
-    counted = list(range(len(data.logs))) if segmented else data.counted
+    followed = list(range(len(data.logs))) if segmented else data.counted
     residuals = residuals or residuals_of(data, found)
     contrasted = found.with_contrasts(residuals.agreement, residuals.rivals)
     judged_so_far = contrasted.holding(residuals.missing.rival).with_findings(
         *judge_physics(found, data.masses),
         *([data.correction] if data.correction else []),
-        *judge_fit(data.simulations.followed(found, counted)),
+        *judge_fit(data.simulations.followed(found, followed)),
         *residuals.findings,
         *judge_input(found, data.input_kind),
         *judge_knowledge(found, data),

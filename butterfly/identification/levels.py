@@ -21,6 +21,9 @@ PRECISE = 0.1
 MATTERS = 0.01
 """Share of a value below which a change is negligible."""
 
+MATERIAL = 0.05
+"""Share of the squared errors that a missing term or a contrast explains if it is one."""
+
 SHOWS = 1e-3
 """The same where errors are known, as those of steady responses are."""
 

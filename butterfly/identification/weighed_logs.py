@@ -176,7 +176,7 @@ def stagewise_weighed(
         return fitted, weighed
     if not at.is_finite:
         return fitted, weighed
-    return fitted_of(found, replace(fitted.end, at=at), fitted), again
+    return fitted_of(found, replace(fitted.end, at=at, converged=end.converged), fitted), again
 
 
 def weighed_end(found: WeighedLogs | None, end: Minimum) -> Minimum | None:

@@ -303,7 +303,7 @@ _ROWS = (
          basis=lambda m: np.sin(m.angle), potential=lambda x, _n: 2 * np.sin(x / 2) ** 2,
          describing=lambda _w, a, _m: gravity_describing_function(a),
          looks_like="a gravity moment"),
-    Term("p4", "p₄", "N m/unit", "torque at standstill per unit of input",
+    Term("p4", "p₄", "N m/unit", "stall torque per unit of input",
          basis=lambda m: -m.input),
     Term("coulomb", "T_c", "N m", "Coulomb friction; also holds the joint at rest",
          lower=0.0, basis=lambda m: m.direction, dry=True,

@@ -333,9 +333,7 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         f"{TERMS[finding.parameters[0]].unit}) was chosen from a grid; the intervals cover "
         "grid values that fit equally well."
     ),
-    FindingKind.NOT_HELPING: (
-        "Tried, not included: {names}. No better prediction of held-out logs."
-    ),
+    FindingKind.NOT_HELPING: ("Tested and left out (no better prediction): {names}."),
     FindingKind.INSEPARABLE: lambda finding, _: " ".join(
         [
             f"Not fitted: {', '.join(finding.parameters)}. Not identifiable from these data.",

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +18,6 @@ from butterfly.logs.reading import piece_name, read_pieces
 from butterfly.logs.thinning import thinned
 from butterfly.progress import Track, untracked
 from butterfly.report.page import Badge, Page, PageTable, Section
-from butterfly.result import versions
 from butterfly.signals.spectrum import periodogram, resample, rms_amplitude, uniform_grid
 from butterfly.verdict import Level
 
@@ -72,9 +72,9 @@ def conditions_text(conditions: Sequence[Level]) -> str:
     counts = {each: conditions.count(each) for each in Level}
     if counts[Level.GOOD] == len(conditions):
         return f"{logs}: {'all ' * (len(conditions) > 1)}ok."
-    told = [f"{count} {_TOLD[each]}" for each, count in counts.items() if count]
     if Level.worst(conditions) is Level.NOTE:
-        told.append(f"none {_TOLD[Level.CARE]}")
+        return f"{logs}, all usable ({counts[Level.NOTE]} {_TOLD[Level.NOTE]})."
+    told = [f"{count} {_TOLD[each]}" for each, count in counts.items() if count]
     return f"{logs}: {', '.join(told)}."
 
 
@@ -161,7 +161,7 @@ def _servo_rows(log: Log) -> list[tuple[str, str]]:
     return rows
 
 
-def inspection_page(log: Log, health: Health) -> Page:
+def inspection_page(log: Log, health: Health, numbers: dict[str, Any]) -> Page:
     """Put together the page of a log that can be used."""
     from butterfly.report.log_figures import recorded_figure  # noqa: PLC0415 - slow to import
 
@@ -172,10 +172,10 @@ def inspection_page(log: Log, health: Health) -> Page:
     return Page(
         name=Path(log.source).name or log.label,
         description="",
-        kind="log",
+        kind="inspection",
         badge=Badge(state, STATES[state].capitalize(), [_ADVICE[state], *found]),
         summary=hints([Inspected(name=log.label, remarks=tuple(remarks))]),
         lead=Section(title="In numbers", tables=(table,)),
         sections=[Section(title="The log", figures={"log": recorded_figure(log)})],
-        numbers={"data": {"name": log.source}, "versions": versions()},
+        numbers=numbers,
     )

@@ -12,13 +12,15 @@ from butterfly.report.format import interval, upwards, with_error
 from butterfly.result import Answer, TextTable
 from butterfly.verdict import Verdict
 
+_MARKS = {"known": "known", "rough": "poor", "not-from-zero": "may be 0"}
 _TITLE = "Physical parameters and derived quantities"
 
 
 def parameter_texts(row: Parameter) -> dict[str, str]:
     """Return a parameter as console, page and notebook show it; "" where there is nothing to say.
 
-    ``width`` is how far the farther limit is, over the value; of one that may be 0, that it may.
+    ``estimate`` is the value and how far its farther limit is; ``width`` is that over the value, of
+    one that may be 0 that it may; ``mark`` says what is to be known of it at a glance.
     """
     error, limits, width = "–", "–", "–"
     if row.known:
@@ -39,6 +41,8 @@ def parameter_texts(row: Parameter) -> dict[str, str]:
         "meaning": row.meaning,
         "unit": row.unit,
         "value": with_error(row.value, or_nan(row.standard_error)),
+        "estimate": with_limit(row.value, None if row.known else row.farther),
+        "mark": "at its bound" if row.on_bound else _MARKS.get(row.claim, ""),
         "error": error,
         "interval": limits,
         "width": width,
@@ -48,9 +52,16 @@ def parameter_texts(row: Parameter) -> dict[str, str]:
     }
 
 
-def physical_table(parameters: PhysicalParameters) -> TextTable:
-    """Tabulate physical parameters."""
-    rows = [
+def with_limit(value: float, farther: float | None) -> str:
+    """Write a value and how far its farther limit is, to two digits of that."""
+    half = or_nan(farther)
+    return f"{with_error(value, half)} ± {half:#.2g}" if half > 0 else f"{value:.5g}"
+
+
+def physical_table(parameters: PhysicalParameters, *, brief: bool = False) -> TextTable:
+    """Tabulate physical parameters; ``brief``: without standard errors and intervals."""
+    headers: tuple[str, ...] = ("", "value", "std error", "95 % interval")
+    rows: list[tuple[str, ...]] = [
         (
             each.name,
             with_error(each.value, each.standard_error),
@@ -58,14 +69,18 @@ def physical_table(parameters: PhysicalParameters) -> TextTable:
             interval(each.value - each.half_width, each.value + each.half_width)
             if each.half_width
             else "–",
-            "" if each.given is None else str(each.given),
-            each.unit,
-            SYMBOLS[each.name].meaning,
         )
         for each in parameters.found
     ]
-    headers = ("", "value", "std error", "95 % interval", "given", "unit", "meaning")
-    return TextTable(_TITLE, headers, rows)
+    if brief:
+        headers = ("", "value ± 95 %")
+        rows = [(each.name, with_limit(each.value, each.half_width)) for each in parameters.found]
+    meant = (
+        ("" if each.given is None else str(each.given), each.unit, SYMBOLS[each.name].meaning)
+        for each in parameters.found
+    )
+    whole = [(*row, *more) for row, more in zip(rows, meant, strict=True)]
+    return TextTable(_TITLE, (*headers, "given", "unit", "meaning"), whole)
 
 
 def physical_numbers(parameters: PhysicalParameters) -> dict[str, dict[str, Any]]:

@@ -1,4 +1,4 @@
-"""Pages of what was ranked by prediction: estimators (a leaderboard), and choices of terms."""
+"""The page of estimators ranked by prediction (a leaderboard), and figures of tables."""
 
 from __future__ import annotations
 
@@ -11,12 +11,11 @@ from textwrap import wrap
 from plotly.graph_objects import Figure
 
 from butterfly.comparison.leaderboard import Entry, equals
-from butterfly.identification.data import DataSet
 from butterfly.identification.free_run import FitSummary
-from butterfly.identification.validate import Structure
 from butterfly.report.figures import PALETTE, log_ticks, logs_panel, look, panel
 from butterfly.report.format import fit_text
 from butterfly.report.page import Badge, Fact, Marked, Page, PageTable, Section
+from butterfly.report.summary import medians_of
 from butterfly.result import Result
 from butterfly.verdict import Level, Verdict
 
@@ -27,7 +26,6 @@ _HEADERS: tuple[str, ...] = (
 )
 _ROW = 52  # pixels of an estimator
 _BROAD = 32  # letters of a line that names an experiment
-_BASIC = "p1..p4, coulomb, delay"  # which every structure has
 _LEAST = 1e-3  # % that a FIT lacks at least, to be drawn
 
 
@@ -124,64 +122,6 @@ def _leaderboard_figure(entries: Sequence[Entry]) -> Figure:
     return figure
 
 
-def structures_table(passed: Sequence[Structure]) -> PageTable:
-    """Make a table with a row for each structure, FIT in per cent."""
-    splits = tuple(passed[0].held_out)
-    kinds = ("in sample", *(f"{split} held out" for split in splits))
-    rows = []
-    for structure in passed:
-        fits = [structure.in_sample, *(structure.held_out[split] for split in splits)]
-        cells = [fit_text(value) for fit in fits for value in (fit.median, fit.mean)]
-        gain = structure.gain
-        gained = "" if gain is None else f"{gain.mean:.1f} \N{PLUS-MINUS SIGN} {gain.error:.1f}"
-        rows.append((", ".join((_BASIC, *structure.terms)), *cells, gained))
-    fit_headers = (f"{kind}: {what}" for kind in kinds for what in ("median", "mean"))
-    return PageTable(headers=("terms", *fit_headers, "gain in FIT"), rows=rows)
-
-
-def selection_page(data: DataSet, passed: Sequence[Structure], result: Result) -> Page:
-    """Put together the page of the structures passed through, the last being the chosen one."""
-    return Page(
-        name=data.name,
-        description=data.description,
-        kind="choice of terms",
-        facts=[
-            Fact("terms chosen", ", ".join(passed[-1].terms) or "none", "besides p1..p4, coulomb"),
-            *(
-                Fact(f"FIT held out, by {split}", f"{fit_text(fit.median)} %", "median")
-                for split, fit in passed[-1].held_out.items()
-            ),
-            Fact("FIT in sample", f"{fit_text(passed[-1].in_sample.median)} %", "median"),
-        ],
-        summary=result.notes,
-        lead=Section(
-            title="FIT by fitted terms",
-            text="Median FIT in %, in sample and held out; the latter decides."
-            if len(passed) > 1
-            else "No further term improves the prediction of held-out data.",
-            figures={"fit": _structures_figure(passed)} if len(passed) > 1 else {},
-        ),
-        sections=[
-            Section(title="FIT in %, in sample and held out", tables=(structures_table(passed),))
-        ],
-        numbers=result.to_dict(),
-        verdict=result.judged,
-    )
-
-
-def _structures_figure(passed: Sequence[Structure]) -> Figure:
-    figure = panel("fitted terms", "median FIT in %", 340)
-    names = [_BASIC, *(f"+ {each.terms[-1]}" for each in passed[1:])]
-    fits = {"in sample": [each.in_sample.median for each in passed]}
-    for split in passed[0].held_out:
-        fits[f"{split} held out"] = [each.held_out[split].median for each in passed]
-    for number, (name, values) in enumerate(fits.items()):
-        colour, symbol = look(number)
-        marker = {"color": colour, "symbol": symbol, "size": 9}
-        figure.add_scatter(x=names, y=values, mode="lines+markers", name=name, marker=marker)
-    return figure
-
-
 @dataclass(frozen=True)
 class TablePlots:
     """Figures of a table."""
@@ -206,6 +146,18 @@ class TablePlots:
                 marker=marker | {"size": 7 + 5 * (number % 2)},
                 hovertemplate="%{text}: %{x:.1f} %",
             )
+        return figure
+
+    def choices(self) -> Figure:
+        """Draw the median FIT with each set of terms, in sample and held out."""
+        figure, rows = panel("fitted terms", "median FIT in %", 340), self.result.rows()
+        names = [", ".join(row["terms"]) or "none" for row in rows]
+        fits = [*map(medians_of, rows)]
+        for number, name in enumerate(fits[0]):
+            colour, symbol = look(number)
+            marker = {"color": colour, "symbol": symbol, "size": 9}
+            values = [each[name] for each in fits]
+            figure.add_scatter(x=names, y=values, mode="lines+markers", name=name, marker=marker)
         return figure
 
     def ranking(self, count: int = 12) -> Figure:

@@ -1,4 +1,4 @@
-"""Residuals of all logs in sentences and a table, of one log on a page."""
+"""Residuals of all logs in sentences and a table, of one log in figures."""
 
 from __future__ import annotations
 
@@ -14,9 +14,7 @@ from butterfly.model.parameters import JointKind
 from butterfly.report.figures import add, look, seen_samples
 from butterfly.report.finding_texts import finding_text
 from butterfly.report.log_figures import correlation_figure
-from butterfly.report.page import Fact, Page, PageTable, Section
-from butterfly.result import versions
-from butterfly.verdict import Verdict
+from butterfly.report.page import PageTable
 
 HEADERS = (
     *(
@@ -37,6 +35,14 @@ _CAPTION = (
     "cross-correlation with the input stay within 95 % bands of sensor noise; one good log in "
     "twenty does not."
 )
+EXPLAINED = (
+    "The log with the largest error. Residual torque: averaged over short intervals in which the "
+    "joint moves, against time, angle and velocity; a missing term that depends on one of them "
+    "shows as a curve. Residual of the free run: its autocorrelation, and its cross-correlation "
+    "with past input; if sensor noise explains it, both stay within the bands."
+)
+"""What `residual_figures` shows."""
+
 _MOST = 6000  # instants of a panel
 
 
@@ -66,44 +72,13 @@ def residual_table(logs: Iterable[LogResiduals], picks: Sequence[int] = ()) -> P
     return PageTable(name="residuals", headers=HEADERS, rows=rows, caption=_CAPTION, picks=picks)
 
 
-def residual_page(
-    residual: ResidualTorque,
-    residuals: LogResiduals,
-    verdict: Verdict,
-    summary: Sequence[str],
-    *,
-    joint: JointKind = JointKind.HINGE,
-) -> Page:
-    """Put together the page of one log's residual, by an estimate of that verdict."""
-    what, unit = ("force", "N") if joint is JointKind.SLIDE else ("torque", "N m")
-    torque = Section(
-        title=f"Residual {what}",
-        text="Averaged over short intervals in which the joint moves, against time, angle and "
-        "velocity. A missing term that depends on one of them shows as a curve.",
-        figures={"torque": _torque_figure(residual, f"{what} in {unit}", joint.way)},
-    )
-    errors = Section(
-        title="Residual of the free run",
-        text="Autocorrelation of the residual, and its cross-correlation with past input. If "
-        "sensor noise explains the residual, both curves stay within the bands.",
-        figures={"correlations": correlation_figure(residuals)},
-    )
-    return Page(
-        name=residual.label,
-        description="Residual of one log",
-        kind="residual",
-        verdict=verdict,
-        facts=[
-            Fact(
-                "error of the free run", f"{100 * residuals.relative:.2g} %", "of the motion, rms"
-            ),
-            Fact("over sensor noise", f"{residuals.times:.3g} ×", "encoder resolution and noise"),
-            Fact("correlations", "outside" if residuals.outside else "inside", "bands"),
-        ],
-        summary=[*summary],
-        sections=[torque, errors],
-        numbers={"data": {"name": residual.label}, "versions": versions()},
-    )
+def residual_figures(
+    residual: ResidualTorque, residuals: LogResiduals, joint: JointKind
+) -> dict[str, Figure]:
+    """Return the residual torque of a log, and the correlations of its free run's error."""
+    title = "residual force in N" if joint is JointKind.SLIDE else "residual torque in N m"
+    torque = _torque_figure(residual, title, joint.way)
+    return {"torque": torque, "correlations": correlation_figure(residuals)}
 
 
 def _torque_figure(residual: ResidualTorque, title: str, way: str) -> Figure:

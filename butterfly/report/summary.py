@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from statistics import median
+from typing import Any
 
 import numpy as np
 
 from butterfly.errors import InputError, listed
 from butterfly.identification.data import DataSet
-from butterfly.identification.design import Candidate
+from butterfly.identification.design import HELPS, Candidate
 from butterfly.identification.encoder_offset import OffsetKind, encoder_offsets
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identified import Identified
@@ -37,6 +38,15 @@ _MEASURED = {
 
 LOOP_HEADERS = ("FIT in %", "median", "mean", "worst", "mean error in mrad")
 """Of the table of `loop_rows`."""
+
+_HEADERS = {
+    "estimate": "value ± 95 %",
+    "error": "std error",
+    "interval": "95 % interval",
+    "left_out": "leave-one-mass-out",
+    "mark": "",
+}
+"""Of columns of parameters, where they are not called as the columns are."""
 
 
 def summary(identification: Identified) -> list[str]:
@@ -93,24 +103,16 @@ def _fit(identification: Identified) -> str:
 def tables(identification: Identified, truth: LumpedParameters | None) -> list[TextTable]:
     """Return parameters beside the true ones if known, physical ones, and FIT of others."""
     estimate, fit = identification.estimate, identification.fit
-    columns = {
-        "name": "",
-        "true": "true",
-        "deviation": "deviation",
-        "value": "estimate",
-        "error": "std error",
-        "interval": "95 % interval",
-        "unit": "unit",
-        "left_out": "leave-one-mass-out",
-        "meaning": "meaning",
-    }
-    texts = map(parameter_texts, estimate.table(truth))
-    rows = [[row[column] for column in columns] for row in texts]
+    rows = [*map(parameter_texts, estimate.table(truth))]
     title = f"{identification.origin['name']}: {estimate.method}"
-    found = [TextTable(title, [*columns.values()], rows)]
+    compared = ("true", "deviation", "unit") if truth else ("unit", "meaning")
+    found = [
+        _columns(title, rows, "estimate", *compared, "mark"),
+        _columns("Errors and intervals", rows, "error", "interval", "left_out", detail=True),
+    ]
     if estimate.agreement:
         found.append(agreement_table(estimate.agreement))
-    if (derived := physical_table(identification.separated())).rows:
+    if (derived := physical_table(identification.separated(), brief=True)).rows:
         found.append(derived)
     if estimate.resonances:
         resonances = [(str(mass), f"{w:.4f}") for mass, w in estimate.resonances.items()]
@@ -126,6 +128,14 @@ def tables(identification: Identified, truth: LumpedParameters | None) -> list[T
         title = f"FIT in %{fit.over} on the same logs"
         found.append(TextTable(title, ("parameters", "median", "mean", "worst"), lines))
     return found
+
+
+def _columns(
+    title: str, rows: Sequence[Mapping[str, str]], *columns: str, detail: bool = False
+) -> TextTable:
+    """Return some columns of parameters as texts."""
+    headers = ("", *(_HEADERS.get(each, each) for each in columns))
+    return TextTable(title, headers, [[row[c] for c in ("name", *columns)] for row in rows], detail)
 
 
 def loop_rows(identification: Identified) -> list[tuple[str, ...]]:
@@ -231,6 +241,8 @@ def _response(log: Log) -> ResponsePoint | None:
 def best_experiment_text(best: Candidate) -> str:
     """Say which experiment comes first, and how far it would shrink the standard errors."""
     warning = f"; but: {best.warning}." if best.warning else "."
+    if best.score > HELPS:
+        return "No candidate helps: none shrinks the standard errors by 1 %."
     return (
         f"Best next experiment: {best.what}, with {best.added_mass}. It shrinks the standard "
         f"errors to {100 * best.score:.0f} % of now on average{warning}"
@@ -248,3 +260,9 @@ def selection_texts(passed: Sequence[Structure], nested: CrossValidation | None)
             f"with a mean FIT of {mean:.1f} \N{PLUS-MINUS SIGN} {error:.1f} %."
         )
     return texts
+
+
+def medians_of(row: Mapping[str, Any]) -> dict[str, float]:
+    """Return the median FITs in % of a set of terms, in sample and by what was held out."""
+    held = {f"held out, by {split}": fit["median"] for split, fit in row["left_out"].items()}
+    return {"in sample": row["in_sample"]["median"], **held}

@@ -26,14 +26,14 @@ SAYS = {
     "validate {data} --terms= --split frequency": ("out by frequency: as requested", "9 of 9"),
     "select {data} -m harmonic-balance --candidates drag,load": ("Chosen: --terms",),
     "residual {data}": ("of 9 logs",),
-    "design {data} --limit 3": (r"^ +3  ",),
+    "design {few} --limit 3": (r"^ +3  ",),
     "predict {data} --with {saved}": ("median FIT",),
     "predict {quick} --with {saved} --bands --draws 40": ("no measurement to compare",),
 }
 """Patterns of what answers say."""
 
 SAYS_NOT = {
-    "design {data} --limit 3": r"(?m)^ +4  ",
+    "design {few} --limit 3": r"(?m)^ +4  ",
     "predict {data} --with {saved}": "band",
     "predict {quick} --with {saved} --bands --draws 40": "FIT",
 }
@@ -141,9 +141,9 @@ def test_a_weighed_hand(answer, quick_data, tmp_path):
     page = tmp_path / "r.html"
     told = ("--terms=", "--known", "hand_mass=0.1+-0.001", "--report", page)
     out = done(answer("identify", quick_data, *told))
-    value, error = re.search(r"com_distance +([\d.]+) +([\d.]+)", out).groups()
+    value, error = re.search(r"com_distance +([\d.]+) ± ([\d.]+)", out).groups()
     assert float(value) == pytest.approx(0.05, rel=0.01)
-    assert float(error) == pytest.approx(0.0005, rel=0.05)
+    assert float(error) == pytest.approx(2 * 0.0005, rel=0.05)
     assert 'id="physical"' in page.read_text(encoding="utf-8")
     numbers = json.loads(page.with_suffix(".json").read_text(encoding="utf-8"))["physical"]
     assert numbers["com_distance"]["value"] == pytest.approx(float(value), rel=1e-3)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from butterfly.cli import output
 from butterfly.cli.output import show_progress, show_table
-from butterfly.cli.results import column_named, show_rows, shown_text, without_formulas
+from butterfly.cli.results import show_rows, without_formulas
 from butterfly.experiment.sweep import run_sweep
 from butterfly.progress import budget
 from tests.cli.one_line import assert_tables_fit, done
@@ -104,18 +104,6 @@ def test_no_rows_are_said_to_be_none_and_one_is_told_as_pairs(capsys):
     assert ["encoder", "noise", "in", "rad", "0"] in told
     assert ["deviation", "in", "share", "of", "true", "0.01"] in told
     assert ["fit", "median", "in", "%", "99.1"] in told
-
-
-@pytest.mark.parametrize("name", ["plant.encoder.noise", "encoder noise"])
-def test_a_column_is_named_by_its_path_or_its_header(name):
-    assert column_named(name, TABLE.column_names) == "plant.encoder.noise"
-
-
-@pytest.mark.parametrize(
-    ("value", "text"), [(None, "–"), (True, "yes"), (0.1234567, "0.123457"), (3, "3")]
-)
-def test_a_cell_is_written_as_a_person_reads_it(value, text):
-    assert shown_text(value) == text
 
 
 def test_no_text_of_an_export_is_a_formula():

@@ -19,7 +19,7 @@ COMMANDS = {
     "validate": ("--terms=",),
     "select": ("--method", "weak-form", "--candidates", "drag"),
     "residual": (),
-    "design": ("--limit", 1),
+    "design": ("--limit", 1, "--verbose"),
     "compare": ("--log", "0"),
     "validate of several": ("--method", "harmonic-balance,weak-form"),
     "predict": (),
@@ -135,13 +135,13 @@ def test_the_numbers_and_the_page_say_the_verdict(butterfly, words, tmp_path, mo
 def test_what_is_left_over_of_a_log_is_drawn_and_says_so_if_the_estimate_is_not_to_be_used(
     butterfly, unfit, tmp_path
 ):
-    plot, numbers = tmp_path / "r.html", tmp_path / "r.json"
-    code, out, _ = butterfly("residual", unfit, "--json", numbers, "--log", 1, "--plot", plot)
+    plot, numbers = tmp_path / "r.html", tmp_path / "n.json"
+    code, out, _ = butterfly("residual", unfit, "--json", numbers, "--log", 1, "--report", plot)
     assert code == ExitCode.NOT_TO_BE_USED
-    assert "residuals of" in out
+    assert "Residuals of" in out
     assert json.loads(numbers.read_text(encoding="utf-8"))["verdict"] == "do not use"
     text = plot.read_text(encoding="utf-8")
-    for part in ('<div class="verdict warning">', "Residual torque", "Residual of the free run"):
+    for part in ('<div class="verdict warning">', "Residual torque", "over sensor noise"):
         assert part in text
 
 

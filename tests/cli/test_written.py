@@ -119,7 +119,7 @@ def test_two_outputs_have_two_paths(butterfly, folder, report):
 
 def test_what_butterfly_wrote_as_the_same_kind_is_replaced(butterfly, folder):
     for words in (
-        ("inspect", "logs/run0.csv", "--plot", "p.html", "--json", "p.json"),
+        ("inspect", "logs/run0.csv", "--report", "p.html"),
         ("schema", "--out", "s.json", "--overwrite"),
         ("show", "result.json", "--out", "hand.png", "--size", 16),
     ):

@@ -246,7 +246,7 @@ def test_what_was_read_stands_in_the_record_and_on_the_page(tmp_path, joint, but
         "factor": DEGREE,
     }
     page, mapped = tmp_path / "page.html", ",".join(f"{key}={each}" for key, each in told.items())
-    more = ("--columns", mapped, "--units", "input=-V", "--plot", page)
+    more = ("--columns", mapped, "--units", "input=-V", "--report", page)
     _, out, _ = butterfly("inspect", tmp_path / "log.csv", *more)
     for name, text in {
         "time": 'column 1 "t [ms]", ms',

@@ -170,9 +170,9 @@ def test_the_second_line_is_the_model_s_and_what_differs_between_logs_comes_next
 def test_terms_that_the_free_runs_lack_are_not_said_to_be_of_no_help():
     idle = Finding(FindingKind.NOT_HELPING, ("drag", "stribeck"))
     said = estimate_sentences(_estimate(FOLLOWED, MISFIT, idle))
-    assert any("Tried, not included" in each for each in said)
+    assert any("Tested and left out" in each for each in said)
     said = estimate_sentences(_estimate(FOLLOWED, MISFIT, idle, LACKS))
-    assert not any("Tried, not included" in each for each in said)
+    assert not any("Tested and left out" in each for each in said)
 
 
 def test_what_forbids_is_the_first_line_and_nothing_is_called_known():
@@ -210,7 +210,7 @@ def test_a_sentence_depends_on_the_number(kind, number, text):
     [
         ((24, 0, 0, 0), "24 logs: all ok."),
         ((1, 0, 0, 0), "1 log: ok."),
-        ((10, 31, 0, 0), "41 logs: 10 ok, 31 with a note, none to check."),
+        ((10, 31, 0, 0), "41 logs, all usable (31 with a note)."),
         ((1, 1, 1, 0), "3 logs: 1 ok, 1 with a note, 1 to check."),
         ((0, 0, 0, 1), "1 log: 1 unusable."),
     ],

@@ -33,7 +33,7 @@ from butterfly.report.log_figures import (
 )
 from butterfly.report.page import packable, write_html
 from butterfly.report.parameter_table import parameter_texts
-from butterfly.report.residual import residual_page, residual_sentences, residual_table
+from butterfly.report.residual import residual_figures, residual_sentences, residual_table
 from butterfly.report.summary import summary
 
 
@@ -382,7 +382,7 @@ def test_health_rows_find_the_frequency_and_the_swing(sine_log, tmp_path):
     assert float(rows["dominant frequency"].split()[0]) == pytest.approx(5, abs=0.1)
     assert float(rows["amplitude"].split()[0]) == pytest.approx(0.1, rel=1e-2)
     assert rows["findings"] == "none"
-    write_html(inspection_page(clean, health), tmp_path / "log.html")
+    write_html(inspection_page(clean, health, {}), tmp_path / "log.html")
     page = (tmp_path / "log.html").read_text(encoding="utf-8")
     assert '<span class="badge">✓ Ok</span>' in page
     assert rows["longest interval"] in page
@@ -393,6 +393,6 @@ def test_times_of_a_residual_are_true_wherever_the_clock_starts(simulated):
     setting = result.data.simulations.setting(0, result.estimate)
     torque = ResidualTorque.of(result.data.logs[0], setting.parameters, setting.zero)
     late = dataclasses.replace(torque, time=torque.time + 1.7e9)
-    page = residual_page(late, result.residuals.logs[0], result.judged, [])
-    drawn = np.asarray(page.figures["torque"].data[0].x)
+    figures = residual_figures(late, result.residuals.logs[0], result.data.joint)
+    drawn = np.asarray(figures["torque"].data[0].x)
     assert np.all(np.isin(drawn, late.time))

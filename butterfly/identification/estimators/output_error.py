@@ -52,9 +52,10 @@ from butterfly.signals.frequency_response import STEADY_SECONDS
 class OutputError(Estimator):
     """Fit the parameters so that free-run simulations match all logs best.
 
-    Needs at least two different added masses (none counts as one), or enough known values. The
-    covariance is cluster-robust over logs, of weighted residuals with a robust loss; the intervals
-    are widened to include the leave-one-mass-out estimates.
+    Needs at least two different added masses (none counts as one), or enough known values. Logs
+    whose friction or gain differ are weighted by these random effects. The covariance is
+    cluster-robust over logs; the intervals also hold the leave-one-mass-out estimates, and rival
+    models that predict as well.
 
     Parameters
     ----------

@@ -29,10 +29,17 @@ from butterfly.arrays import Samples, unit_diagonal
 from butterfly.identification.blocks import Condition, Conditions
 from butterfly.identification.equations import CellEquations
 from butterfly.identification.inference.covariance import cluster_covariance, half_widths
-from butterfly.identification.levels import ACCUSED, CONFIDENCE, FEW, MATTERS, ROUNDING, SHOWS
+from butterfly.identification.levels import (
+    ACCUSED,
+    CONFIDENCE,
+    FEW,
+    MATERIAL,
+    MATTERS,
+    ROUNDING,
+    SHOWS,
+)
 from butterfly.model.terms import PARAMETERS
 
-_SHARE = 0.05  # of the squared errors, above which a contrast is named
 # of the largest torque, above which a contrast of steady responses counts: integration errors are
 # below; without it 3 of 57 sound robots had one (2 above this)
 _LEAST_TORQUE = 1e-4
@@ -307,7 +314,7 @@ def _matters(
     moved = np.max(np.abs(np.array(rivals)[:, kept] / equations.values[kept] - 1), initial=0.0)
     if not each.of_logs < 1 - CONFIDENCE:
         return False
-    return bool(each.share > _SHARE or moved > MATTERS)
+    return bool(each.share > MATERIAL or moved > MATTERS)
 
 
 def _is_relevant(equations: CellEquations, share: float) -> bool:

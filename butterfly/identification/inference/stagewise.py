@@ -23,14 +23,13 @@ from butterfly.arrays import Samples, standard_error
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.inference.agreement import score_of
 from butterfly.identification.inference.submodels import Submodels
-from butterfly.identification.levels import ACCUSED, CONFIDENCE, LOST, MATTERS
+from butterfly.identification.levels import ACCUSED, CONFIDENCE, LOST, MATERIAL, MATTERS
 from butterfly.model.parameters import AddedMass, value_if_absent
 from butterfly.model.terms import companions, is_simulated_with
 from butterfly.progress import out_of_time
 
 _ROUNDS = 4  # of terms that are added one after the other
 _TIES = 2  # rows that are fitted besides the best, as their gain is near
-_SHARE = 0.05  # of the squared errors, that a row explains which is seen without significance
 
 
 class _Level(NamedTuple):
@@ -66,7 +65,7 @@ class Offer:
         if not self.gain.mean() > negligible:
             return False
         significant = chance < level.chance and self.ratio > 1
-        return significant or (self.ratio > level.gain and self.share > _SHARE)
+        return significant or (self.ratio > level.gain and self.share > MATERIAL)
 
     def swapped(self, term: str) -> dict[str, float] | None:
         """Return the values, by label, with the row in place of a term; None of a worse fit."""
@@ -168,7 +167,7 @@ def stagewise(model: M, rows: Sequence[str], rare: Collection[str]) -> ChosenTer
             each
             for each in offers
             if holm[each.name] < 1 - CONFIDENCE
-            or (each.ratio > 1 and (each.name not in rare or each.share > _SHARE))
+            or (each.ratio > 1 and (each.name not in rare or each.share > MATERIAL))
         ),
         idle=tuple(name for name in rows if name in (gone | refused).union(felt)),
         inseparable=tuple(name for name in asked if name not in felt),
@@ -264,7 +263,7 @@ def offers_in(
         values = dict(zip(nested.names, fits[k].tolist(), strict=True))
         able = np.isfinite(fits[k]).all() and np.isfinite(gain).all()
         differs = values[name] != value_if_absent(name)
-        possible = bool(able and differs and is_possible(values, masses))
+        possible = bool(able and differs and friction_brakes(values, masses))
         offers.append(
             Offer(
                 name=name,
@@ -279,7 +278,7 @@ def offers_in(
     return offers
 
 
-def is_possible(values: Mapping[str, float], masses: Iterable[AddedMass]) -> bool:
+def friction_brakes(values: Mapping[str, float], masses: Iterable[AddedMass]) -> bool:
     """Whether friction brakes at rest with each added mass, where it is among some values."""
     if "coulomb" not in values:
         return True

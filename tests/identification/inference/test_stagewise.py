@@ -17,7 +17,7 @@ from butterfly.identification.inference.linear_terms import (
     demanded,
     stribeck_velocities,
 )
-from butterfly.identification.inference.stagewise import is_possible, stagewise
+from butterfly.identification.inference.stagewise import friction_brakes, stagewise
 from butterfly.identification.inference.submodels import Submodels, folds_of, without_logs
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR, Prior
@@ -185,10 +185,10 @@ def test_a_rival_is_fitted_at_the_velocity_at_which_it_explains_most():
 
 def test_friction_that_would_drive_the_joint_is_not_possible():
     light, heavy = AddedMass(), AddedMass(mass=1.0, arm=0.1)
-    assert is_possible({"coulomb": 1.0, "load": -0.05}, (light, heavy))
-    assert not is_possible({"coulomb": 1.0, "load": -0.2}, (light, heavy))
-    assert not is_possible({"coulomb": 0.0, "stribeck": 0.1}, (light,))
-    assert is_possible({"stribeck": 0.1}, ())
+    assert friction_brakes({"coulomb": 1.0, "load": -0.05}, (light, heavy))
+    assert not friction_brakes({"coulomb": 1.0, "load": -0.2}, (light, heavy))
+    assert not friction_brakes({"coulomb": 0.0, "stribeck": 0.1}, (light,))
+    assert friction_brakes({"stribeck": 0.1}, ())
 
 
 def test_what_is_known_is_not_tried_nor_what_masses_or_gravity_cannot_tell():
