@@ -89,7 +89,6 @@ def sine_log() -> Log:
 @pytest.fixture
 def butterfly(monkeypatch, capsys):
     """Run the command line; returns exit code, stdout and stderr, however slow the machine is."""
-    monkeypatch.setattr(output, "EVERY", 1e4)
     monkeypatch.setattr(output, "note", progress.tell)  # wherever it is the first to compile
 
     def run(*arguments):

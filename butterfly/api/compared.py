@@ -14,14 +14,19 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.residuals import Residuals, residual_units
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
+from butterfly.model.terms import PARAMETERS
 from butterfly.report.finding_texts import estimate_verdict
-from butterfly.report.format import counted
+from butterfly.report.format import counted, fit_text
 from butterfly.report.numbers import estimate_numbers, residual_numbers, rests_on
-from butterfly.result import Answer
+from butterfly.report.page import Fact
 from butterfly.verdict import Level, Verdict
 
 if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
     from butterfly.comparison.three_way import ThreeWay  # with MuJoCo, which is slow
+
+_SHOWN = PARAMETERS[:5]  # of each method in a ranking
 
 
 class Compared(Tabulated):
@@ -106,7 +111,7 @@ def _comparison_sentences(compared: Sequence[ThreeWay]) -> list[str]:
     ]
 
 
-class Leaderboard(Answer):
+class Leaderboard(Tabulated):
     """Ranking of methods on each data set."""
 
     kind: ClassVar[str] = "leaderboard"
@@ -115,29 +120,62 @@ class Leaderboard(Answer):
     @classmethod
     def of(cls, entries: Sequence[Entry]) -> Leaderboard:
         """Tabulate the ranked estimators of each data set."""
-        from butterfly.report.ranking_pages import leaderboard_page  # noqa: PLC0415 - slow to import
-
-        sets = list(dict.fromkeys(entry.data for entry in entries))
-        firsts = [next(entry for entry in entries if entry.data == name) for name in sets]
+        sets = {entry.data: [e for e in entries if e.data == entry.data] for entry in entries}
         verdict = Verdict.of_several(
             {
-                f"{each.data}, {each.method}": estimate_verdict(each.estimate)
+                f"{name}, {each.method}": estimate_verdict(each.estimate)
                 if each.estimate
                 else Verdict(Level.WARNING, (each.error,))
-                for each in firsts
+                for name, (each, *_) in sets.items()
             }
         )
-        result = cls(
+        winners = {name: len(equals(own)) for name, own in sets.items()}
+        return cls(
             title="Ranking of methods: " + ", ".join(sets),
-            summary=(
-                *verdict.lines,
-                *(_best_sentence([each for each in entries if each.data == name]) for name in sets),
-            ),
+            summary=(*verdict.lines, *map(_best_sentence, sets.values())),
             judged=verdict,
-            content={"entries": [_entry(entry) for entry in entries]},
+            content={"entries": [_entry(entry) for entry in entries], "winners": winners},
             units={"entries.held_out": "%", "entries.in_sample": "%", "entries.seconds": "s"},
         )
-        return result.drawn_as(leaderboard_page(entries, result))
+
+    def shown_rows(self) -> list[dict[str, str]]:
+        """Return a row for each method on each data set, the best of each first."""
+        rows = []
+        for row in self.rows():
+            found = row.get("parameters") or {}
+            fits = {
+                f"FIT {name.replace('_', ' ')}, {which} in %": fit_text(row[name][which])
+                if row[name]
+                else "–"
+                for name in ("held_out", "in_sample")
+                for which in ("median", "worst")
+            }
+            values = {
+                name: f"{found[name]['value']:#.4g}" if name in found else "–" for name in _SHOWN
+            }
+            rows.append(
+                {"estimator": row["method"], "data": row["data"], "verdict": row["verdict"] or "–"}
+                | fits
+                | {"time in s": f"{row['seconds']:.2f}", **values, "remark": row["error"]}
+            )
+        return rows
+
+    def figures(self) -> dict[str, Figure]:
+        """Return the figures of its page, by name."""
+        return {"fit": self.plot.leaderboard()}
+
+    def facts(self) -> list[Fact]:
+        """Return the methods that predict best, and of how many."""
+        facts, rows, winners = [], self.rows(), self.content["winners"]
+        for name, count in winners.items():
+            best, *others = [row for row in rows if row["data"] == name][:count]
+            if best["held_out"]:
+                label = "predict best, no clear winner" if others else "predicts best"
+                fit = f"held out: median FIT {fit_text(best['held_out']['median'])} %, {name}"
+                named = ", ".join(each["method"] for each in (best, *others))
+                facts.append(Fact(label, named, fit))
+        methods = {row["method"] for row in rows}
+        return [*facts, Fact("methods", str(len(methods))), Fact("data sets", str(len(winners)))]
 
 
 def _best_sentence(entries: Sequence[Entry]) -> str:

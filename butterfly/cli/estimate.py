@@ -26,11 +26,12 @@ from butterfly.cli.options import (
     parse_numbers,
     parse_pairs,
 )
-from butterfly.cli.output import ExitCode, show, show_progress
+from butterfly.cli.output import ExitCode, asked, say, show, show_progress
 from butterfly.cli.written import SAVED
 from butterfly.errors import InputError
 from butterfly.experiment.methods import kind_of
 from butterfly.model.terms import COMMON
+from butterfly.report.summary import next_step
 
 
 def identify(
@@ -69,7 +70,9 @@ def identify(
         holdout=parse_names(holdout),
         track=show_progress,
     )
-    return show(found, report=page.report, figures=page.figures, save=save)
+    ended = show(found, report=page.report, figures=page.figures, save=save)
+    say(f"Next: {next_step(found, asked.words, save)}")
+    return ended
 
 
 def select(

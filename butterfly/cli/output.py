@@ -8,20 +8,15 @@ each sentence in one line, which `grep` finds whole.
 
 from __future__ import annotations
 
-import math
 import os
 import re
 import sys
 import textwrap
-import threading
-import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence, Sized
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
-
-from butterfly.progress import current_search
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -65,6 +60,7 @@ class Asked:
     quiet: bool = False
     verbose: bool = False
     json: Path | None = None
+    words: Sequence[str] = ()  # the command and its arguments, without these
 
     @property
     def document_alone(self) -> bool:
@@ -270,9 +266,6 @@ def _folded(sentence: str) -> str:
 
 _T = TypeVar("_T")
 
-EVERY = 10.0
-"""Seconds between the lines that tell of work where there is no terminal."""
-
 
 def note(sentence: str) -> None:
     """Tell on standard error what is done meanwhile."""
@@ -281,41 +274,20 @@ def note(sentence: str) -> None:
 
 
 def show_progress(items: Iterable[_T], description: str) -> Iterable[_T]:
-    """Show a bar on terminals, and elsewhere a plain line every `EVERY` seconds."""
-    if asked.quiet:
+    """Show a bar, what is done and since when, on a terminal; nothing where nobody looks."""
+    if asked.quiet or not sys.stderr.isatty():
         return items
-    if not sys.stderr.isatty():
-        return _told(items, description)
-    from rich.console import Console  # noqa: PLC0415 - slow to import
-    from rich.progress import track  # noqa: PLC0415
+    return _bar(items, description)
+
+
+def _bar(items: Iterable[_T], description: str) -> Iterator[_T]:
+    from rich import progress  # noqa: PLC0415 - slow to import
+    from rich.console import Console  # noqa: PLC0415
 
     console = Console(stderr=True, markup=False, emoji=False)
-    return track(items, description, console=console, transient=True)
-
-
-def _told(items: Iterable[_T], description: str) -> Iterator[_T]:
-    """Yield items; a thread tells how many are done, however long one takes."""
-    begin, done, over = time.monotonic(), 0, threading.Event()
-    count = len(items) if isinstance(items, Sized) else 0
-    search = current_search()
-    before = search.simulations
-
-    def tell() -> None:
-        while not over.wait(EVERY):
-            spent = time.monotonic() - begin
-            far = f"{done}{f' of {count}' if count else ''} done, "
-            if count == 1:  # which takes what its simulations take
-                simulated = search.simulations - before
-                far = f"{simulated} simulations of all logs, " if simulated else ""
-            left = f", about {spent / done * (count - done):.0f} s left" if 0 < done < count else ""
-            limited = count == 1 and not (search.over or math.isinf(search.seconds))
-            ends = f" (search limit {search.seconds:g} s)" if limited else ""
-            print(f"{description}: {far}{spent:.0f} s{left}{ends}", file=sys.stderr, flush=True)
-
-    threading.Thread(target=tell, daemon=True).start()
-    try:
-        for item in items:
-            yield item
-            done += 1
-    finally:
-        over.set()
+    columns = (
+        progress.TextColumn("{task.description}", markup=False),
+        *(progress.BarColumn(), progress.MofNCompleteColumn(), progress.TimeElapsedColumn()),
+    )
+    with progress.Progress(*columns, console=console, transient=True) as bar:
+        yield from bar.track(items, description=description)

@@ -34,7 +34,6 @@ _COLUMNS = (
     *("number", "key", "estimator", "ending", "findings", "verdict"),
     *("parameter", "known", "value", "lower", "upper", "true", "deviation", "fit_median"),
 )
-_MAIN = ("p1", "p3", "p4")
 _LARGEST = sys.float_info.max
 
 _Row = TypeVar("_Row")
@@ -221,6 +220,11 @@ class Estimates:
         return dict(zip(estimates, self[name].tolist(), strict=True))
 
     @property
+    def median_fit(self) -> float:
+        """Median over estimates of the median FIT of their logs, in %."""
+        return float(np.nanmedian([*self.by_estimate("fit_median").values()]))
+
+    @property
     def unconverged(self) -> int:
         """Number of estimates that did not converge."""
         return sum(ending != Ending.CONVERGED for ending in self.by_estimate("ending").values())
@@ -240,12 +244,12 @@ class Estimates:
         return self.distinct("estimator")
 
     def worst(self) -> Estimates:
-        """Return the row of p1, p3 or p4 with the largest deviation, per run and estimator."""
+        """Return the row with the largest deviation, per run and estimator."""
         sizes = np.nan_to_num(np.abs(self["deviation"]))
         found: dict[tuple[float, str], int] = {}
         owners = zip(self["number"].tolist(), self["estimator"].tolist(), strict=True)
-        for row, (owner, name) in enumerate(zip(owners, self["parameter"], strict=True)):
-            if name in _MAIN and (owner not in found or sizes[row] > sizes[found[owner]]):
+        for row, owner in enumerate(owners):
+            if owner not in found or sizes[row] > sizes[found[owner]]:
                 found[owner] = row
         return self.take(np.isin(np.arange(sizes.size), list(found.values())))
 

@@ -114,12 +114,12 @@ def agreement_table(contrasts: Sequence[Contrast]) -> TextTable:
         (
             each.parameter,
             _FOLLOWS.get(each.condition, "one added mass, as weighed"),
-            f"{each.first:.4g}",
-            f"{each.last:.4g}",
+            f"{each.first:.3g}",
+            f"{each.last:.3g}",
             f"{100 * each.share:.0f} %",
             ", ".join(causes(each)),
         )
         for each in contrasts
     ]
     columns = ("parameter", "follows", "from", "to", "explains", "possible causes")
-    return TextTable("Parameters that differ between conditions", columns, rows)
+    return TextTable("Parameters that differ between conditions", columns, rows, detail=True)

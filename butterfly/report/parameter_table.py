@@ -55,32 +55,24 @@ def parameter_texts(row: Parameter) -> dict[str, str]:
 def with_limit(value: float, farther: float | None) -> str:
     """Write a value and how far its farther limit is, to two digits of that."""
     half = or_nan(farther)
-    return f"{with_error(value, half)} ± {half:#.2g}" if half > 0 else f"{value:.5g}"
+    if not half > 0:
+        return f"{value:.5g}"
+    return f"{with_error(value, half)} ± " + f"{half:#.2g}".rstrip(".")
 
 
-def physical_table(parameters: PhysicalParameters, *, brief: bool = False) -> TextTable:
-    """Tabulate physical parameters; ``brief``: without standard errors and intervals."""
-    headers: tuple[str, ...] = ("", "value", "std error", "95 % interval")
-    rows: list[tuple[str, ...]] = [
+def physical_table(parameters: PhysicalParameters) -> TextTable:
+    """Tabulate physical parameters."""
+    rows = [
         (
             each.name,
-            with_error(each.value, each.standard_error),
-            f"{each.standard_error:#.2g}" if or_none(each.standard_error) else "–",
-            interval(each.value - each.half_width, each.value + each.half_width)
-            if each.half_width
-            else "–",
+            with_limit(each.value, each.half_width),
+            "" if each.given is None else str(each.given),
+            each.unit,
+            SYMBOLS[each.name].meaning,
         )
         for each in parameters.found
     ]
-    if brief:
-        headers = ("", "value ± 95 %")
-        rows = [(each.name, with_limit(each.value, each.half_width)) for each in parameters.found]
-    meant = (
-        ("" if each.given is None else str(each.given), each.unit, SYMBOLS[each.name].meaning)
-        for each in parameters.found
-    )
-    whole = [(*row, *more) for row, more in zip(rows, meant, strict=True)]
-    return TextTable(_TITLE, (*headers, "given", "unit", "meaning"), whole)
+    return TextTable(_TITLE, ("", "value ± 95 %", "given", "unit", "meaning"), rows)
 
 
 def physical_numbers(parameters: PhysicalParameters) -> dict[str, dict[str, Any]]:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+import re
+import shlex
 from collections.abc import Mapping, Sequence
+from os import PathLike
 from statistics import median
 from typing import Any
 
@@ -20,6 +23,7 @@ from butterfly.logs.log import Log
 from butterfly.logs.thinning import thinned
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.prior import Prior
+from butterfly.model.terms import PARAMETERS, TERMS
 from butterfly.report.agreement_texts import agreement_table
 from butterfly.report.finding_texts import REMEDY, estimate_verdict, grave_notes, minor_notes
 from butterfly.report.format import counted, fit_text
@@ -35,6 +39,8 @@ _MEASURED = {
     ("angle", "velocity"): "angle, or velocity where no angle was recorded,",
 }
 
+
+_ADVICE = re.compile(r"Set (--\S+ \S+?),? ")
 
 LOOP_HEADERS = ("FIT in %", "median", "mean", "worst", "mean error in mrad")
 """Of the table of `loop_rows`."""
@@ -112,7 +118,7 @@ def tables(identification: Identified, truth: LumpedParameters | None) -> list[T
     ]
     if estimate.agreement:
         found.append(agreement_table(estimate.agreement))
-    if (derived := physical_table(identification.separated(), brief=True)).rows:
+    if (derived := physical_table(identification.separated())).rows:
         found.append(derived)
     if estimate.resonances:
         resonances = [(str(mass), f"{w:.4f}") for mass, w in estimate.resonances.items()]
@@ -266,3 +272,33 @@ def medians_of(row: Mapping[str, Any]) -> dict[str, float]:
     """Return the median FITs in % of a set of terms, in sample and by what was held out."""
     held = {f"held out, by {split}": fit["median"] for split, fit in row["left_out"].items()}
     return {"in sample": row["in_sample"]["median"], **held}
+
+
+def next_step(
+    found: Identified, words: Sequence[str], saved: str | PathLike[str] | None = None
+) -> str:
+    """Return a command to paste after ``words``, a command and its arguments, that identified.
+
+    ``saved``: the file of the result, if there is one. The correction of a unit error comes first,
+    then the term that the model is missing, then a file, and with it what it is good for.
+    """
+    verdict, missing = estimate_verdict(found.estimate), found.residuals.missing.terms
+    if advice := _ADVICE.search(" ".join(verdict.lines)):
+        return f"{_again(words)} {advice[1]}"
+    if verdict.level is Level.WARNING:
+        return f"butterfly inspect {shlex.join(words[1:2])}"
+    if missing:
+        names = (n for n in found.estimate.names if n not in PARAMETERS and not TERMS[n].follows)
+        return f"{_again(words, '--terms')} --terms {','.join([*names, *missing])}"
+    if saved is None:
+        return f"{_again(words)} --save joint.json"
+    use = "validate" if verdict.level is Level.GOOD else "design"
+    return f"butterfly {use} {shlex.quote(str(saved))}"
+
+
+def _again(words: Sequence[str], without: str = "-") -> str:
+    """Return the command anew, without an option and its value."""
+    kept = [each for each in words if not each.startswith(f"{without}=")]
+    if without in kept:
+        del kept[kept.index(without) : kept.index(without) + 2]
+    return f"butterfly {shlex.join(kept)}"

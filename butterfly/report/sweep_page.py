@@ -133,7 +133,7 @@ def _facts(table: Estimates, status: NDArray[Any]) -> list[Fact]:
             Fact(
                 "95 % intervals contain the truth", coverage if coverage == "–" else f"{coverage} %"
             ),
-            Fact("FIT of a run's logs", f"{np.median(table['fit_median']):.2f} %", "median"),
+            Fact("FIT of a run's logs", f"{table.median_fit:.2f} %", "median"),
         ]
     return facts
 
@@ -193,7 +193,7 @@ def _ranking_table(table: Estimates) -> PageTable:
         group = table.where(estimator=method)
         size = np.abs(group.deviating["deviation"])
         middle = float(np.median(size)) if size.size else math.inf
-        rows.append((middle, method, float(np.median(group["fit_median"])), group.coverage))
+        rows.append((middle, method, group.median_fit, group.coverage))
     return PageTable(
         headers=(
             *("estimator", "median |deviation| in %", "median FIT in %", "coverage in %"),
@@ -211,7 +211,7 @@ def _ranking_table(table: Estimates) -> PageTable:
 
 
 def _worst_table(table: Estimates, fields: Sequence[str], count: int) -> PageTable:
-    """List the runs with the largest deviation of p1, p3 or p4."""
+    """List the runs with the largest deviation of a parameter."""
     worst = table.worst()
     order = np.argsort(-np.nan_to_num(np.abs(worst["deviation"])), kind="stable")
     rows = [
@@ -314,8 +314,7 @@ def _summary(table: Estimates, status: NDArray[Any], fields: Sequence[str]) -> l
             share = f"{100 * table.coverage:.1f} %"
             sentences.append(f"The 95 % intervals contain the truth in {share} of the cases.")
         sentences.append(
-            "The models reproduce their logs with a median FIT of "
-            f"{np.median(table['fit_median']):.2f} %."
+            f"The models reproduce their logs with a median FIT of {table.median_fit:.2f} %."
         )
     return sentences
 

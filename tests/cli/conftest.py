@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 import butterfly as bf
-from butterfly.cli import main, output
+from butterfly.cli import main
 from tests.conftest import brief_quickstart
 from tests.experiment.setting import changed, written
 from tests.verdicts import follow_nothing
@@ -28,7 +28,6 @@ def answer():
                 contextlib.redirect_stdout(out),
                 contextlib.redirect_stderr(err),
             ):
-                patch.setattr(output, "EVERY", 1e4)
                 patch.setattr(sys, "argv", ["butterfly", *words])
                 patch.setenv("COLUMNS", "80")
                 with pytest.raises(SystemExit) as ended:

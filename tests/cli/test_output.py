@@ -3,7 +3,6 @@
 import contextlib
 import io
 import re
-import time
 
 import pyarrow as pa
 import pytest
@@ -15,7 +14,6 @@ from butterfly.cli import output
 from butterfly.cli.output import show_progress, show_table
 from butterfly.cli.results import show_rows, without_formulas
 from butterfly.experiment.sweep import run_sweep
-from butterfly.progress import budget
 from tests.cli.one_line import assert_tables_fit, done
 from tests.experiment.setting import HereEngine, small_plan, written
 
@@ -162,53 +160,10 @@ def test_output_fits_80_columns_and_says_on_a_terminal_what_it_says_piped(
     assert [line for line in shown.splitlines() if len(line) > 80 and line not in paths] == []
 
 
-@pytest.fixture
-def often(monkeypatch):
-    monkeypatch.setattr(output, "EVERY", 0.02)
-
-
-@pytest.mark.usefixtures("often")
-def test_where_there_is_no_terminal_a_line_tells_from_time_to_time(capsys):
-    for _ in show_progress([1, 2, 3], "Counting"):
-        time.sleep(0.05)
-    told = capsys.readouterr()
-    assert told.out == ""
-    lines = told.err.splitlines()
-    assert {line.partition(",")[0] for line in lines} == {
-        f"Counting: {done} of 3 done" for done in range(3)
-    }
-    time.sleep(0.05)
-    assert capsys.readouterr().err == ""
-
-
-@pytest.mark.usefixtures("often")
-def test_one_fit_is_told_by_its_simulations_and_many_by_the_time_that_is_left(capsys):
-    with budget(50.0) as search:
-        for _ in show_progress([1], "Fitting"):
-            search.simulations = 7
-            time.sleep(0.05)
-    told = capsys.readouterr().err
-    assert re.search(
-        r"^Fitting: 7 simulations of all logs, \d+ s \(search limit 50 s\)$", told, re.M
-    )
-    for _ in show_progress([1, 2, 3], "Counting"):
-        time.sleep(0.05)
-    told = capsys.readouterr().err
-    assert re.search(r"^Counting: 2 of 3 done, \d+ s, about \d+ s left$", told, re.M)
-
-
-def test_short_work_is_silent(capsys):
+def test_work_is_shown_on_a_terminal_and_nowhere_else(capsys, monkeypatch):
     assert list(show_progress(iter("ab"), "Reading")) == ["a", "b"]
     assert capsys.readouterr().err == ""
-
-
-@pytest.mark.usefixtures("often")
-def test_work_that_was_left_tells_no_more(capsys):
-    left = iter(show_progress([1, 2], "Fitting"))
-    next(left)
-    time.sleep(0.05)
-    del left
-    time.sleep(0.03)
-    assert "Fitting: 0 of 2 done" in capsys.readouterr().err
-    time.sleep(0.06)
-    assert capsys.readouterr().err == ""
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    monkeypatch.setenv("TTY_COMPATIBLE", "1")
+    assert list(show_progress([1, 2], "Counting")) == [1, 2]
+    assert "Counting" in capsys.readouterr().err

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import cumulative_trapezoid
 
+from butterfly.verdict import Level
 from tests.benchmarks.kinds import counts, score
 from tests.independent.kinds import KINDS, draw
 
@@ -88,3 +89,17 @@ def test_a_robot_is_scored_as_its_owner_meets_the_program():
     refused = replace(found, refused="no", readings={})
     assert "| 1/1 | 1/1 |" in counts([found])
     assert counts([found, refused]).endswith("False |")
+
+
+@pytest.mark.parametrize(
+    ("kind", "number"),
+    [
+        ("pieces", 59),  # whose weak form ends far off: the ratios of each mass are near
+        ("closed-loop", 54),  # a log of which has no window that moves
+    ],
+)
+def test_of_hard_robots_the_intervals_hold_the_truth(kind, number):
+    found = score(kind, number, "default", 1013)
+    assert not found.refused
+    assert found.verdict == Level.GOOD.verdict
+    assert all(found.readings[name].covered for name in ("p1", "p3") if name in found.readings)

@@ -2,12 +2,15 @@
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from butterfly.identification.blocks import Condition
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
+from butterfly.identification.diagnostics.residuals import MissingTerms
+from butterfly.identification.diagnostics.unit_errors import UnitError, unit_error
 from butterfly.identification.inference.agreement import Contrast
 from butterfly.report.finding_texts import (
     estimate_notes,
@@ -16,6 +19,7 @@ from butterfly.report.finding_texts import (
     finding_text,
 )
 from butterfly.report.inspection import conditions_text
+from butterfly.report.summary import next_step
 from butterfly.verdict import Level
 from tests.identification.simulated import estimate_of
 
@@ -218,3 +222,22 @@ def test_a_sentence_depends_on_the_number(kind, number, text):
 def test_health_is_told_by_severity(counts, text):
     conditions = [each for each, n in zip(Level, counts, strict=True) for _ in range(n)]
     assert conditions_text(conditions) == text
+
+
+@pytest.mark.parametrize(
+    ("findings", "missing", "saved", "command"),
+    [
+        ((), (), None, "identify a.csv --terms '' --save joint.json"),
+        ((), ("drag",), None, "identify a.csv --terms drag"),
+        ((), (), "my joint.json", "validate 'my joint.json'"),
+        ((Finding(FindingKind.POOR_FIT, number=3.0),), (), None, "inspect a.csv"),
+        ((unit_error(UnitError.DEGREES, 0.0175),), ("drag",), None,
+         "identify a.csv --terms '' --units angle=deg"),
+    ],
+)  # fmt: skip
+def test_the_next_step_is_a_command_to_paste(findings, missing, saved, command):
+    found = SimpleNamespace(
+        estimate=_estimate(*findings),
+        residuals=SimpleNamespace(missing=MissingTerms(terms=missing)),
+    )
+    assert next_step(found, ("identify", "a.csv", "--terms", ""), saved) == f"butterfly {command}"

@@ -156,9 +156,10 @@ class _Fit(NamedTuple):
         return cls(equations, float(equations.cost.sum() ** 0.5 / size) if possible else math.inf)
 
     def score(self, changes: Mapping[str, Sequence[float] | Samples]) -> tuple[float, float]:
-        """Return the misfit, and the slope, if values change by a slope times (k,) changes each."""
-        unchanged = np.zeros(self.equations.log.size)
-        direction = np.stack([changes.get(name, unchanged) for name in _NAMES], axis=1)
+        """Return the misfit, and the slope, if values change by it times (k,) changes of logs."""
+        direction = np.zeros((self.equations.log.size, len(_NAMES)))
+        for name, each in changes.items():  # of logs of which some have no windows, and no cell
+            direction[:, _NAMES.index(name)] = np.asarray(each)[self.equations.log]
         rest, parts = self.equations.orthogonalised(direction)
         information = float(parts.sum()) or math.inf
         slope = -float(np.sum(rest * self.equations.gradient)) / information

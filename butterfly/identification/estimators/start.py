@@ -19,6 +19,7 @@ from butterfly.identification.chosen_terms import Fitted, chosen_at_once, offere
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.diagnostics.sensor_errors import roughness
+from butterfly.identification.equations import scaled_least_squares
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, usable
 from butterfly.identification.estimators.harmonic_balance import HarmonicBalance
@@ -29,7 +30,7 @@ from butterfly.identification.problem import Problem, Start
 from butterfly.identification.servo_drive import driven_alone
 from butterfly.logs.log import Log
 from butterfly.model.linear import resonance_frequency
-from butterfly.model.parameters import LumpedParameters
+from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Known, Prior
 from butterfly.model.terms import GEAR, GROWING, LOOP_TERMS, OF_SERVO, offered
 from butterfly.progress import out_of_time
@@ -37,6 +38,7 @@ from butterfly.progress import out_of_time
 _ELSEWHERE = 1.05  # ratio of costs, above which two ends are not the same
 _PASSES = 4  # of a descent at another delay, or one that is given up if not lower than another
 _PARABOLAS = 2  # how often a delay is sought at the vertex of the last ones
+_RATIOS = Prior.of({"p4": 1.0})
 _GEAR = 0.1  # of each of a gear's torques that friction takes, from where on it is sought
 
 
@@ -105,26 +107,50 @@ def _moving(found: Estimate, data: DataSet) -> LumpedParameters:
     parameters, least = found.parameters, min(mass.inertia for mass in data.masses)
     errors = dict(zip(found.names, found.standard_errors.tolist(), strict=True))
     most = parameters.p1 + least + SPREADS * errors.get("p1", 0.0)
-    if parameters.p1 + least > 0 or not most > 0:
+    if parameters.p1 + least > 0 or not most > 0 or not data.known.scale():
         return parameters
     settling = parameters.p2 * min(log.mean_step for log in data.logs)
     return replace(parameters, p1=min(most / 2, settling or most) - least)
 
 
 def _of_ratios(data: DataSet) -> Start | None:
-    """Guess the scale, which small masses hardly tell, of ratios found without them."""
-    bare = {mass: replace(mass, mass=0.0, arm=0.0) for mass in data.masses}
-    zeros = {bare[mass]: zero for mass, zero in data.equilibria.items()}
-    logs = [replace(log, added_mass=bare[log.added_mass]) for log in data.logs]
-    try:
-        ratios = WeakForm().of_logs(logs, zeros, data.known | Prior.of({"p4": 1.0})).parameters
-    except ButterflyError:
+    """Scale the ratios to p4 that each added mass gives, by what the masses add to p1 and p3.
+
+    With ratios a and b of a mass, p1 + its inertia = p4 a, p3 + its gravity moment = p4 b: least
+    squares by the standard errors of the ratios. Masses too small for that leave a guess.
+    """
+    rows, zeros = list[list[float]](), dict[AddedMass, float]()
+    found: dict[str, float] = {}
+    best = math.inf
+    for mass, zero in data.equilibria.items():
+        bare = replace(mass, mass=0.0, arm=0.0)
+        logs = [replace(each, added_mass=bare) for each in data.logs if each.added_mass == mass]
+        try:
+            own = WeakForm(terms=("p3_offset",)).of_logs(logs, {bare: zero}, data.known | _RATIOS)
+        except ButterflyError:
+            continue
+        errors = dict(zip(own.names, own.standard_errors.tolist(), strict=True))
+        ratios = {**own.named, "p3_offset": 0.0}  # its angle is the zero's
+        zeros[mass] = zero - math.atan2(own.parameters.p3_offset, own.parameters.p3)
+        for column, (name, load) in enumerate(
+            {"p1": mass.inertia, "p3": mass.gravity_moment}.items()
+        ):
+            if errors.get(name, 0.0) > 0:
+                row = [0.0, 0.0, own.named[name], load]
+                row[column] = -1.0
+                rows.append([each / errors[name] for each in row])
+        if own.parameters.p1 > 0 and errors["p1"] < best * own.parameters.p1:
+            found, best = ratios, errors["p1"] / own.parameters.p1
+    if not found:
         return None
-    if not ratios.p1:
-        return None
-    scale = max(mass.inertia for mass in data.masses) / ratios.p1
-    guess = {name: scale * getattr(ratios, name) for name in GROWING}
-    return Start(replace(ratios, **guess), data.equilibria)
+    *scaled, loads = np.array(rows).T
+    p1, p3, p4 = scaled_least_squares(np.column_stack(scaled), loads).tolist()
+    if not (p4 > 0 and p1 + min(mass.inertia for mass in data.masses) > 0):
+        p4 = max(mass.inertia for mass in data.masses) / found["p1"]
+        p1, p3 = p4 * found["p1"], p4 * found.get("p3", 0.0)
+    guess = {name: p4 * each for name, each in found.items() if name in GROWING}
+    guess |= {"p1": p1, "p3": p3, "p4": p4, "delay": found.get("delay", 0.0)}
+    return Start(LumpedParameters(**guess), data.equilibria | zeros)
 
 
 def _known(method: type[Estimator], terms: tuple[str, ...] | None) -> tuple[str, ...] | None:
