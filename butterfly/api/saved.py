@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from butterfly.api.changed import Changed
-from butterfly.api.compared import Compared
+from butterfly.api.compared import Compared, Leaderboard
 from butterfly.api.identification import Identification
 from butterfly.api.predicted import Drawn, Predicted
 from butterfly.api.results import Designed, Selection, Validated
@@ -21,7 +21,7 @@ from butterfly.report.parameter_table import Separated
 from butterfly.result import Answer, Result
 
 _SAVED: tuple[type[Identification | Answer], ...] = (
-    *(Identification, Validated, Designed, Selection, Compared),
+    *(Identification, Validated, Designed, Selection, Compared, Leaderboard),
     *(Predicted, Drawn, Separated, Changed),
 )
 _KINDS = {f"butterfly.{each.kind}": each for each in _SAVED}

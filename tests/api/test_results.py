@@ -239,7 +239,9 @@ def test_what_the_tables_hold_is_what_the_verbs_find(data, results):
     assert len(compared.page().sections) > 3
 
 
-def test_the_rows_of_a_choice_are_sets_of_terms_those_of_a_robot_its_parameters(data, quick):
+def test_the_rows_of_a_choice_are_sets_of_terms_those_of_a_robot_its_parameters(
+    data, quick, tmp_path
+):
     logs = data.take([0, 2, 3, 5, 6, 8]).logs
     coarse = [log.take(np.arange(0, log.time.size, 3)) for log in logs]
     chosen = bf.select(bf.read(coarse), "weak-form", candidates=("drag",), nested=True)
@@ -247,6 +249,12 @@ def test_the_rows_of_a_choice_are_sets_of_terms_those_of_a_robot_its_parameters(
     first, shown = chosen.rows()[0], chosen.shown_rows()[0]
     assert (first["terms"], shown["terms"]) == ([], "none")
     assert float(shown["FIT in sample in %"]) == pytest.approx(first["in_sample"]["median"], 0.01)
+    chosen.save(tmp_path / "chosen.json")
+    again = bf.load(tmp_path / "chosen.json")
+    assert (str(again), again.facts()) == (str(chosen), chosen.facts())
+    ranked = bf.validate(bf.read(coarse), ["weak-form", "linear"])
+    ranked.save(tmp_path / "ranked.json")
+    assert bf.load(tmp_path / "ranked.json").shown_rows() == ranked.shown_rows()
     units = {row["parameter"]: row["unit"] for row in bf.inspect(quick).rows()}
     assert [*units][:4] == ["p1", "p2", "p3", "p4"]
     assert (units["p1"], units["p4"]) == ("kg m²", "N m/V")
