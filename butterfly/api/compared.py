@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 
     from butterfly.comparison.three_way import ThreeWay  # with MuJoCo, which is slow
 
-_SHOWN = PARAMETERS[:5]  # of each method in a ranking
-
 
 class Compared(Tabulated):
     """MuJoCo, the grey-box model and the logs, given the same input."""
@@ -129,7 +127,7 @@ class Leaderboard(Tabulated):
                 for name, (each, *_) in sets.items()
             }
         )
-        winners = {name: len(equals(own)) for name, own in sets.items()}
+        winners = {name: [each.method for each in equals(own)] for name, own in sets.items()}
         return cls(
             title="Ranking of methods: " + ", ".join(sets),
             summary=(*verdict.lines, *map(_best_sentence, sets.values())),
@@ -150,9 +148,7 @@ class Leaderboard(Tabulated):
                 for name in ("held_out", "in_sample")
                 for which in ("median", "worst")
             }
-            values = {
-                name: f"{found[name]['value']:#.4g}" if name in found else "–" for name in _SHOWN
-            }
+            values = {n: f"{found[n]['value']:#.4g}" if n in found else "–" for n in PARAMETERS[:5]}
             rows.append(
                 {"estimator": row["method"], "data": row["data"], "verdict": row["verdict"] or "–"}
                 | fits
@@ -167,15 +163,14 @@ class Leaderboard(Tabulated):
     def facts(self) -> list[Fact]:
         """Return the methods that predict best, and of how many."""
         facts, rows, winners = [], self.rows(), self.content["winners"]
-        for name, count in winners.items():
-            best, *others = [row for row in rows if row["data"] == name][:count]
+        for name, methods in winners.items():
+            best = next(row for row in rows if row["data"] == name)
             if best["held_out"]:
-                label = "predict best, no clear winner" if others else "predicts best"
+                label = "predict best, no clear winner" if len(methods) > 1 else "predicts best"
                 fit = f"held out: median FIT {fit_text(best['held_out']['median'])} %, {name}"
-                named = ", ".join(each["method"] for each in (best, *others))
-                facts.append(Fact(label, named, fit))
-        methods = {row["method"] for row in rows}
-        return [*facts, Fact("methods", str(len(methods))), Fact("data sets", str(len(winners)))]
+                facts.append(Fact(label, ", ".join(methods), fit))
+        count = str(len({row["method"] for row in rows}))
+        return [*facts, Fact("methods", count), Fact("data sets", str(len(winners)))]
 
 
 def _best_sentence(entries: Sequence[Entry]) -> str:

@@ -114,10 +114,12 @@ class Inspection(Answer):
     def shown_rows(self) -> list[dict[str, str]]:
         """Return a row for each log, formatted for reading."""
         (table,) = self.printed
-        return [dict(zip(table.headers, map(str, row), strict=False)) for row in table.rows]
+        if not table.headers:  # pairs of a single log
+            return [{str(name): str(value) for name, value in table.rows}]
+        return [dict(zip(table.headers, map(str, row), strict=True)) for row in table.rows]
 
     def figures(self) -> dict[str, Figure]:
-        """Return the recording of the worst log that can be read."""
+        """Return the recording of the first, and worst, log that can be read."""
         from butterfly.report.log_figures import recorded_figure  # noqa: PLC0415 - slow to import
 
         drawn = [each.log for each in self.logs if each.log is not None]

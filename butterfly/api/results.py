@@ -18,7 +18,7 @@ from butterfly.identification.estimate import Estimate, left_out_content
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identify import held_out_fits
-from butterfly.identification.parameter import unit_of
+from butterfly.identification.parameter import or_nan, unit_of
 from butterfly.identification.test_functions import ResidualTorque
 from butterfly.identification.validate import Bootstrap, CrossValidation, Structure
 from butterfly.logs.log import Log
@@ -230,7 +230,7 @@ class Designed(Tabulated):
     @property
     def _helps(self) -> bool:
         """Whether the first candidate shrinks the standard errors by what matters."""
-        return bool(self.rows()[0]["mean"] <= HELPS)
+        return bool(or_nan(self.rows()[0]["mean"]) <= HELPS)
 
     def figures(self) -> dict[str, Figure]:
         """Return the figures of its page, by name."""
@@ -295,7 +295,7 @@ class Selection(Tabulated):
             {
                 "terms": ", ".join(row["terms"]) or "none",
                 **{f"FIT {name} in %": fit_text(fit) for name, fit in medians_of(row).items()},
-                "gain in FIT": "±".join(f"{each:.1f}" for each in (row["gain"] or {}).values()),
+                "gain in FIT": " ± ".join(map(fit_text, (row["gain"] or {}).values())),
             }
             for row in self.rows()
         ]

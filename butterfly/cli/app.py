@@ -171,8 +171,7 @@ def _launch(app: App) -> Callable[..., ExitCode | None]:
         if budget is not None and not budget >= 0:
             raise InputError("butterfly", "--budget", budget, "0 s or more")
         seconds = budget or math.inf
-        asked.quiet, asked.verbose, asked.json = quiet, verbose, json
-        asked.words = tokens
+        asked.quiet, asked.verbose, asked.json, asked.words = quiet, verbose, json, tokens
         kinds = (COMMANDS[name].answer, *COMMANDS[name].also) if name in COMMANDS else ()
         search = progress.current_search()
         with outputs.call(overwrite=overwrite):

@@ -26,7 +26,7 @@ from butterfly.cli.options import (
     parse_numbers,
     parse_pairs,
 )
-from butterfly.cli.output import ExitCode, asked, say, show, show_progress
+from butterfly.cli.output import ExitCode, asked, show, show_progress
 from butterfly.cli.written import SAVED
 from butterfly.errors import InputError
 from butterfly.experiment.methods import kind_of
@@ -71,7 +71,8 @@ def identify(
         track=show_progress,
     )
     ended = show(found, report=page.report, figures=page.figures, save=save)
-    say(f"Next: {next_step(found, asked.words, save)}")
+    if not asked.silent:  # whole, however long: to be pasted
+        print(f"Next: {next_step(found, asked.words, [data, *more], save)}")
     return ended
 
 

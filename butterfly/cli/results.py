@@ -237,8 +237,8 @@ def chosen_columns(table: pa.Table, columns: str | None) -> pa.Table:
 
 def column_named(name: str, names: Sequence[str]) -> str:
     """Return the column of a name, last part or header; InputError unless it is one."""
-    alike = [each for each in names if each.endswith(f".{name}") or field_name(each) == name]
-    meant = [name] if name in names else alike
+    meant = [each for each in names if each.endswith(f".{name}") or field_name(each) == name]
+    meant = [name] if name in names else meant
     if len(meant) != 1:
         expected = ", or ".join(meant) or nearest(name, names)
         raise InputError("--columns", name, "an unknown column", expected)

@@ -222,7 +222,8 @@ class Estimates:
     @property
     def median_fit(self) -> float:
         """Median over estimates of the median FIT of their logs, in %."""
-        return float(np.nanmedian([*self.by_estimate("fit_median").values()]))
+        fits = np.array([*self.by_estimate("fit_median").values()], dtype=float)
+        return float(np.median(fits[np.isfinite(fits)])) if np.isfinite(fits).any() else math.nan
 
     @property
     def unconverged(self) -> int:

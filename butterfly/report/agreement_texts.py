@@ -75,11 +75,9 @@ def causes(contrast: Contrast) -> tuple[str, ...]:
         return ("backlash",) if contrast.grows else _FRICTION
     if condition is Condition.LOG:
         return _SCATTER if name == "p4" else ("temperature", "lubrication", "wear")
-    if condition in _OF_ANY:
-        return _OF_ANY[condition]
     if (condition, name) == (Condition.FREQUENCY, "p4") and contrast.grows:
         return _RESONANCE
-    return _CAUSES.get((condition, name), _WARM)
+    return _OF_ANY.get(condition) or _CAUSES.get((condition, name), _WARM)
 
 
 def contrast_text(contrast: Contrast, estimate: Estimate) -> str:

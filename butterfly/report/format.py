@@ -28,9 +28,9 @@ _UNITS = {term.name: term.unit for term in TERMS.values()} | {
 }
 
 
-def fit_text(fit: float) -> str:
+def fit_text(fit: float | None) -> str:
     """Return a FIT in per cent; a dash if it is unknown."""
-    if math.isnan(fit):
+    if fit is None or math.isnan(fit):
         return "–"
     return f"{fit:.1f}" if fit > _FAR_OFF else f"less than {_FAR_OFF:.0f}"
 

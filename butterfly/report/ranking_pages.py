@@ -9,6 +9,7 @@ from textwrap import wrap
 
 from plotly.graph_objects import Figure
 
+from butterfly.identification.parameter import or_nan
 from butterfly.report.figures import PALETTE, log_ticks, logs_panel, look, panel
 from butterfly.report.format import fit_text
 from butterfly.report.summary import medians_of
@@ -57,7 +58,7 @@ class TablePlots:
             fits = {
                 label: row[field]["median"]
                 for label, row in zip(names, rows, strict=True)
-                if row[field] and math.isfinite(row[field]["median"])
+                if row[field] and math.isfinite(or_nan(row[field]["median"]))
             }
             colour, symbol = look(number)
             figure.add_scatter(

@@ -37,11 +37,10 @@ _CAPTION = (
     "larger, the bands are as wide as the curves can be, and nothing is tested."
 )
 EXPLAINED = (
-    "The log with the largest error. Residual torque: averaged over short intervals in which the "
-    "joint moves, against time, angle and velocity; a missing term that depends on one of them "
-    "shows as a curve. Residual of the free run: its autocorrelation, and its cross-correlation "
-    "with past input; if sensor noise explains it, both stay within the bands, which are wide "
-    "where the error is below 0.1 % of the motion."
+    "The log with the largest error. Residual torque, averaged over short intervals in which the "
+    "joint moves: a missing term that depends on time, angle or velocity shows as a curve. "
+    "Autocorrelation of the free run's error, and its cross-correlation with past input: if sensor "
+    "noise explains it, both stay within the bands."
 )
 """What `residual_figures` shows."""
 

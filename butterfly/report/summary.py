@@ -6,7 +6,7 @@ import math
 import re
 import shlex
 from collections.abc import Mapping, Sequence
-from os import PathLike
+from pathlib import Path
 from statistics import median
 from typing import Any
 
@@ -23,7 +23,7 @@ from butterfly.logs.log import Log
 from butterfly.logs.thinning import thinned
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.prior import Prior
-from butterfly.model.terms import PARAMETERS, TERMS
+from butterfly.model.terms import PARAMETERS, TERMS, offered
 from butterfly.report.agreement_texts import agreement_table
 from butterfly.report.finding_texts import REMEDY, estimate_verdict, grave_notes, minor_notes
 from butterfly.report.format import counted, fit_text
@@ -40,7 +40,7 @@ _MEASURED = {
 }
 
 
-_ADVICE = re.compile(r"Set (--\S+ \S+?),? ")
+_ADVICE = re.compile(r"Set (--\S+) (\S+?),? ")
 
 LOOP_HEADERS = ("FIT in %", "median", "mean", "worst", "mean error in mrad")
 """Of the table of `loop_rows`."""
@@ -247,8 +247,8 @@ def _response(log: Log) -> ResponsePoint | None:
 def best_experiment_text(best: Candidate) -> str:
     """Say which experiment comes first, and how far it would shrink the standard errors."""
     warning = f"; but: {best.warning}." if best.warning else "."
-    if best.score > HELPS:
-        return "No candidate helps: none shrinks the standard errors by 1 %."
+    if not best.score <= HELPS:
+        return "No candidate helps: none shrinks the standard errors by 1 % (--verbose lists them)."
     return (
         f"Best next experiment: {best.what}, with {best.added_mass}. It shrinks the standard "
         f"errors to {100 * best.score:.0f} % of now on average{warning}"
@@ -275,30 +275,43 @@ def medians_of(row: Mapping[str, Any]) -> dict[str, float]:
 
 
 def next_step(
-    found: Identified, words: Sequence[str], saved: str | PathLike[str] | None = None
+    found: Identified,
+    words: Sequence[str],
+    data: Sequence[Path],
+    saved: Path | None = None,
 ) -> str:
     """Return a command to paste after ``words``, a command and its arguments, that identified.
 
-    ``saved``: the file of the result, if there is one. The correction of a unit error comes first,
-    then the term that the model is missing, then a file, and with it what it is good for.
+    ``data``: its files or folders; ``saved``: the file of the result, if there is one. The
+    correction of a unit error comes first, then the term that the model is missing, then a file,
+    and with it what it is good for.
     """
     verdict, missing = estimate_verdict(found.estimate), found.residuals.missing.terms
     if advice := _ADVICE.search(" ".join(verdict.lines)):
-        return f"{_again(words)} {advice[1]}"
+        return _again(words, advice[1], advice[2], merged=True)
     if verdict.level is Level.WARNING:
-        return f"butterfly inspect {shlex.join(words[1:2])}"
+        return f"butterfly inspect {shlex.join(map(str, data))}"
     if missing:
         names = (n for n in found.estimate.names if n not in PARAMETERS and not TERMS[n].follows)
-        return f"{_again(words, '--terms')} --terms {','.join([*names, *missing])}"
+        terms = ",".join([*names, *missing])
+        if found.made_by is None or {*missing} <= {*offered(found.made_by.method)}:
+            return _again(words, "--terms", terms)
+        return f"butterfly identify {shlex.join(map(str, data))} --terms {terms}"
     if saved is None:
-        return f"{_again(words)} --save joint.json"
+        return _again(words, "--save", "joint.json")
     use = "validate" if verdict.level is Level.GOOD else "design"
     return f"butterfly {use} {shlex.quote(str(saved))}"
 
 
-def _again(words: Sequence[str], without: str = "-") -> str:
-    """Return the command anew, without an option and its value."""
-    kept = [each for each in words if not each.startswith(f"{without}=")]
-    if without in kept:
-        del kept[kept.index(without) : kept.index(without) + 2]
+def _again(words: Sequence[str], option: str, value: str, *, merged: bool = False) -> str:
+    """Return the command anew, with a value of an option, or one more of its pairs."""
+    kept: list[str] = []
+    for word in words:
+        kept += word.split("=", maxsplit=1) if word.startswith(f"{option}=") else [word]
+    if option not in kept:
+        return f"butterfly {shlex.join([*kept, option, value])}"
+    at = kept.index(option) + 1
+    column = f"{value.partition('=')[0]}="
+    pairs = [pair for pair in kept[at].split(",") if merged and not pair.startswith(column)]
+    kept[at] = ",".join([*pairs, value])
     return f"butterfly {shlex.join(kept)}"

@@ -91,13 +91,8 @@ def test_a_robot_is_scored_as_its_owner_meets_the_program():
     assert counts([found, refused]).endswith("False |")
 
 
-@pytest.mark.parametrize(
-    ("kind", "number"),
-    [
-        ("pieces", 59),  # whose weak form ends far off: the ratios of each mass are near
-        ("closed-loop", 54),  # a log of which has no window that moves
-    ],
-)
+# of one the weak form ends far off, of the other a log has no window that moves
+@pytest.mark.parametrize(("kind", "number"), [("pieces", 59), ("closed-loop", 54)])
 def test_of_hard_robots_the_intervals_hold_the_truth(kind, number):
     found = score(kind, number, "default", 1013)
     assert not found.refused

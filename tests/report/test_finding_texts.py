@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,6 +12,7 @@ from butterfly.identification.blocks import Condition
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
 from butterfly.identification.diagnostics.residuals import MissingTerms
 from butterfly.identification.diagnostics.unit_errors import UnitError, unit_error
+from butterfly.identification.estimators import HarmonicBalance, OutputError
 from butterfly.identification.inference.agreement import Contrast
 from butterfly.report.finding_texts import (
     estimate_notes,
@@ -224,20 +226,25 @@ def test_health_is_told_by_severity(counts, text):
     assert conditions_text(conditions) == text
 
 
+_CALL = "identify --units=time=ms,angle=rad a.csv"
+
+
 @pytest.mark.parametrize(
     ("findings", "missing", "saved", "command"),
     [
-        ((), (), None, "identify a.csv --terms '' --save joint.json"),
-        ((), ("drag",), None, "identify a.csv --terms drag"),
+        ((), (), None, f"{_CALL} --terms '' --save joint.json"),
+        ((), ("drag",), None, f"{_CALL} --terms drag"),
+        ((), ("spring",), None, "identify a.csv --terms spring"),
         ((), (), "my joint.json", "validate 'my joint.json'"),
         ((Finding(FindingKind.POOR_FIT, number=3.0),), (), None, "inspect a.csv"),
         ((unit_error(UnitError.DEGREES, 0.0175),), ("drag",), None,
-         "identify a.csv --terms '' --units angle=deg"),
+         "identify --units time=ms,angle=deg a.csv --terms ''"),
     ],
 )  # fmt: skip
 def test_the_next_step_is_a_command_to_paste(findings, missing, saved, command):
-    found = SimpleNamespace(
-        estimate=_estimate(*findings),
-        residuals=SimpleNamespace(missing=MissingTerms(terms=missing)),
-    )
-    assert next_step(found, ("identify", "a.csv", "--terms", ""), saved) == f"butterfly {command}"
+    residuals = SimpleNamespace(missing=MissingTerms(terms=missing))
+    made_by = HarmonicBalance(terms=()) if missing == ("spring",) else OutputError(terms=())
+    found = SimpleNamespace(estimate=_estimate(*findings), residuals=residuals, made_by=made_by)
+    words = ("identify", "--units=time=ms,angle=rad", "a.csv", "--terms", "")
+    step = next_step(found, words, [Path("a.csv")], saved and Path(saved))
+    assert step == f"butterfly {command}"

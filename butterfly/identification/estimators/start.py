@@ -14,6 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError, IdentifiabilityError
 from butterfly.identification.chosen_terms import Fitted, chosen_at_once, offered_rows
 from butterfly.identification.data import DataSet
@@ -119,9 +120,8 @@ def _of_ratios(data: DataSet) -> Start | None:
     With ratios a and b of a mass, p1 + its inertia = p4 a, p3 + its gravity moment = p4 b: least
     squares by the standard errors of the ratios. Masses too small for that leave a guess.
     """
-    rows, zeros = list[list[float]](), dict[AddedMass, float]()
-    found: dict[str, float] = {}
-    best = math.inf
+    rows, zeros = list[Samples](), dict[AddedMass, float]()
+    found, best = dict[str, float](), math.inf
     for mass, zero in data.equilibria.items():
         bare = replace(mass, mass=0.0, arm=0.0)
         logs = [replace(each, added_mass=bare) for each in data.logs if each.added_mass == mass]
@@ -130,24 +130,24 @@ def _of_ratios(data: DataSet) -> Start | None:
         except ButterflyError:
             continue
         errors = dict(zip(own.names, own.standard_errors.tolist(), strict=True))
-        ratios = {**own.named, "p3_offset": 0.0}  # its angle is the zero's
+        ratios = {**own.named, "p3_offset": 0.0}  # which turns the zero
         zeros[mass] = zero - math.atan2(own.parameters.p3_offset, own.parameters.p3)
-        for column, (name, load) in enumerate(
-            {"p1": mass.inertia, "p3": mass.gravity_moment}.items()
-        ):
+        for name, load in (("p1", mass.inertia), ("p3", mass.gravity_moment)):
             if errors.get(name, 0.0) > 0:
-                row = [0.0, 0.0, own.named[name], load]
-                row[column] = -1.0
-                rows.append([each / errors[name] for each in row])
-        if own.parameters.p1 > 0 and errors["p1"] < best * own.parameters.p1:
-            found, best = ratios, errors["p1"] / own.parameters.p1
+                row = np.array([-(name == "p1"), -(name == "p3"), own.named[name], load])
+                rows.append(row / errors[name])
+        if 0 < errors.get("p1", 0.0) < best * abs(own.parameters.p1):
+            found, best = ratios, errors["p1"] / abs(own.parameters.p1)
     if not found:
         return None
     *scaled, loads = np.array(rows).T
     p1, p3, p4 = scaled_least_squares(np.column_stack(scaled), loads).tolist()
-    if not (p4 > 0 and p1 + min(mass.inertia for mass in data.masses) > 0):
-        p4 = max(mass.inertia for mass in data.masses) / found["p1"]
-        p1, p3 = p4 * found["p1"], p4 * found.get("p3", 0.0)
+    least, largest = (limit(mass.inertia for mass in data.masses) for limit in (min, max))
+    if not (p1 + least > 0 and p4 * found["p1"] > 0):
+        p4 = largest / found["p1"]
+        p1, p3 = largest, p4 * found.get("p3", 0.0)
+    if not p4:
+        return None
     guess = {name: p4 * each for name, each in found.items() if name in GROWING}
     guess |= {"p1": p1, "p3": p3, "p4": p4, "delay": found.get("delay", 0.0)}
     return Start(LumpedParameters(**guess), data.equilibria | zeros)

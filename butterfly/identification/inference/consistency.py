@@ -62,8 +62,8 @@ def moved_by_givens(
         by["p1"] = by.get("p1", 0.0) + of_masses * inertia
         by["p3"] = gravity * (scale in {"mass_scale", "gravity_scale"})
         columns.append(share * _moved(cells, by))
-    if LAG in known.values and "delay" in cells.names:
-        late = known.values[LAG].uncertainty
+    late = known.values[LAG].uncertainty if LAG in known.values else 0.0
+    if late and ("delay" in cells.names or "delay" in known.fixed):
         columns.append(late * _moved(cells, {"delay": np.ones(count)}))
     return np.stack(columns, axis=2) if columns else None
 
