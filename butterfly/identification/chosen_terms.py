@@ -35,10 +35,9 @@ from butterfly.identification.problem import Problem
 from butterfly.logs.log import InputKind, Log, slow_interval
 from butterfly.model.parameters import value_if_absent
 from butterfly.model.prior import Prior
-from butterfly.model.terms import BASE_TERMS, COMMON, OF_SERVO, RARE, TERMS, companions, offered
+from butterfly.model.terms import COMMON, OF_SERVO, RARE, TERMS, companions, offered
 
 _INDEPENDENT = 2 * FEW  # logs, from which on rare terms are tried
-_BASE = BASE_TERMS[0]
 
 
 def offered_rows(logs: Sequence[Log], known: Prior) -> tuple[tuple[str, ...], set[str]]:
