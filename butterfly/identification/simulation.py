@@ -125,26 +125,34 @@ class Simulation:
 
         The effects of fitted starts are projected out.
         """
+        if self.fitted:
+            return self.with_starts(names, parameters, zero)[:2]
+        columns = self._columns(names, parameters)
+        return self.segments[0].linearised(columns, zero, self.given_start(velocity))
+
+    def with_starts(
+        self,
+        names: Sequence[str],
+        parameters: LumpedParameters,
+        zero: float,
+        velocity: float | None = None,
+    ) -> tuple[Samples, Samples, tuple[Samples, ...]]:
+        """Return what `linearised` does, and how each segment's start moves errors.
+
+        The latter as (m, j) orthonormal directions.
+        """
         if not self.fitted:
-            columns = self._columns(names, parameters)
-            return self.segments[0].linearised(columns, zero, self.given_start(velocity))
+            more = tuple(dict.fromkeys((*names, *_START)))
+            errors, rows = self.linearised(more, parameters, zero, velocity)
+            by_start = self._by_start(rows[:, [more.index(each) for each in _START]])
+            return errors, rows[:, : len(names)], (_orthonormal(by_start),)
         parts = []
         for each in self._expansions(names, parameters, zero, self._uncounted):
             rows = each.rows[:, : len(names)]
             take_away(each.directions, rows)
-            parts.append((each.errors - each.directions @ each.explained, rows))
-        errors, slopes = zip(*parts, strict=True)
-        return joined(errors), joined(slopes)
-
-    def directions(
-        self, parameters: LumpedParameters, zero: float, velocity: float | None = None
-    ) -> tuple[Samples, ...]:
-        """Return for each segment (m, j) orthonormal directions in which its start moves errors."""
-        if self.fitted:
-            found = self._expansions((), parameters, zero, self._uncounted)
-            return tuple(each.directions for each in found)
-        _, rows = self.linearised(_START, parameters, zero, velocity)
-        return (_orthonormal(self._by_start(rows)),)
+            parts.append((each.errors - each.directions @ each.explained, rows, each.directions))
+        every, slopes, directions = zip(*parts, strict=True)
+        return joined(every), joined(slopes), directions
 
     def averages(self, parameters: LumpedParameters) -> tuple[NDArray[np.int64], Samples, Samples]:
         """Return for (m,) errors samples averaged, middles of steps in s, and mean inputs."""

@@ -130,10 +130,11 @@ def _told(own: Samples, other: Samples) -> tuple[float, float]:
 
 def _unreached(log: Log, inputs: Samples, angle: Samples) -> tuple[str, str] | None:
     """Find an input that has no part in the motion of a joint that friction does not hold."""
-    laws = [_law(inputs, angle, angle.size // count) for count in _LADDER]
-    shares = [_told(law, law)[0] - _CHANCE / len(law) for law in laws if len(law) > 1]
+    laws = (_law(inputs, angle, angle.size // count) for count in _LADDER)
+    shares = (_told(law, law)[0] - _CHANCE / len(law) for law in laws if len(law) > 1)
+    follows = next(shares, 1.0) > _FAILS or any(share > _FAILS for share in shares)
     steps = [np.mean(np.diff(each) ** 2) / (np.var(each) + _TINY) for each in (inputs, angle)]
-    if not 0.0 < steps[0] < _NOISE or max(shares, default=1.0) > _FAILS:
+    if follows or not 0.0 < steps[0] < _NOISE:
         return None
     least, span = resolution_of(log.angle), np.ptp(angle)
     swings = np.quantile(np.ptp(_cut(angle, angle.size // _LADDER[0]), axis=1), _RARELY)

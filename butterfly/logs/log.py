@@ -590,8 +590,9 @@ def _in_steady_swing(time: Samples, angle: Samples, omega: float) -> InitialStat
     if count == time.size or few < _FEWEST:
         return None
     harmonics = omega * np.arange(1, 1 + _HARMONICS)
-    phases = np.outer(time[:count] - time[0], harmonics)
-    columns = np.column_stack([np.ones(count), np.cos(phases), np.sin(phases)])
+    turns = np.exp(1j * omega * (time[:count] - time[0]))
+    turned = np.multiply.accumulate([turns] * _HARMONICS).T
+    columns = np.column_stack([np.ones(count), turned.real, turned.imag])
     coefficients = np.linalg.solve(columns.T @ columns, columns.T @ angle[:count])
     mean, cosines, sines = np.split(coefficients, [1, 1 + _HARMONICS])
     other = angle[:count] - columns @ coefficients

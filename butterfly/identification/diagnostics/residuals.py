@@ -357,12 +357,12 @@ class _Unknowns:
         simulation = setting.simulation(log, first)
         about = (parameters, setting.zero, setting.velocity)
         with np.errstate(all="ignore"):
-            errors, rows = simulation.linearised([*columns], *about)
+            errors, rows, starts = simulation.with_starts([*columns], *about)
             squares = [run.fit, float(errors @ errors), float(np.vdot(rows, rows))]
         if not (blank.motion > 0 and np.isfinite(squares).all()):
             return None
         deviation = np.linalg.norm(rows[:, : len(self.root)] @ self.root.T, axis=1)
-        starts, left = simulation.directions(*about), errors.copy()
+        left = errors.copy()
         _take_away(starts, left)
         _take_away(starts, rows)
         return _RunErrors(

@@ -106,16 +106,19 @@ class _Trial(NamedTuple):
     mass: str = ""  # label of the mass that is mistaken
     misfit: float = math.inf  # share of the torques that the fit leaves; infinite if there is none
 
+    def righted(self, log: Log) -> Log:
+        """Return a log as it is without the mistake."""
+        return self.right(log) if self.log in {"", log.name} else log
+
     def undone(self, data: DataSet) -> DataSet:
         """Return the data set as it is without the mistake, held-out logs left out."""
-        return replace(data, test_logs=None).corrected(
-            lambda log: self.right(log) if self.log in {"", log.name} else log, self.finding()
-        )
+        return replace(data, test_logs=None).corrected(self.righted, self.finding())
 
     def tried(self, data: DataSet) -> _Trial:
         """Return the trial with its misfit on a data set."""
         try:
-            return self._replace(misfit=_Fit.of(self.undone(data)).misfit)
+            logs = tuple(map(self.righted, data.logs))
+            return self._replace(misfit=_Fit.of(replace(data, logs=logs)).misfit)
         except _FAILURES:
             return self
 
