@@ -24,7 +24,7 @@ from butterfly.arrays import Samples, unit_diagonal
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.blocks import CELLS
 from butterfly.identification.equations import CellEquations, compressed
-from butterfly.identification.levels import MOST, ROUNDING, SHOWS, SPREADS, WEIGHED
+from butterfly.identification.levels import MATTERS, MOST, ROUNDING, SHOWS, SPREADS, WEIGHED
 from butterfly.model.prior import Penalty
 from butterfly.progress import current_search
 
@@ -351,7 +351,7 @@ def minimise(
             last = at.cost - tried.cost
             at = tried
     predicted = at.decrease(at.step(*box.about(at.values, np.inf)))
-    converged = evaluations < most and predicted <= max(enough, SHOWS) * at.cost
+    converged = evaluations < most and predicted <= max(enough, MATTERS) * at.cost
     return Minimum(at=at, converged=converged, evaluations=evaluations)
 
 

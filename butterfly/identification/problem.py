@@ -16,6 +16,7 @@ from butterfly.arrays import Samples
 from butterfly.errors import InputError
 from butterfly.identification.blocks import cells_of, independent_cells_of
 from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.equations import CellEquations, scaled_least_squares
 from butterfly.identification.estimate import Estimate
@@ -274,7 +275,8 @@ class Problem:
         count = cells or cells_of(len(self.motion), len(self.keys))
         bread = None if end.at.loss is Loss.LINEAR else end.at.bread
         found = replace(end.at.cells(self.names, self.lower, count), bread=bread)
-        return found if end.converged else found.stopped(found.next_step)
+        ending = Ending.CONVERGED if end.converged else Ending.STOPPED
+        return replace(found, ending=ending, unsettled=found.next_step)
 
 
 def labels_of(keys: Iterable[Key]) -> tuple[str, ...]:

@@ -327,6 +327,15 @@ class Penalty:
         """Return the penalty without some of the values, by a mask."""
         return replace(self, weight=np.where(lost, 0.0, self.weight))
 
+    def beside(self, other: Penalty | None, at: int) -> Penalty:
+        """Return it with what another penalty, of all values but that numbered ``at``, has more."""
+        if other is None:
+            return self
+        mean, weight = (np.insert(each, at, 0.0) for each in (other.mean, other.weight))
+        mean = np.where(self.active, self.mean, mean)
+        weight *= self.variance / other.variance
+        return replace(self, mean=mean, weight=np.where(self.active, self.weight, weight))
+
     def padded(self, count: int) -> Penalty:
         """Return the penalty of these values and further, unknown ones."""
         none = np.zeros(count)

@@ -105,6 +105,17 @@ def test_a_gain_that_sets_the_scale_does_so_beside_a_bias_of_each_log(pair):
     assert errors["p4"] == pytest.approx(0.02 * ROBOT.p4, rel=0.01)
 
 
+def test_an_uncertain_zero_counts_beside_a_value_that_sets_the_scale(pair):
+    zero, gain = Known(value=0.0, uncertainty=1e-6), ROBOT.p4
+    biased = OutputError(terms=("bias",), workers=1)
+    scaled, exact = (
+        biased(knowing(pair, p4=p4).with_zero(zero))
+        for p4 in ((gain, 1e-6 * gain), gain)
+    )
+    errors = dict(zip(scaled.names, scaled.standard_errors, strict=True))
+    assert [errors[name] for name in exact.names] == pytest.approx(exact.standard_errors, rel=0.03)
+
+
 def test_two_priors_are_weighed_by_their_uncertainties(sines):
     told = {"p4": (1.01 * ROBOT.p4, 0.02 * ROBOT.p4), "p3": (ROBOT.p3, 0.002 * ROBOT.p3)}
     one = METHODS["output-error"](knowing(sines, p3=told["p3"]))

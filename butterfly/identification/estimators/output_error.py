@@ -216,8 +216,8 @@ class OutputError(Estimator):
             share = float(solved.values[solved.names.index("mass_inertia")]) / 2
             like_clock = Finding(FindingKind.LIKE_CLOCK, ("mass_inertia",), number=-share)
             findings = (*findings, like_clock)
-        beyond = [] if solved.unsettled is None else [solved.values + solved.unsettled]
-        rivals = (*fitted.rivals, *clock, *(each[: problem.shared] for each in beyond))
+        beyond = solved.values + solved.next_step
+        rivals = (*fitted.rivals, *clock, beyond[: problem.shared])
         found = SolvedFit(
             method="output error",
             equations=solved,

@@ -198,7 +198,7 @@ def with_held(solved: CellEquations, name: str, known: Prior, added: AddedMass) 
         lower=np.insert(solved.lower, at, TERMS[name].lower),
         bread=bread,
         unsettled=None if unsettled is None else np.insert(unsettled, at, 0.0),
-        prior=prior,
+        prior=prior.beside(solved.prior, at),
     )
     if prior.active.sum() == 1:
         return whole
