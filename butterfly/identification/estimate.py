@@ -315,9 +315,9 @@ class Estimate:
     def with_contrasts(self, more: tuple[Contrast, ...], rivals: Iterable[Samples]) -> Estimate:
         """Return the estimate with contrasts of its free runs first, if they explain more.
 
-        Its limits then include rivals of (n,) values too, unless its logs were weighted by that
-        scatter. Its contrasts from log to log are not compared: steady responses have few rows per
-        log.
+        Its limits then include rivals of (n,) values too, unless the first is a scatter by which
+        its logs were weighted. Its contrasts from log to log are not compared: steady responses
+        have few rows per log.
         """
         shares = [each.share for each in self.agreement if each.condition is not Condition.LOG]
         if not more or more[0].share < max(shares, default=0.0):
@@ -326,7 +326,8 @@ class Estimate:
         rest = (each for each in self.agreement if (each.parameter, each.condition) not in found)
         estimate = replace(self, agreement=(*more, *rest))
         scatters = (each for each in self.findings if each.kind is FindingKind.SCATTER)
-        weighted = any(more[0].parameter in each.parameters for each in scatters)
+        of_logs = more[0].condition is Condition.LOG
+        weighted = of_logs and any(more[0].parameter in each.parameters for each in scatters)
         for rival in () if weighted else rivals:
             estimate = estimate.holding(rival)
         return estimate
