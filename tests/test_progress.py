@@ -12,9 +12,9 @@ import pytest
 import butterfly as bf
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import rank_experiments
-from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
 from butterfly.identification.estimators import HarmonicBalance, Linear, OutputError, WeakForm
 from butterfly.identification.estimators.start import starts
+from butterfly.identification.findings import Ending, Finding, FindingKind
 from butterfly.identification.identify import judged
 from butterfly.identification.predict import LEAST, draw_parameters, predict_logs
 from butterfly.identification.problem import Problem

@@ -7,7 +7,7 @@ import numpy as np
 
 from butterfly.files import json_text, write_document
 from butterfly.identification.diagnostics.residuals import residual_units
-from butterfly.identification.estimate import left_out_content
+from butterfly.identification.inference.estimate import left_out_content
 from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.result import document
 

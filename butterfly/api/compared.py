@@ -12,8 +12,8 @@ from butterfly.api.results import Tabulated, about_log
 from butterfly.comparison.leaderboard import Entry, equals
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.residuals import Residuals, residual_units
-from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
+from butterfly.identification.inference.estimate import Estimate
 from butterfly.model.terms import PARAMETERS
 from butterfly.report.finding_texts import estimate_verdict
 from butterfly.report.format import counted, fit_text

@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from butterfly.files import write_document
 from butterfly.identification.diagnostics.residuals import residual_units
-from butterfly.identification.estimate import Estimate
 from butterfly.identification.identified import Identified
+from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.parameter import or_nan
 from butterfly.logs.log import InputKind, Log
 from butterfly.logs.manifest import Manifest

@@ -14,10 +14,10 @@ from butterfly.arrays import Samples
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import HELPS, Candidate
 from butterfly.identification.diagnostics.residuals import Residuals, residual_units, residuals_of
-from butterfly.identification.estimate import Estimate, left_out_content
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identify import held_out_fits
+from butterfly.identification.inference.estimate import Estimate, left_out_content
 from butterfly.identification.parameter import or_nan, unit_of
 from butterfly.identification.test_functions import ResidualTorque
 from butterfly.identification.validate import Bootstrap, CrossValidation, Structure

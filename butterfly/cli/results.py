@@ -23,7 +23,7 @@ from butterfly.experiment.source import EXPERIMENT, read_experiment
 from butterfly.experiment.store import SWEEP, ResultStore
 from butterfly.experiment.sweep_tables import ESTIMATES, RUNS
 from butterfly.files import replacing
-from butterfly.identification.diagnostics.findings import Ending
+from butterfly.identification.findings import Ending
 from butterfly.identification.parameter import Parameter, or_nan
 from butterfly.logs.log import InputKind
 from butterfly.outputs import mark_of

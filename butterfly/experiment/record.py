@@ -19,9 +19,9 @@ from typing import Annotated, Any, Self, cast
 
 from pydantic import ConfigDict, PlainSerializer, PlainValidator, TypeAdapter, computed_field
 
-from butterfly.identification.diagnostics.findings import Ending
-from butterfly.identification.estimate import Estimate
+from butterfly.identification.findings import Ending
 from butterfly.identification.free_run import FitSummary
+from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.parameter import Parameter, or_none
 from butterfly.orbit.loop import OrbitStudy
 from butterfly.progress import current_search

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.blocks import independent_cells_of
-from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Equations, Minimum
+from butterfly.identification.inference.blocks import independent_cells_of
 from butterfly.identification.inference.identifiability import Conditioning
 from butterfly.identification.inference.linear_terms import (
     STRIBECK,

@@ -12,12 +12,6 @@ import numpy as np
 
 from butterfly.errors import InputError
 from butterfly.identification.derived_quantities import implied, relaxed_for_masses
-from butterfly.identification.diagnostics.findings import Finding
-from butterfly.identification.diagnostics.unit_errors import (
-    unit_errors_of_refused,
-    unit_errors_of_still,
-    with_unit_errors,
-)
 from butterfly.identification.encoder_offset import (
     EncoderOffset,
     OffsetKind,
@@ -25,10 +19,16 @@ from butterfly.identification.encoder_offset import (
     near,
     reading_of,
 )
+from butterfly.identification.findings import Finding
 from butterfly.identification.free_run import Simulations
 from butterfly.identification.inference.identifiability import is_driven
 from butterfly.identification.levels import LOST
 from butterfly.identification.servo_drive import driven
+from butterfly.identification.unit_errors import (
+    unit_errors_of_refused,
+    unit_errors_of_still,
+    with_unit_errors,
+)
 from butterfly.logs.health import DEFAULT_REPAIRS, Health, Repair, examine
 from butterfly.logs.log import InputKind, Log
 from butterfly.logs.manifest import Manifest

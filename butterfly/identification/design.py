@@ -18,7 +18,7 @@ import numpy as np
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError, require_number
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimate import Estimate
+from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.levels import LOST, MATTERS
 from butterfly.identification.segment import LONGEST_STEP
 from butterfly.identification.servo_drive import driven

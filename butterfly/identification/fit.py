@@ -22,8 +22,8 @@ from scipy.special import ndtri
 
 from butterfly.arrays import Samples, unit_diagonal
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.blocks import CELLS
-from butterfly.identification.equations import CellEquations, compressed
+from butterfly.identification.inference.blocks import CELLS
+from butterfly.identification.inference.equations import CellEquations, compressed
 from butterfly.identification.levels import MATTERS, MOST, ROUNDING, SHOWS, SPREADS, WEIGHED
 from butterfly.model.prior import Penalty
 from butterfly.progress import current_search

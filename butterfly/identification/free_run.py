@@ -11,7 +11,7 @@ import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.identification.encoder_offset import reading_of
-from butterfly.identification.estimate import Estimate
+from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.segment import LONGEST_STEP, grid_step
 from butterfly.identification.simulation import Simulation, segment_length
 from butterfly.identification.test_functions import HALF_WIDTH, VELOCITY_SHARE

@@ -14,9 +14,9 @@ from butterfly.arrays import Samples
 from butterfly.errors import InputError, listed
 from butterfly.identification.data import DataSet, read_data_set
 from butterfly.identification.diagnostics.residuals import Residuals, residuals_of
-from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary, FreeRun
+from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.parameters_by_hand import OtherParameters
 from butterfly.identification.physical import PhysicalParameters, physical_parameters
 from butterfly.logs.log import InputKind

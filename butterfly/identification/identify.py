@@ -15,24 +15,24 @@ import numpy as np
 
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.diagnostics.plausibility import (
+from butterfly.identification.diagnostics.residuals import Residuals, residuals_of
+from butterfly.identification.diagnostics.unit_error_search import find_slow_clock, find_unit_errors
+from butterfly.identification.estimators import Estimator, OutputError
+from butterfly.identification.findings import Finding, FindingKind
+from butterfly.identification.free_run import FreeRun
+from butterfly.identification.identified import Identified
+from butterfly.identification.inference.estimate import Estimate
+from butterfly.identification.levels import LOST
+from butterfly.identification.parameters_by_hand import try_parameters
+from butterfly.identification.plausibility import (
     judge_basis,
     judge_fit,
     judge_input,
     judge_knowledge,
     judge_physics,
 )
-from butterfly.identification.diagnostics.residuals import Residuals, residuals_of
-from butterfly.identification.diagnostics.unit_error_search import find_slow_clock, find_unit_errors
-from butterfly.identification.diagnostics.unit_errors import clock_error, with_unit_errors
-from butterfly.identification.estimate import Estimate
-from butterfly.identification.estimators import Estimator, OutputError
-from butterfly.identification.free_run import FreeRun
-from butterfly.identification.identified import Identified
-from butterfly.identification.levels import LOST
-from butterfly.identification.parameters_by_hand import try_parameters
 from butterfly.identification.servo_drive import driven_alone
+from butterfly.identification.unit_errors import clock_error, with_unit_errors
 from butterfly.model.parameters import LumpedParameters
 from butterfly.progress import Track, counted, current_search, tracked, untracked
 

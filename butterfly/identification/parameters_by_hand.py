@@ -12,10 +12,10 @@ from scipy.optimize import minimize_scalar
 
 from butterfly.errors import InputError, nearest, require_number
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.plausibility import judge_physics
-from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FitSummary
+from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.parameter import lumped_numbers
+from butterfly.identification.plausibility import judge_physics
 from butterfly.model.linear import quasi_linear_response, resonance_frequency
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
 from butterfly.model.prior import Known

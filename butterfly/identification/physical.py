@@ -23,7 +23,7 @@ from butterfly.identification.derived_quantities import (
     relations,
     with_gear,
 )
-from butterfly.identification.estimate import Estimate
+from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.levels import MATTERS, SPREADS
 from butterfly.identification.quantities import Quantities
 from butterfly.logs.log import InputKind

@@ -29,11 +29,11 @@ from numpy.typing import NDArray
 
 from butterfly.arrays import Samples, unit_diagonal
 from butterfly.errors import IdentifiabilityError, InputError
-from butterfly.identification.blocks import length_of
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FreeRun, Setting
+from butterfly.identification.inference.blocks import length_of
 from butterfly.identification.inference.covariance import honest_limits, widened
+from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.levels import CONFIDENCE, DRAWS, SPREADS
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters

@@ -14,12 +14,9 @@ from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError
-from butterfly.identification.blocks import cells_of, independent_cells_of
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.encoder_offset import reading_of
-from butterfly.identification.equations import CellEquations, scaled_least_squares
-from butterfly.identification.estimate import Estimate
+from butterfly.identification.findings import Ending
 from butterfly.identification.fit import (
     Box,
     Equations,
@@ -28,6 +25,9 @@ from butterfly.identification.fit import (
     Minimum,
     minimise_robustly,
 )
+from butterfly.identification.inference.blocks import cells_of, independent_cells_of
+from butterfly.identification.inference.equations import CellEquations, scaled_least_squares
+from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.levels import FEW, LOST, MOST, PRECISE, ROUNDING
 from butterfly.identification.segment import FINEST
 from butterfly.identification.simulation import Simulation, segment_length

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.arrays import Samples, joined, take_away
-from butterfly.identification.blocks import edges_of
+from butterfly.identification.inference.blocks import edges_of
 from butterfly.identification.levels import MOST, ROUNDING, SHOWS
 from butterfly.identification.segment import LONGEST_STEP, Segment
 from butterfly.identification.servo_drive import needs_loop

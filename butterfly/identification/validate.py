@@ -12,9 +12,9 @@ import numpy as np
 from butterfly.arrays import Samples, standard_error
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary, FreeRun, fit_of
+from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.levels import CONFIDENCE, DRAWS, FEW
 from butterfly.identification.splits import Division, Split, divide, remedy
 from butterfly.progress import Track, counted, out_of_time, untracked

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
-from butterfly.identification.blocks import independent_cells_of
-from butterfly.identification.equations import CellEquations, Regression
+from butterfly.identification.inference.blocks import independent_cells_of
+from butterfly.identification.inference.equations import CellEquations, Regression
 from butterfly.identification.inference.linear_terms import (
     STRIBECK,
     LinearProblem,

@@ -16,7 +16,7 @@ import numpy as np
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.chosen_terms import Fitted, FreeRunModel, conditioning_of, fitted_of
-from butterfly.identification.diagnostics.findings import Finding
+from butterfly.identification.findings import Finding
 from butterfly.identification.fit import Equations, LogEquations, Loss, Minimum
 from butterfly.identification.inference.scatter import Likelihood, LogRows, Scatter, spread_of
 from butterfly.identification.inference.stagewise import stagewise

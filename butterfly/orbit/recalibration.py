@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError, InputError, nearest, require_number
-from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.equations import CellEquations, Regression, Solution
-from butterfly.identification.estimate import Estimate
+from butterfly.identification.findings import Finding, FindingKind
+from butterfly.identification.inference.equations import CellEquations, Regression, Solution
+from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, Conditioning
 from butterfly.identification.inference.infer import SolvedFit, infer
 from butterfly.identification.inference.linear_terms import LinearModel, choose

@@ -7,11 +7,11 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 
 from butterfly.errors import UnusableError, listed
-from butterfly.identification.blocks import Condition
-from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.diagnostics.unit_errors import unit_error_text
-from butterfly.identification.estimate import OF_VERDICT, Estimate
+from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.inference.agreement import Contrast
+from butterfly.identification.inference.blocks import Condition
+from butterfly.identification.inference.estimate import OF_VERDICT, Estimate
+from butterfly.identification.unit_errors import unit_error_text
 from butterfly.model.terms import TERMS
 from butterfly.progress import stopped_text
 from butterfly.report.agreement_texts import contrast_text

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 from butterfly.experiment.record import EstimateRecord, RunRecord
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.findings import Finding
 from butterfly.identification.diagnostics.residuals import Residuals
-from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
+from butterfly.identification.findings import Finding
+from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.parameter import lumped_numbers, unit_of
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import LumpedParameters

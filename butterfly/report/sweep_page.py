@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from butterfly.experiment.record import OK, SweepRecord
 from butterfly.experiment.sweep_tables import MISSING, Estimates, Recovery, column
-from butterfly.identification.diagnostics.findings import Ending
+from butterfly.identification.findings import Ending
 from butterfly.identification.validate import Gain
 from butterfly.model.terms import TERMS
 from butterfly.report.format import field_label, field_name

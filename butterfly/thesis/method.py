@@ -18,9 +18,9 @@ from scipy.optimize import least_squares
 from butterfly.arrays import Samples
 from butterfly.errors import InputError
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator
+from butterfly.identification.findings import Finding, FindingKind
+from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.identifiability import Conditioning
 from butterfly.identification.parameters_by_hand import best_gain
 from butterfly.logs.log import Log

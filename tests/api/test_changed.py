@@ -7,7 +7,7 @@ import pytest
 
 import butterfly as bf
 from butterfly.api.identification import Identification
-from butterfly.identification.diagnostics.findings import Ending
+from butterfly.identification.findings import Ending
 from tests.comparison.test_change import ERRORS, TRUTH, estimate, of_scale
 
 

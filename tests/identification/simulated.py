@@ -6,8 +6,8 @@ from itertools import product
 
 import numpy as np
 
-from butterfly.identification.equations import CellEquations
-from butterfly.identification.estimate import Estimate
+from butterfly.identification.inference.equations import CellEquations
+from butterfly.identification.inference.estimate import Estimate
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.model.greybox import simulate
 from butterfly.model.linear import quasi_linear_response

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 import butterfly as bf
-from butterfly.identification.blocks import Condition
-from butterfly.identification.diagnostics.findings import FindingKind
-from butterfly.identification.equations import CellEquations
 from butterfly.identification.estimators import OutputError
+from butterfly.identification.findings import FindingKind
 from butterfly.identification.inference.agreement import differing_values, from_log_to_log
+from butterfly.identification.inference.blocks import Condition
+from butterfly.identification.inference.equations import CellEquations
 from tests.independent.defects import draw
 
 

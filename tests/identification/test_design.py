@@ -10,8 +10,8 @@ from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification import design
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import rank_experiments
-from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import HarmonicBalance
+from butterfly.identification.inference.estimate import Estimate
 from butterfly.logs.log import InputKind, Log, Sine
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters

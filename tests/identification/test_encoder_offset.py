@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 
 from butterfly.errors import InputError
-from butterfly.identification.blocks import (
+from butterfly.identification.data import DataSet
+from butterfly.identification.encoder_offset import OffsetKind, fitted_offset, near, offset_errors
+from butterfly.identification.estimators import OutputError, WeakForm
+from butterfly.identification.estimators.start import starts
+from butterfly.identification.findings import FindingKind
+from butterfly.identification.inference.blocks import (
     CELLS,
     cells_of,
     edges_of,
     independent_cells_of,
     length_of,
 )
-from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.findings import FindingKind
-from butterfly.identification.encoder_offset import OffsetKind, fitted_offset, near, offset_errors
-from butterfly.identification.estimators import OutputError, WeakForm
-from butterfly.identification.estimators.start import starts
 from butterfly.identification.problem import Start, columns_of
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import GRAVITY, NO_ADDED_MASS, AddedMass

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.estimators.start import lowest_end
+from butterfly.identification.findings import FindingKind
 from butterfly.identification.fit import Box, Equations, LogEquations, Loss, minimise, outlying
 from butterfly.progress import budget
 

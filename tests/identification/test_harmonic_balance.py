@@ -13,9 +13,9 @@ from scipy.optimize import brentq
 from butterfly.api.verbs import identify
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.findings import Ending, FindingKind
 from butterfly.identification.estimators import HarmonicBalance, Linear
 from butterfly.identification.estimators.harmonic_balance import HarmonicBalanceFit, Phasors
+from butterfly.identification.findings import Ending, FindingKind
 from butterfly.logs.log import Sine
 from butterfly.model.linear import quasi_linear_response
 from butterfly.model.parameters import AddedMass, LumpedParameters

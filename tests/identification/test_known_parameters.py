@@ -8,9 +8,9 @@ import pytest
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.derived_quantities import discrepancies, implied
-from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.diagnostics.unit_error_search import find_unit_errors
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
+from butterfly.identification.findings import FindingKind
 from butterfly.identification.fit import Loss
 from butterfly.identification.inference.covariance import cluster_covariance
 from butterfly.logs.log import InputKind
@@ -109,8 +109,7 @@ def test_an_uncertain_zero_counts_beside_a_value_that_sets_the_scale(pair):
     zero, gain = Known(value=0.0, uncertainty=1e-6), ROBOT.p4
     biased = OutputError(terms=("bias",), workers=1)
     scaled, exact = (
-        biased(knowing(pair, p4=p4).with_zero(zero))
-        for p4 in ((gain, 1e-6 * gain), gain)
+        biased(knowing(pair, p4=p4).with_zero(zero)) for p4 in ((gain, 1e-6 * gain), gain)
     )
     errors = dict(zip(scaled.names, scaled.standard_errors, strict=True))
     assert [errors[name] for name in exact.names] == pytest.approx(exact.standard_errors, rel=0.03)

@@ -9,9 +9,9 @@ import pytest
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import judged_candidate
-from butterfly.identification.diagnostics.findings import Ending, FindingKind
-from butterfly.identification.equations import compressed
 from butterfly.identification.estimators import HarmonicBalance, Loss, OutputError
+from butterfly.identification.findings import Ending, FindingKind
+from butterfly.identification.inference.equations import compressed
 from butterfly.identification.problem import Start
 from butterfly.logs.log import Intersample, Sine
 from butterfly.logs.regimes import Regime

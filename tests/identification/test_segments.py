@@ -9,10 +9,10 @@ import pytest
 
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.residuals import residuals_of
-from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import OutputError
 from butterfly.identification.free_run import GROWTH, FreeRun, Setting, horizon_of
 from butterfly.identification.identify import identify
+from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.problem import Start
 from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import InputKind, Intersample, Log

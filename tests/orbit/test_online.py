@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.diagnostics.findings import FindingKind
+from butterfly.identification.findings import FindingKind
 from butterfly.identification.test_functions import HALF_WIDTH, SPACING
 from butterfly.logs.log import Intersample
 from butterfly.orbit.online import OnlineRecalibration

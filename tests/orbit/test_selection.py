@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from butterfly.identification.equations import CellEquations
+from butterfly.identification.inference.equations import CellEquations
 from butterfly.orbit.recalibration import (
     BASE,
     SEGMENT,

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from butterfly.identification.diagnostics.findings import Ending
+from butterfly.identification.findings import Ending
 from butterfly.orbit.loop import PERIODS, beside_orbit, study_orbit
 from butterfly.orbit.recalibration import RecalibrationOptions
 from butterfly.report.orbit_page import orbit_document

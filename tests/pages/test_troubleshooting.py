@@ -8,10 +8,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from butterfly.identification.blocks import Condition
-from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.diagnostics.unit_errors import UnitError
+from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.inference.agreement import Contrast
+from butterfly.identification.inference.blocks import Condition
+from butterfly.identification.unit_errors import UnitError
 from butterfly.model.parameters import JointKind
 from butterfly.report.agreement_texts import contrast_text
 from butterfly.report.finding_texts import finding_text

@@ -8,12 +8,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from butterfly.identification.blocks import Condition
-from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
 from butterfly.identification.diagnostics.residuals import MissingTerms
-from butterfly.identification.diagnostics.unit_errors import UnitError, unit_error
 from butterfly.identification.estimators import HarmonicBalance, OutputError
+from butterfly.identification.findings import Ending, Finding, FindingKind
 from butterfly.identification.inference.agreement import Contrast
+from butterfly.identification.inference.blocks import Condition
+from butterfly.identification.unit_errors import UnitError, unit_error
 from butterfly.report.finding_texts import (
     estimate_notes,
     estimate_sentences,

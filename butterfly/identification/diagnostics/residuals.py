@@ -20,14 +20,13 @@ from numpy.typing import NDArray
 
 from butterfly.arrays import Samples, take_away
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.blocks import Conditions, cells_of, independent_cells_of
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.diagnostics.sensor_errors import Curve, SensorErrors, correlations
-from butterfly.identification.estimate import Estimate
+from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Equations, LogEquations
 from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.inference.agreement import Contrast, contrasts_of
+from butterfly.identification.inference.blocks import Conditions, cells_of, independent_cells_of
+from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.linear_terms import (
     STRIBECK,
     LinearModel,
@@ -39,6 +38,7 @@ from butterfly.identification.inference.submodels import submodels_of
 from butterfly.identification.levels import DRAWS, PRECISE, SHOWS, SPREADS
 from butterfly.identification.predict import covariance_root, honest_covariance
 from butterfly.identification.problem import Key, columns_of, labels_of
+from butterfly.identification.sensor_errors import Curve, SensorErrors, correlations
 from butterfly.logs.log import Log
 from butterfly.model.parameters import JointKind
 from butterfly.model.terms import PARAMETERS, TERMS, lower_bounds

@@ -21,24 +21,24 @@ import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError, IdentifiabilityError
-from butterfly.identification.blocks import Condition
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.findings import Finding
-from butterfly.identification.diagnostics.plausibility import is_possible
-from butterfly.identification.diagnostics.sensor_errors import roughness
-from butterfly.identification.diagnostics.unit_errors import (
+from butterfly.identification.estimators import Estimator, OutputError, WeakForm
+from butterfly.identification.findings import Finding
+from butterfly.identification.inference.blocks import Condition
+from butterfly.identification.inference.equations import CellEquations, Solution
+from butterfly.identification.inference.estimate import Estimate
+from butterfly.identification.levels import CLEARLY, FEW, LOST, MATTERS, PRECISE
+from butterfly.identification.plausibility import is_possible
+from butterfly.identification.problem import Start
+from butterfly.identification.sensor_errors import roughness
+from butterfly.identification.test_functions import Averaging
+from butterfly.identification.unit_errors import (
     RIGHT,
     UnitError,
     unit_error,
     unit_errors_of_masses,
     unit_errors_of_omegas,
 )
-from butterfly.identification.equations import CellEquations, Solution
-from butterfly.identification.estimate import Estimate
-from butterfly.identification.estimators import Estimator, OutputError, WeakForm
-from butterfly.identification.levels import CLEARLY, FEW, LOST, MATTERS, PRECISE
-from butterfly.identification.problem import Start
-from butterfly.identification.test_functions import Averaging
 from butterfly.identification.weak_regression import About
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Self
 
 from butterfly.errors import InputError, nearest
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimate import Estimate
+from butterfly.identification.inference.estimate import Estimate
 from butterfly.model.prior import Known, Prior
 from butterfly.model.terms import BASE_TERMS, GEAR, PARAMETERS, TERMS, offered
 

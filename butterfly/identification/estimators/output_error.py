@@ -18,17 +18,17 @@ import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError, InputError, require_number
-from butterfly.identification.blocks import Conditions, cells_of
 from butterfly.identification.chosen_terms import Fitted, offered_rows, separable, stagewise_fit
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.equations import CellEquations
-from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
 from butterfly.identification.estimators.start import ProblemOf, lowest_end, servo_start, starts
+from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Loss
 from butterfly.identification.free_run import horizon_of
+from butterfly.identification.inference.blocks import Conditions, cells_of
 from butterfly.identification.inference.consistency import OF_SCALES
+from butterfly.identification.inference.equations import CellEquations
+from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.identifiability import is_driven, prior_of_fit
 from butterfly.identification.inference.infer import SolvedFit, infer
 from butterfly.identification.inference.linear_terms import candidates

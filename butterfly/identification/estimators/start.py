@@ -18,16 +18,16 @@ from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError, IdentifiabilityError
 from butterfly.identification.chosen_terms import Fitted, chosen_at_once, offered_rows
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.diagnostics.sensor_errors import roughness
-from butterfly.identification.equations import scaled_least_squares
-from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, usable
 from butterfly.identification.estimators.harmonic_balance import HarmonicBalance
 from butterfly.identification.estimators.weak_form import WeakForm
+from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Equations, Minimum
+from butterfly.identification.inference.equations import scaled_least_squares
+from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.levels import MATTERS, MOST, ROUNDING, SPREADS
 from butterfly.identification.problem import Problem, Start
+from butterfly.identification.sensor_errors import roughness
 from butterfly.identification.servo_drive import driven_alone
 from butterfly.logs.log import Log
 from butterfly.model.linear import resonance_frequency

@@ -26,9 +26,9 @@ import numpy as np
 from scipy.special import fdtrc, stdtr
 
 from butterfly.arrays import Samples, unit_diagonal
-from butterfly.identification.blocks import Condition, Conditions
-from butterfly.identification.equations import CellEquations
+from butterfly.identification.inference.blocks import Condition, Conditions
 from butterfly.identification.inference.covariance import cluster_covariance, half_widths
+from butterfly.identification.inference.equations import CellEquations
 from butterfly.identification.levels import (
     ACCUSED,
     CONFIDENCE,

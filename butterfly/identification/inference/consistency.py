@@ -9,9 +9,9 @@ from scipy.special import stdtrit
 
 from butterfly.arrays import Samples, unit_columns
 from butterfly.errors import InputError
-from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.equations import CellEquations
+from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.inference.covariance import cluster_covariance
+from butterfly.identification.inference.equations import CellEquations
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, growth
 from butterfly.identification.levels import ACCUSED, CLEARLY, MATTERS
 from butterfly.model.parameters import AddedMass, rounded

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from butterfly.arrays import Samples, unit_columns
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.equations import CellEquations, scaled_least_squares
+from butterfly.identification.findings import Finding, FindingKind
+from butterfly.identification.inference.equations import CellEquations, scaled_least_squares
 from butterfly.identification.levels import CLEARLY, PRECISE, ROUNDING
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, JointKind

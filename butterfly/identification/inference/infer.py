@@ -11,16 +11,14 @@ import numpy as np
 
 from butterfly.arrays import Samples, unit_diagonal
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.blocks import Conditions
-from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
-from butterfly.identification.equations import CellEquations, scaled_least_squares
-from butterfly.identification.estimate import OF_VERDICT, Estimate
+from butterfly.identification.findings import Ending, Finding, FindingKind
 from butterfly.identification.inference.agreement import (
     Contrast,
     Rival,
     disagreements_of,
     weighed_within,
 )
+from butterfly.identification.inference.blocks import Conditions
 from butterfly.identification.inference.consistency import (
     moved_by_givens,
     prior_contradictions,
@@ -32,6 +30,8 @@ from butterfly.identification.inference.covariance import (
     honest_limits,
     robust,
 )
+from butterfly.identification.inference.equations import CellEquations, scaled_least_squares
+from butterfly.identification.inference.estimate import OF_VERDICT, Estimate
 from butterfly.identification.inference.identifiability import (
     Conditioning,
     precision,

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.equations import CellEquations
+from butterfly.identification.findings import Finding, FindingKind
+from butterfly.identification.inference.equations import CellEquations
 from butterfly.identification.inference.identifiability import Conditioning
 from butterfly.identification.inference.stagewise import Offer, offers_in, stagewise
 from butterfly.identification.inference.submodels import NEGLIGIBLE, Submodels, submodels_of

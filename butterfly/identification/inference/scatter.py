@@ -27,8 +27,8 @@ from scipy.fft import irfft, next_fast_len, rfft
 from scipy.optimize import minimize
 
 from butterfly.arrays import Samples, unit_columns
-from butterfly.identification.blocks import CELLS
-from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.findings import Finding, FindingKind
+from butterfly.identification.inference.blocks import CELLS
 from butterfly.identification.inference.submodels import NEGLIGIBLE
 from butterfly.identification.levels import CLEARLY, LOST, MATTERS
 from butterfly.model.prior import Penalty

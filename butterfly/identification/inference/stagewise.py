@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.arrays import Samples, standard_error
-from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.inference.agreement import score_of
 from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.levels import ACCUSED, CONFIDENCE, LOST, MATERIAL, MATTERS

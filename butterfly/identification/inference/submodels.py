@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.arrays import Samples, unit_diagonal
-from butterfly.identification.equations import CellEquations
+from butterfly.identification.inference.equations import CellEquations
 from butterfly.identification.levels import FEW, ROUNDING
 from butterfly.model.parameters import value_if_absent
 from butterfly.model.terms import FOLLOWERS

@@ -8,8 +8,8 @@ import pytest
 
 from butterfly.errors import InputError
 from butterfly.identification.derived_quantities import implied
-from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.diagnostics.plausibility import (
+from butterfly.identification.findings import Finding, FindingKind
+from butterfly.identification.plausibility import (
     judge_basis,
     judge_fit,
     judge_input,

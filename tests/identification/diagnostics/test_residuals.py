@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.diagnostics.residuals import LogResiduals, Residuals, residuals_of
-from butterfly.identification.diagnostics.sensor_errors import Curve
 from butterfly.identification.estimators import OutputError
+from butterfly.identification.findings import FindingKind
 from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.identify import identify
+from butterfly.identification.sensor_errors import Curve
 from butterfly.identification.test_functions import ResidualTorque
 from butterfly.model.terms import PARAMETERS
 from butterfly.plant.sensors import Encoder

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from butterfly.identification.diagnostics.sensor_errors import (
+from butterfly.identification.sensor_errors import (
     Curve,
     SensorErrors,
     correlations,

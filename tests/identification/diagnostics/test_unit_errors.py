@@ -10,10 +10,14 @@ import pytest
 import butterfly as bf
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.diagnostics.residuals import LogResiduals, Residuals
 from butterfly.identification.diagnostics.unit_error_search import find_unit_errors
-from butterfly.identification.diagnostics.unit_errors import (
+from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
+from butterfly.identification.findings import Finding, FindingKind
+from butterfly.identification.identify import fitted, identify, judge
+from butterfly.identification.servo_drive import driven
+from butterfly.identification.simulation import Simulation
+from butterfly.identification.unit_errors import (
     UnitError,
     clock_error,
     unit_error,
@@ -21,10 +25,6 @@ from butterfly.identification.diagnostics.unit_errors import (
     unit_errors_of_masses,
     unit_errors_of_omegas,
 )
-from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
-from butterfly.identification.identify import fitted, identify, judge
-from butterfly.identification.servo_drive import driven
-from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import Log
 from butterfly.logs.units import Units
 from butterfly.model.parameters import AddedMass, LumpedParameters

@@ -8,16 +8,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize_scalar
 
-from butterfly.identification.blocks import Condition, Conditions
-from butterfly.identification.diagnostics.findings import FindingKind
-from butterfly.identification.equations import compressed
-from butterfly.identification.estimate import Estimate
+from butterfly.identification.findings import FindingKind
 from butterfly.identification.inference.agreement import (
     Contrast,
     differing_values,
     disagreements_of,
     weighed_within,
 )
+from butterfly.identification.inference.blocks import Condition, Conditions
+from butterfly.identification.inference.equations import compressed
+from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.infer import (
     SolvedFit,
     agreement_of,

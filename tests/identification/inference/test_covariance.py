@@ -8,10 +8,10 @@ import pytest
 from scipy.optimize import nnls
 from scipy.stats import t as student
 
-from butterfly.identification.blocks import cut
-from butterfly.identification.diagnostics.findings import Ending, FindingKind
-from butterfly.identification.equations import Regression, compressed
+from butterfly.identification.findings import Ending, FindingKind
+from butterfly.identification.inference.blocks import cut
 from butterfly.identification.inference.covariance import cluster_covariance, honest_limits, robust
+from butterfly.identification.inference.equations import Regression, compressed
 from butterfly.identification.inference.infer import (
     SolvedFit,
     findings_of_bounds,

@@ -8,8 +8,8 @@ from scipy.optimize import lsq_linear
 
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.estimators import OutputError
+from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.inference.linear_terms import (
     LinearModel,
     candidates,

@@ -16,7 +16,7 @@ from scipy.special import stdtrit
 
 from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError, InputError, listed
-from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.levels import CONFIDENCE, MATTERS, PRECISE, SHOWS
 from butterfly.identification.servo_drive import driven
 from butterfly.logs.log import InputKind, Log

@@ -18,8 +18,8 @@ from scipy.optimize import lsq_linear
 
 from butterfly.arrays import BLOCK, Samples, unit_columns, unit_diagonal
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.blocks import cut
-from butterfly.identification.diagnostics.findings import Ending
+from butterfly.identification.findings import Ending
+from butterfly.identification.inference.blocks import cut
 from butterfly.identification.inference.covariance import cluster_covariance
 from butterfly.identification.levels import FEW, ROUNDING
 from butterfly.model.prior import Penalty

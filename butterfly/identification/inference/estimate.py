@@ -13,9 +13,9 @@ from pydantic import TypeAdapter
 
 from butterfly.arrays import Samples
 from butterfly.files import finite
-from butterfly.identification.blocks import Condition
-from butterfly.identification.diagnostics.findings import KINDS, Ending, Finding, FindingKind
+from butterfly.identification.findings import KINDS, Ending, Finding, FindingKind
 from butterfly.identification.inference.agreement import Contrast
+from butterfly.identification.inference.blocks import Condition
 from butterfly.identification.inference.covariance import half_widths
 from butterfly.identification.inference.identifiability import precision
 from butterfly.identification.levels import PRECISE

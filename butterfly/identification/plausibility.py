@@ -10,8 +10,8 @@ from scipy.special import stdtrit
 from butterfly.arrays import Samples
 from butterfly.identification.data import DataSet
 from butterfly.identification.derived_quantities import discrepancies
-from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.estimate import Estimate
+from butterfly.identification.findings import Finding, FindingKind
+from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.levels import CLEARLY, CONFIDENCE, LOST
 from butterfly.identification.physical import physical_parameters
 from butterfly.logs.log import InputKind
