@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from butterfly.identification.diagnostics import plausibility
+from butterfly.identification import plausibility
 
 _EXCHANGED = {0.0: 0.12, 0.05: 0.05, 0.12: 0.0}  # kg
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Collection, Mapping
+from itertools import permutations
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +15,12 @@ from butterfly.logs.json import logs_in
 from butterfly.logs.log import InputKind, Log
 from butterfly.logs.manifest import MANIFEST_NAME, LogEntry, Manifest, described, manifest_text
 from butterfly.logs.reading import read_entry
+from butterfly.logs.said import field_of
 from butterfly.logs.units import Units
 from butterfly.model.prior import known_of
 
 _THESIS_NAME = re.compile(r"Data_(\d+(?:_\d+)?)__(\d+(?:_\d+)?)__0(\d+)")
+_GRAMS = re.compile(r"(?:^|[_-])(\d+(?:\.\d+)?)g(?=[_-]|$)")  # within another name
 _QUESTIONS = {
     "input": "what does the input command: voltage, torque, current, duty, or the setpoint of a "
     "servo (which needs its loop)? The files do not say.",
@@ -26,9 +29,10 @@ _QUESTIONS = {
     "columns": "which columns hold time, input and angle, by name or number? No column has these "
     "names; the first three are assumed, in this order.",
     "logs": "which mass was added in each log (added_mass in kg, arm in m), and which sine drove "
-    "it (omega, amplitude)? The file names do not say.",
+    "it (omega, amplitude)? The file names do not say all of it.",
 }
-_FIRST_THREE = {"time": 0, "input": 1, "angle": 2}
+_REPAIRED = "Samples that repeat a stamp are dropped and counted; without this they are a fault."
+_FIELDS = ("time", "input", "angle")
 _INDEX = {"", "index", "Unnamed: 0"}  # names of a first column that numbers the rows
 _DIGITS = 12  # of a number in another unit: the others are rounding
 
@@ -40,7 +44,8 @@ def draft(path: Path, given: Mapping[str, Any], *, massless: bool = False) -> Ma
     ``Data_<grams>__<rad/s>__<0amplitude>``: ``_`` is the decimal point within a number, and the
     amplitude's point follows its first 0: ``Data_120_5__3_5__0015.mat`` is 120.5 g, 3.5 rad/s,
     0.015. Without an arm the mass of a single log is ignored, and all masses of a folder if it may
-    be ``massless``. Other names mean no added mass.
+    be ``massless``. In another name ``120.5g`` between ``_`` or ``-`` is the mass, if there is an
+    arm; else there is none.
     """
     units, folder = Units.of(given.get("units")), path
     if not path.is_dir():
@@ -81,7 +86,10 @@ def _entries(folder: Path, given: Mapping[str, Any]) -> list[LogEntry]:
     ]
     if not paths:
         raise InputError(folder, "path", f"no {ENDINGS} file with a table", "a folder of logs")
-    entries = [LogEntry(file=path.relative_to(folder).as_posix()) for path in paths]
+    masses = [_mass_by_name(path, given) if "arm" in given else 0.0 for path in paths]
+    names = [path.relative_to(folder).as_posix() for path in paths]
+    pairs = zip(names, masses, strict=True)
+    entries = [LogEntry(file=name, added_mass=mass) for name, mass in pairs]
     return [each for entry in entries for each in _each_log(entry, folder, given)]
 
 
@@ -102,15 +110,26 @@ def of_logs(
 
 
 def with_columns(manifest: Manifest) -> Manifest:
-    """Return a manifest that can read its first log, by the first columns if need be."""
-    numbered = manifest.model_copy(update={"columns": _FIRST_THREE})
-    if manifest.columns is not None or _read(manifest) or (log := _read(numbered)) is None:
+    """Return a manifest that can read its first log, if need be by the first three columns.
+
+    They are those that usual words or units in their names say, else time, input and angle.
+    """
+    if manifest.columns is not None or _read(manifest):
         return manifest
-    if log.reading.columns["time"].name in _INDEX and "no header" not in log.reading.layout:
-        numbered = manifest.model_copy(
-            update={"columns": {k: n + 1 for k, n in _FIRST_THREE.items()}}
-        )
-    return numbered
+    found = manifest
+    for order in permutations(range(len(_FIELDS))):
+        columns = dict(zip(_FIELDS, order, strict=True))
+        numbered = manifest.model_copy(update={"columns": columns})
+        if (log := _read(numbered)) is None:
+            continue
+        names = {field: log.reading.columns[field].name for field in _FIELDS}
+        if all(field_of(name) == field for field, name in names.items()):
+            return manifest.model_copy(update={"columns": names})
+        if order == (0, 1, 2):
+            numbers = names["time"] in _INDEX and "no header" not in log.reading.layout
+            columns = {field: k + numbers for field, k in columns.items()}
+            found = manifest.model_copy(update={"columns": columns})
+    return found
 
 
 def _read(manifest: Manifest) -> Log | None:
@@ -125,7 +144,8 @@ def open_questions(manifest: Manifest, given: Collection[str], *, named: bool) -
 
     ``named``: whether the file names give masses and sines.
     """
-    settled = {*given, "columns" * (manifest.columns is None), "logs" * named}
+    by_name = manifest.columns is None or {*map(type, manifest.columns.values())} == {str}
+    settled = {*given, "columns" * by_name, "logs" * named}
     return {key: text for key, text in _QUESTIONS.items() if key not in settled}
 
 
@@ -133,7 +153,9 @@ def draft_text(manifest: Manifest, questions: Mapping[str, str]) -> str:
     """Return a manifest as YAML, each question as a comment above its key."""
     lines = manifest_text(manifest).splitlines(keepends=True)
     return "".join(
-        f"# To settle: {questions[key]}\n{line}" if key in questions else line
+        f"# To settle: {questions[key]}\n{line}"
+        if key in questions
+        else f"# {_REPAIRED}\n" * (key == "repair") + line
         for line in lines
         for key in [line.partition(":")[0]]
     )
@@ -169,6 +191,13 @@ def _entry_by_name(path: Path, folder: Path, units: Units) -> LogEntry | None:
         omega=_in_unit(float(omega.replace("_", ".")), units.factor("omega")),
         amplitude=float(f"0.{digits}"),
     )
+
+
+def _mass_by_name(path: Path, given: Mapping[str, Any]) -> float:
+    """Return the added mass that a name gives in grams, in kg or the given unit; else 0."""
+    grams = _GRAMS.search(path.stem)
+    factor = Units.of(given.get("units")).factor("mass")
+    return _in_unit(float(grams[1]) / 1e3, factor) if grams else 0.0
 
 
 def _in_unit(value: float, factor: float) -> float:

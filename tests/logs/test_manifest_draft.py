@@ -80,13 +80,27 @@ def test_all_logs_of_a_folder_are_found_whatever_their_names(tmp_path, sine_log)
 
 @pytest.mark.parametrize(
     ("head", "columns"),
-    [("t,u,q", (0, 1, 2)), (",t,u,q", (1, 2, 3)), ("Unnamed: 0,t,u,q", (1, 2, 3)), ("", (0, 1, 2))],
+    [
+        *(("a,b,c", (0, 1, 2)), (",t,u,q", (1, 2, 3)), ("Unnamed: 0,t,u,q", (1, 2, 3))),
+        *(("", (0, 1, 2)), ("t,u,q", ("t", "u", "q")), ("secs,counts,volts", None)),
+    ],
 )
-def test_a_column_that_numbers_the_rows_is_none_of_the_first_three(tmp_path, head, columns):
+def test_columns_are_known_by_usual_words_or_are_the_first_three(tmp_path, head, columns):
     width = 3 if head.count(",") < 3 else 4
     rows = [
         ",".join([str(k), f"{0.1 * k}", f"{k % 7}.5", f"{k % 5}.25"][:width]) for k in range(40)
     ]
     (tmp_path / "a.csv").write_text("\n".join([*([head] if head else []), *rows, ""]))
     drafted = with_columns(draft(tmp_path, {}))
-    assert tuple(drafted.columns.values()) == columns
+    if columns is None:
+        assert drafted.columns == {"time": "secs", "input": "volts", "angle": "counts"}
+    else:
+        assert tuple(drafted.columns.values()) == columns
+
+
+def test_a_mass_within_a_name_is_taken_with_an_arm(tmp_path, sine_log):
+    names = ("run000_100g_3rads.csv", "run001_0g_signal.csv", "5gains.csv")
+    for name in names:
+        write_log(sine_log.take(np.arange(20)), tmp_path / name)
+    masses = ([e.added_mass for e in draft(tmp_path, g).logs] for g in ({}, {"arm": 0.1}))
+    assert list(masses) == [[0.0, 0.0, 0.0], [0.0, 0.1, 0.0]]
