@@ -63,7 +63,7 @@ class StandAlone:
 
 def as_mjcf(twin: Twin, options: Options) -> Written:
     """Return a twin as a file for plain MuJoCo."""
-    made = stand_alone(twin, options, scene=True)
+    made = stand_alone(twin, options)
     name = "the butterfly's hand" if twin.shape is Shape.BUTTERFLY else f"joint {twin.identifier!r}"
     first = (
         f"{twin.name}: a complete model for plain MuJoCo. ctrl[0] (motor) is the command, as its "
@@ -80,12 +80,12 @@ def as_mjcf(twin: Twin, options: Options) -> Written:
     )
 
 
-def stand_alone(twin: Twin, options: Options = DEFAULTS, *, scene: bool = False) -> StandAlone:
+def stand_alone(twin: Twin, options: Options = DEFAULTS) -> StandAlone:
     """Return a twin that moves by itself in plain MuJoCo, in the most exact form for its step."""
     yardstick = Yardstick.of(twin, options.timestep)
     form = _best(twin, options, yardstick)
     return StandAlone(
-        root=_root(twin, options, form, scene=scene),
+        root=_root(twin, options, form),
         accuracy=yardstick.accuracy(mover(options, form)),
         left_out=tuple(_left_out(twin, form)),
     )
@@ -115,7 +115,7 @@ def mover(options: Options, form: Form) -> Mover:
     def move(
         twin: Twin, past: Samples, commands: Samples, angle: float, velocity: float
     ) -> Samples:
-        model = mujoco.MjModel.from_xml_string(text_of(_root(twin, options, form, scene=False)))
+        model = mujoco.MjModel.from_xml_string(text_of(_root(twin, options, form)))
         data = mujoco.MjData(model)
         hinge = hinge_of(model)
         data.qpos[hinge], data.qvel[hinge] = angle, velocity
@@ -131,11 +131,11 @@ def mover(options: Options, form: Form) -> Mover:
     return move
 
 
-def _root(twin: Twin, options: Options, form: Form, *, scene: bool) -> ElementTree.Element:
+def _root(twin: Twin, options: Options, form: Form) -> ElementTree.Element:
     """Return the MJCF of a twin in one form."""
     robot, added = twin.built
     friction, step = robot.loaded(added), options.timestep
-    root = built(_sliding(robot), added, scene=scene)
+    root = built(_sliding(robot), added, scene=False)
     next(root.iter("option")).attrib |= {"timestep": repr(step), "integrator": options.integrator}
     joint = named(root, "hinge")
     if form.grip is None:
@@ -204,7 +204,7 @@ def models(
         remembered = max(_samples(form.late(each.delay, step) or 0.0, step) for each in sets)
     for parameters in sets:
         each = replace(twin, parameters=parameters, robot=None)
-        root = _root(each, options, form, scene=True)
+        root = _root(each, options, form)
         if remembered:
             named(root, "motor").set("nsample", str(remembered))
         yield text_of(root)
