@@ -15,7 +15,7 @@ WITH_KERNELS = NUMBA_CACHE_DIR=$$($(BIN)/python -m tests.kernels) && export NUMB
 # A module is compiled when it is first imported, not by each process anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: constraints demo docs lowest outputs pictures profile test test-slow lint types bench bench-short coverage kinds fuzz readers readback record record-check texts wheel clean
+.PHONY: constraints demo docs lowest outputs pictures profile test test-slow film lint types bench bench-short coverage kinds fuzz readers readback record record-check texts wheel clean
 
 demo: $(VENV)/.runtime
 	$(BIN)/butterfly run experiments/quickstart.yaml
@@ -46,6 +46,10 @@ outputs: $(VENV)/.development
 # The pictures of docs/, drawn anew by the program and by the system's Chromium.
 pictures: $(VENV)/.development
 	$(BIN)/python docs/site/pictures.py
+
+# The film of the first page: the hand on its orbit, and as a ghost the model from small swings.
+film: $(VENV)/.development
+	$(BIN)/python docs/site/film.py
 
 lint: $(VENV)/.development
 	$(BIN)/ruff check .
