@@ -49,11 +49,14 @@ _MOST = 6000  # instants of a panel
 
 def residual_sentences(residuals: Residuals) -> list[str]:
     """Say how large the residuals of all logs are, and what explains them."""
-    count = len(residuals.logs)
-    logs = "log" if count == 1 else "logs"
-    some = f"{residuals.outside} of {count}" if residuals.outside else f"none of {count}"
+    count, outside = len(residuals.logs), residuals.outside
+    lead = f"In {outside} of {count} logs the error exceeds"
+    if count == 1:
+        lead = "The error exceeds" if outside else "The error does not exceed"
+    elif not outside:
+        lead = f"In none of the {count} logs does the error exceed"
     return [
-        f"In {some} {logs} the error exceeds sensor noise (95 % bands). "
+        f"{lead} sensor noise (95 % bands). "
         f"Over all logs the error is {100 * residuals.relative:.2g} % of the motion, "
         f"{100 * residuals.left:.2g} % after small changes of the parameters; sensor noise is "
         f"{100 * residuals.explained:.2g} %.",
