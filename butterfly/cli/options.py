@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from cyclopts import Group, Parameter
-from cyclopts.validators import Number
 
 from butterfly.cli.written import FOLDER, REPORT
 from butterfly.errors import InputError
@@ -24,19 +23,10 @@ WRITTEN = Group("Output", sort_key=6)
 Data = Annotated[Path, Parameter(name="DATA")]
 """A manifest, a folder of logs, a log, a saved result or a shipped data set's name."""
 
-_EXPERIMENT = "An experiment file (YAML), or a shipped experiment's name."
-Experiment = Annotated[Path, Parameter(name="EXPERIMENT", help=_EXPERIMENT)]
-
 OUT = Parameter(name=("--out", "-o"), group=WRITTEN, metavar="PATH")
 OutFolder = Annotated[Path | None, OUT, FOLDER]
-_LOG = "Log numbers from 0, separated by commas. Default: all."
-_HOLDOUT = "Held-out logs, never fitted: names or glob patterns, separated by commas."
 _HAND_MASS = "Mass to write for the moving body; the motion does not depend on it. Default: chosen."
-LogNumbers = Annotated[str | None, Parameter(name="--log", metavar="NUMBERS", help=_LOG)]
-Holdout = Annotated[str | None, Parameter(group=THE_DATA, metavar="NAMES", help=_HOLDOUT)]
 HandMass = Annotated[float | None, Parameter(metavar="kg", help=_HAND_MASS)]
-Limit = Annotated[int, Parameter(metavar="N", validator=Number(gte=1))]
-Split = Literal["auto", "mass", "frequency", "log", "time"]
 
 
 @Parameter(name="*", group=WRITTEN)

@@ -82,8 +82,6 @@ def list_sweeps(folder: Annotated[Path, Option(name="FOLDER")] = Path("results")
 def show_run(folder: Folder, run: Annotated[str, Option(name="RUN")], /) -> None:
     """Show one run: settings, estimates, times and versions.
 
-    Example: butterfly results show results/large-sweep 0
-
     Parameters
     ----------
     run
@@ -134,8 +132,6 @@ def table(
 
     In CSV, text that starts with =, +, - or @ gets a leading apostrophe, to keep spreadsheets from
     running it as a formula.
-
-    Example: butterfly results table results/large-sweep --columns number,fit_median
 
     Parameters
     ----------

@@ -49,10 +49,6 @@ def show(
     Opens a window, or with --web a browser page. --out saves a film of an experiment's run, of a
     saved result's log, or a picture. Films and pictures need no display if EGL is installed.
 
-    Examples: butterfly show quickstart --web; butterfly show quickstart --run 5 --out hand.mp4;
-    butterfly show result.json --added-mass 0.05 --out hand.png; butterfly show result.json --log 3
-    --out log.gif
-
     Parameters
     ----------
     source
@@ -198,9 +194,6 @@ def export(
 
     Also prints what the format cannot represent, and how far the twin's motion is from our own
     simulation at the given time step.
-
-    Examples: butterfly export result.json --out twin.xml --timestep 0.002; butterfly export
-    servo.json --to bam --out servo-bam.json
 
     Parameters
     ----------

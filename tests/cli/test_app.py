@@ -139,7 +139,7 @@ def _imported(*stages):
 
 def test_no_command_imports_what_it_does_not_need(quick_data):
     general = ("--help", "--version", "results --help")
-    without_estimator = ("inspect", "manifest", "show", "export", "predict")
+    without_estimator = ("manifest", "show", "export", "schema")
     of_commands = [f"{each} --help" for each in without_estimator]
     stages = general, of_commands, [f"identify {quick_data} --terms="]
     of_help, of_more, of_identify = _imported(*stages)

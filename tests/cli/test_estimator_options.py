@@ -4,11 +4,12 @@ from dataclasses import fields
 
 import pytest
 
-from butterfly.cli.estimator_options import Fit, SelectFit, ValidateFit
+from butterfly.cli.estimator_options import fit_options
 from butterfly.errors import InputError
 from butterfly.experiment.methods import ESTIMATORS
 from butterfly.identification.estimators import Loss
 
+Fit = fit_options()
 OWN = {
     method: [each.name for each in fields(kind) if each.name != "method"]
     for method, kind in ESTIMATORS.items()
@@ -40,8 +41,8 @@ def test_every_option_of_every_estimator_can_be_said(method, name):
 def test_nothing_said_is_every_estimator_s_default():
     for method, kind in ESTIMATORS.items():
         assert Fit(method=method).estimator() == kind()
-    assert Fit().unless_default() is None
-    assert Fit(terms="").unless_default().terms == ()
+    assert Fit().keywords() == {}
+    assert Fit(terms="").keywords()["method"].terms == ()
 
 
 @pytest.mark.parametrize(
@@ -73,6 +74,10 @@ def test_help_is_what_the_docstrings_say_with_owners_terms_and_defaults():
 
 
 def test_commands_leave_out_what_they_settle():
-    assert "terms" not in {each.name for each in fields(SelectFit)}
-    assert SelectFit().method == "output-error"
-    assert ValidateFit(method="linear,thesis").method == "linear,thesis"
+    kind = fit_options("output-error", ("terms",), several=True)
+    assert "terms" not in {each.name for each in fields(kind)}
+    assert kind().method == "output-error"
+    assert kind(method="linear,thesis", loss="huber").keywords() == {
+        "method": ("linear", "thesis"),
+        "loss": "huber",
+    }

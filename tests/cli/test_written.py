@@ -81,10 +81,10 @@ def _contents(folder):
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_option_that_is_a_path_beside_the_inputs_says_what_it_writes(name):
-    known = {"data", "more", "other", "source", "experiment", "folder", "root", "options", "fit"}
+    known = {"data", "more", "other", "source", "experiment", "folder", "root"}
     writing = {way[0] for way in options_of(_command(name))}
     for each in signature(_command(name)).parameters.values():
-        if "Path" in str(each.annotation) or "Out" in str(each.annotation):
+        if "Path" in str(each.annotation) or "Folder" in str(each.annotation):
             assert each.name in known | writing, f"what is written by {each.name}?"
 
 
