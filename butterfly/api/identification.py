@@ -357,14 +357,11 @@ class IdentifiedModel:
     ) -> Written:
         """Export the joint (its twin), as ``butterfly export`` does.
 
-        Warns of everything that the format cannot represent; the file says so too.
+        Returns the text, and its error against our own simulation. Warns of everything that the
+        format cannot represent; the file says so too.
 
         Parameters
         ----------
-        path
-            File to write.
-        added_mass
-            Added mass.
         to
             Format, one of `butterfly.twin.forms.FORMS`.
         hand_mass
@@ -375,11 +372,6 @@ class IdentifiedModel:
             MuJoCo integrator.
         overwrite
             Whether to replace an existing file of a format that holds no mark: C, JSON.
-
-        Returns
-        -------
-        Written
-            The text, what the format cannot represent, and the error against our own simulation.
         """
         from butterfly.twin.forms import write_twin  # noqa: PLC0415 - slow to import
 
@@ -402,12 +394,8 @@ class IdentifiedModel:
         """Return the joint as an MjSpec, to attach to your robot.
 
         Example: ``robot.attach(result.model.mjspec(), frame=frame, prefix="wrist_")``. Includes
-        body, joint, actuators and sensors, without light, floor and camera.
-
-        Parameters
-        ----------
-        added_mass, hand_mass, timestep, integrator
-            As in `export`. Use the robot's time step and integrator.
+        body, joint, actuators and sensors, without light, floor and camera. Options are those of
+        `export`: use the robot's time step and integrator.
         """
         import mujoco  # noqa: PLC0415 - slow to import
 

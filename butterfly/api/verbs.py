@@ -55,7 +55,8 @@ def identify(
         ``output-error``, which ``auto`` is too; ``weak-form``; or, for a fast look at sines,
         ``harmonic-balance``, ``linear`` or ``thesis``; or an `Estimator`.
     against
-        Other parameters to simulate the same logs with, by name. Without p4 the best-fitting p4.
+        Parameters to compare with: p1=0.003,p2=0.001,p3=0.05. Without p4 the best-fitting p4.
+        In Python a mapping from names to an `Identification`, `LumpedParameters` or mappings.
     holdout
         Names or glob patterns of held-out logs: predicted, never fitted.
     track
@@ -145,8 +146,11 @@ def validate(
     """
     if split not in [*Split]:
         raise InputError("validate", "split", split, " or ".join(Split))
-    _require_count("folds", folds, 2)
-    _require_count("bootstrap", bootstrap, 0)
+    for name, value, least in (("folds", folds, 2), ("bootstrap", bootstrap, 0)):
+        if value is None:
+            continue
+        if not isinstance(value, int) or isinstance(value, bool) or value < least:
+            raise InputError("validate", name, value, f"an integer of {least} or more")
     if others or not isinstance(method, str | Estimator):
         for name, value in {"folds": folds, "bootstrap": bootstrap or None, **options}.items():
             if value is not None:
@@ -299,13 +303,6 @@ def _parameters(name: str, given: Any) -> LumpedParameters:  # noqa: ANN401 - wh
     if not isinstance(given, Mapping):
         raise InputError("against", name, given, "parameters by name, such as {'p1': 0.003, ...}")
     return read_parameters(given, f"against {name}")
-
-
-def _require_count(name: str, value: object, least: int) -> None:
-    if value is None:
-        return
-    if not isinstance(value, int) or isinstance(value, bool) or value < least:
-        raise InputError("validate", name, value, f"an integer of {least} or more")
 
 
 def numbers_of_logs(verb: str, logs: Sequence[int] | None, count: int) -> list[int]:

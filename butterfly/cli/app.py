@@ -199,30 +199,28 @@ def _launch(app: App) -> Callable[..., ExitCode | None]:
         if help_all:
             tokens = (*tokens, "--help")
         name = _name_of(tokens)
-        if json is not None and not (name in COMMANDS and COMMANDS[name].answer):
+        called = COMMANDS.get(name, Command("", ""))
+        if json is not None and not called.answer:
             raise InputError("butterfly", "--json", name, "a command with a JSON answer")
-        searches = name in COMMANDS and COMMANDS[name].panel in _SEARCHING
-        if budget is not None and not (searches or name == "run"):
+        if budget is not None and not (called.panel in _SEARCHING or name == "run"):
             raise InputError("butterfly", "--budget", name, "a command that searches")
         if budget is not None and not budget >= 0:
             raise InputError("butterfly", "--budget", budget, "0 s or more")
-        seconds = budget or math.inf
         asked.quiet, asked.verbose, asked.json, asked.words = quiet, verbose, json, tokens
-        kinds = (COMMANDS[name].answer, *COMMANDS[name].also) if name in COMMANDS else ()
         search = progress.current_search()
         with outputs.call(overwrite=overwrite):
             try:
                 command, bound = _parsed(app, tokens)
                 if command.__module__.startswith(__package__):  # not the help
-                    check_outputs(command, bound.arguments, json, kinds)
-                with progress.budget(seconds) as search:
+                    check_outputs(command, bound.arguments, json, (called.answer, *called.also))
+                with progress.budget(budget or math.inf) as search:
                     ended: ExitCode | None = command(*bound.args, **bound.kwargs)
             except UnusableError as refused:
                 from butterfly.result import document  # noqa: PLC0415 - slow to import
                 from butterfly.verdict import Level, Verdict  # noqa: PLC0415
 
                 verdict = Verdict(Level.WARNING, refused.reasons)
-                head = COMMANDS[name].answer, "No answer: the values are physically impossible"
+                head = called.answer, "No answer: the values are physically impossible"
                 write_json(document(*head, {}, verdict=verdict, summary=verdict.lines))
                 raise
             except ButterflyError:

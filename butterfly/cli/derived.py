@@ -48,7 +48,7 @@ _LISTS: dict[Any, tuple[str, Callable[[Any], Any]]] = {
     Sequence[int] | None: ("NUMBERS", parse_numbers),
 }
 _UNIT = re.compile(r" in (rad|kg|m|s)\b")
-_OF_PYTHON = re.compile(r"(?<!`)`\w+`(?!`)")
+_OF_PYTHON = re.compile(r"(?<!`)`[\w.]+`(?!`)")
 _AS_IN = re.compile(r"As in `(\w+)`")
 
 
@@ -61,14 +61,15 @@ def command(
     it has a docstring, that is the command's. Options that it is ``without`` are left out.
     """
     of_verb, hints = signature(verb).parameters, get_type_hints(verb)
-    said, options, readers = texts_of(verb) | texts_of(own), {}, {}
-    for name, each in of_verb.items():
-        if each.kind is not Argument.VAR_KEYWORD and name not in {*_UNSAID, *without}:
-            text = said.get(name, "")
-            options[name], readers[name] = _option(each.replace(annotation=hints[name]), text)
+    said = texts_of(verb) | texts_of(own)
+    options = {
+        name: _option(each.replace(annotation=hints[name]), said.get(name, ""))
+        for name, each in of_verb.items()
+        if each.kind is not Argument.VAR_KEYWORD and name not in {*_UNSAID, *without}
+    }
     _, *others = signature(own, eval_str=True).parameters.values()
     for each in others:
-        hint, readers[each.name] = each.annotation, _as_given
+        hint = each.annotation
         if each.name in said and not any(getattr(part, "help", "") for part in get_args(hint)):
             hint = Annotated[(hint, Parameter(help=said[each.name]))]
         options[each.name] = each.replace(annotation=hint)
@@ -80,12 +81,15 @@ def command(
         bound = whole.bind(*given, **named)
         bound.apply_defaults()
         values = bound.arguments
-        keywords = {name: readers[name](values[name]) for name in of_verb if name in options}
+        mine = {each.name: values[each.name] for each in others}
+        keywords = {name: values[name] for name in of_verb if name in options}
+        for name in keywords.keys() - mine.keys():
+            if hints[name] in _LISTS:
+                keywords[name] = _LISTS[hints[name]][1](keywords[name])
         if "method" in of_verb:
             keywords |= values["fit"].keywords()
         if "track" in of_verb:
             keywords["track"] = show_progress
-        mine = {each.name: values[each.name] for each in others}
         passed = BoundArguments(signature(own), {"ask": partial(verb, **keywords), **mine})
         return own(*passed.args, **passed.kwargs)
 
@@ -119,18 +123,16 @@ def _without_python(text: str) -> str:
     return " ".join(each for each in sentences if not _OF_PYTHON.search(each)).replace("``", "")
 
 
-def _option(option: Argument, text: str) -> tuple[Argument, Callable[[Any], Any]]:
-    """Return a verb's parameter as an argument or option, and what reads its value."""
-    hint, default, needed = option.annotation, option.default, option.default is Argument.empty
-    read: Callable[[Any], Any] = _as_given
-    word = None
-    if needed:
+def _option(option: Argument, text: str) -> Argument:
+    """Return a verb's parameter as an argument or option of its command."""
+    hint, default, word = option.annotation, option.default, None
+    kind = Argument.POSITIONAL_ONLY if default is Argument.empty else Argument.KEYWORD_ONLY
+    if default is Argument.empty:
         hint = Path
     elif isinstance(default, Enum):
         hint, default = Literal[tuple(each.value for each in type(default))], default.value
     elif hint in _LISTS:
-        word, read = _LISTS[hint]
-        hint, default = str | None, ",".join(default or ()) or None
+        hint, default, word = str | None, ",".join(default or ()) or None, _LISTS[hint][0]
         text = f"{text} Separated by commas."
     elif PathLike[str] in get_args(hint):
         hint = Path | None
@@ -138,10 +140,8 @@ def _option(option: Argument, text: str) -> tuple[Argument, Callable[[Any], Any]
         word = "N"
     elif unit := _UNIT.search(text):
         word = unit[1]
-    name = option.name.upper() if needed else None
-    about = Parameter(name=name, help=text, metavar=word), *_DECLARED.get(option.name, ())
-    kind = Argument.POSITIONAL_ONLY if needed else Argument.KEYWORD_ONLY
-    return Argument(option.name, kind, default=default, annotation=Annotated[(hint, *about)]), read
+    about = Parameter(help=text, metavar=word), *_DECLARED.get(option.name, ())
+    return Argument(option.name, kind, default=default, annotation=Annotated[(hint, *about)])
 
 
 def _fit(hint: Any, default: str | None, without: Collection[str]) -> Argument:  # noqa: ANN401
@@ -151,7 +151,3 @@ def _fit(hint: Any, default: str | None, without: Collection[str]) -> Argument: 
     several = any(get_origin(each) is Sequence for each in get_args(hint))
     kind = fit_options(default, tuple(without), several=several)
     return Argument("fit", Argument.KEYWORD_ONLY, default=kind(), annotation=kind)
-
-
-def _as_given(value: Any) -> Any:  # noqa: ANN401 - of any option
-    return value

@@ -54,11 +54,9 @@ class FitOptions:
     def keywords(self) -> dict[str, Any]:
         """Return method and options as a verb takes them; nothing if all are the verb's own."""
         several = parse_names(self.method)
-        if self == type(self)():
-            return {}
         if len(several) > 1:
             return {"method": several, **self.given}
-        return {"method": self.estimator()}
+        return {} if self == type(self)() else {"method": self.estimator()}
 
 
 @cache

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def manifest(
-    folder: Annotated[Path, Parameter(name="FOLDER")],
+    folder: Path,
     /,
     *,
     out: Annotated[Path | None, OUT, OutputFile((".yaml", ".yml"))] = None,
@@ -88,7 +88,7 @@ def fetch(
 
 
 def reproduce(
-    what: Annotated[Literal["thesis"], Parameter(name="WHAT")],  # noqa: ARG001 - there is no other
+    what: Literal["thesis"],  # noqa: ARG001 - there is no other
     /,
     *,
     root: Annotated[Path | None, Parameter(metavar="FOLDER")] = None,
@@ -98,8 +98,6 @@ def reproduce(
 
     Parameters
     ----------
-    what
-        What to reproduce.
     root
         Folder of the 41 real logs. Default: where `butterfly fetch` puts them.
     out
@@ -165,8 +163,6 @@ def schema(
 
     Parameters
     ----------
-    what
-        Kind of file.
     out
         File to write. Default: print it.
     """

@@ -19,7 +19,6 @@ from butterfly.twin.forms import DEFAULTS, FORMS, INTEGRATORS, WITH_A_BODY, Opti
 if TYPE_CHECKING:
     from butterfly.experiment.schema import Experiment
 
-Source = Annotated[Path, Parameter(name="SOURCE")]
 AddedMass = Annotated[float, Parameter(metavar="kg")]
 Arm = Annotated[
     float | None, Parameter(metavar="m", help="Distance from pivot to added mass. Default: 0.104.")
@@ -29,7 +28,7 @@ _PICTURES = (".png", ".jpg", ".jpeg")
 
 
 def show(
-    source: Source,
+    source: Path,
     /,
     *,
     run: Annotated[int, Parameter(metavar="N", validator=Number(gte=0))] = 0,
@@ -176,7 +175,7 @@ _Integrator: Any = Literal[INTEGRATORS]
 
 
 def export(
-    source: Source,
+    source: Path,
     /,
     *,
     out: Annotated[Path, OUT, OutputFile(_TWINS)],

@@ -12,29 +12,12 @@ from cyclopts.validators import Number
 
 import butterfly as bf
 from butterfly.cli.derived import Ask, command
-from butterfly.cli.options import (
-    NO_REPORT,
-    OUT,
-    SILENT,
-    WRITTEN,
-    Data,
-    DataOptions,
-    Report,
-    parse_pairs,
-)
+from butterfly.cli.options import NO_REPORT, OUT, SILENT, WRITTEN, DataOptions, Report, parse_pairs
 from butterfly.cli.output import ExitCode, asked, say, show, show_progress, warn
 from butterfly.cli.written import FOLDER, SAVED, OutputFile
 from butterfly.errors import InputError
 
-_AGAINST = "Compare with p1=0.003,p2=0.001,p3=0.05. Default of p4: best-fitting. Repeatable."
-_WITH = (
-    "A saved result, or parameters: p1=…,p3=…,coulomb=…. Others are 0. Without p4 the best-fitting "
-    "p4; without zero the logs' own encoder zero."
-)
-_DRAWS = "Write the parameter draws: .csv, .parquet, or a folder of MJCF."
-_Against = Annotated[
-    tuple[Annotated[str, Parameter(metavar="PAIRS")], ...], Parameter(help=_AGAINST)
-]
+_DRAWS = Parameter(help="Write the parameter draws: .csv, .parquet, or a folder of MJCF.")
 _More = Annotated[Path, Parameter(show=False)]
 _Save = Annotated[
     Path | None,
@@ -44,7 +27,6 @@ _Save = Annotated[
 _Limit = Annotated[
     int, Parameter(metavar="N", validator=Number(gte=1), help="Number of candidates to print.")
 ]
-
 
 _WITHOUT = {
     "select": ("terms",),
@@ -97,10 +79,10 @@ def _inspect(ask: Ask, *, page: Report = NO_REPORT, facts: DataOptions = SILENT)
 
 def _identify(
     ask: Ask,
-    data: Data,
+    data: Path,
     /,
     *more: _More,
-    against: _Against = (),
+    against: tuple[Annotated[str, Parameter(metavar="PAIRS")], ...] = (),
     save: _Save = None,
     page: Report = NO_REPORT,
     facts: DataOptions = SILENT,
@@ -120,11 +102,9 @@ def _identify(
 def _predict(
     ask: Ask,
     *,
-    result: Annotated[str, Parameter(name="--with", metavar="RESULT", help=_WITH)],
+    result: Annotated[str, Parameter(name="--with", metavar="RESULT")],
     bands: Annotated[bool, Parameter(help="Compute 95 % bands (always in a report).")] = False,
-    out: Annotated[
-        Path | None, OUT, OutputFile(("", ".csv", ".parquet")), Parameter(help=_DRAWS)
-    ] = None,
+    out: Annotated[Path | None, OUT, _DRAWS, OutputFile(("", ".csv", ".parquet"))] = None,
     page: Report = NO_REPORT,
 ) -> ExitCode:
     pairs = "=" in result and not Path(result).exists()
@@ -141,12 +121,7 @@ def _predict(
 
 
 def _compare(
-    ask: Ask,
-    data: Data,
-    other: Annotated[Path | None, Parameter(name="OTHER")] = None,
-    /,
-    *,
-    page: Report = NO_REPORT,
+    ask: Ask, data: Path, other: Path | None = None, /, *, page: Report = NO_REPORT
 ) -> ExitCode:
     """Compare two saved results; or MuJoCo, the model and the logs.
 
@@ -175,10 +150,9 @@ def _compare(
             expected = "no report: two runs of sweeps have none"
             raise InputError("butterfly compare", "--report", page.report, expected)
         return compare_runs(data, other)
-    for path in (data, other):
+    for field, path in {"DATA": data, "OTHER": other}.items():
         if not names_result(path):
             expected = "a saved identification (.json), or two runs of sweeps (results/NAME/NUMBER)"
-            field = "DATA" if path is data else "OTHER"
             raise InputError("butterfly compare", field, path, expected)
     return _shown(partial(bf.changed, data, other), page=page)
 
