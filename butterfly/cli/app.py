@@ -50,7 +50,9 @@ class Command(NamedTuple):
         face = (package / "__init__.pyi").read_text(encoding="utf-8")
         verb = re.search(rf"from \.(\S+) import {name} as", face)
         places = [f"cli/{module}", *([verb[1].replace(".", "/")] if verb else [])]
-        first = re.compile(rf'^def _?{name}\((?:(?!^def ).)*?:\n    """(.+?)$', re.DOTALL | re.M)
+        first = re.compile(
+            rf'^def _?{name}\((?:(?!^def ).)*?:\n    """(.+?)(?:"""|\n)', re.DOTALL | re.M
+        )
         texts = ((package / f"{place}.py").read_text(encoding="utf-8") for place in places)
         return next(found[1] for found in map(first.search, texts) if found)
 
