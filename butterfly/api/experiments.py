@@ -93,7 +93,7 @@ def simulate(
 ) -> DataSet:
     """Simulate an experiment in MuJoCo for its logs alone.
 
-    The format is that of real logs, which `identify` reads.
+    The format is that of real logs, which identify reads.
 
     Parameters
     ----------
