@@ -14,9 +14,10 @@ class ButterflyError(Exception):
 
 
 class InputError(ButterflyError, ValueError):
-    """An input is not usable.
+    """An input is not usable: data, an option or its value, a saved result, a file to write.
 
-    Also a ValueError, so a schema that builds the object can add the place of the value.
+    Every function raises it before it begins. Also a ValueError, so a schema that builds the object
+    can add the place of the value.
 
     Parameters
     ----------
@@ -40,7 +41,10 @@ class InputError(ButterflyError, ValueError):
 
 
 class IdentifiabilityError(ButterflyError):
-    """The requested parameters are not identifiable from these data."""
+    """The data do not tell what is asked of them.
+
+    Parameters are not identifiable, or their covariance is missing, or nothing can be held out.
+    """
 
 
 class UnusableError(ButterflyError):

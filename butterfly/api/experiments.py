@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 from butterfly.api.identification import Identification
 from butterfly.api.sources import Named
@@ -91,23 +91,20 @@ def simulate(
     overwrite: bool = False,
     track: Track = untracked,
 ) -> DataSet:
-    """Simulate an experiment in MuJoCo, and return its logs.
+    """Simulate an experiment in MuJoCo for its logs alone.
+
+    The format is that of real logs, which identify reads.
 
     Parameters
     ----------
     experiment
-        An experiment file, a shipped experiment's name, or `read_experiment`'s result.
+        An experiment file (YAML), or a shipped experiment's name. Or `read_experiment`'s result.
     out
-        Folder for the logs and their manifest, in the format of real logs.
+        Folder for the logs and their manifest.
     overwrite
         Whether to replace existing logs and manifests of the same names.
     track
         Progress callback.
-
-    Raises
-    ------
-    InputError
-        If the experiment is invalid, the simulation diverges, or a file may not be replaced.
     """
     plan = read_experiment(experiment) if isinstance(experiment, str | PathLike) else experiment
     if not isinstance(plan, Experiment):
@@ -128,43 +125,36 @@ def run(
     jobs: int | None = None,
     force: bool = False,
     only: str | None = None,
-    engine: str = "local",
+    engine: Literal["local", "dask"] = "local",
     scheduler: str | None = None,
     track: Track = untracked,
 ) -> Run | Sweep:
     """Simulate an experiment or a sweep, identify the joint, and write a report.
 
-    Finished runs are reused as long as neither the experiment nor butterfly's code has changed.
+    Compares true and estimated parameters. Finished runs are reused as long as neither the
+    experiment nor butterfly's code has changed. An interrupted or extended sweep resumes where it
+    stopped.
 
     Parameters
     ----------
     experiment
-        An experiment file, or a shipped experiment's name.
+        An experiment file (YAML), or a shipped experiment's name.
     out
         Folder for results and report. Default: ``results/NAME``.
     figures
-        Whether to write the report's figures as PNG and SVG too.
+        Write the report's figures as PNG and SVG too.
     jobs
         Worker processes of a sweep, or threads of a single run. Default: one per core.
     force
-        Whether to repeat finished runs.
+        Repeat finished runs.
     only
         Numbers of the runs to do, such as ``0,3,10-19``. Default: all.
     engine
-        ``local``, or ``dask`` (needs ``butterfly-testbed[dask]``).
+        Where a sweep runs; ``dask`` needs ``butterfly-testbed[dask]``.
     scheduler
-        Address of a Dask scheduler. Default: a local cluster.
+        Address of a Dask scheduler, such as tcp://HOST:8786. Default: a local cluster.
     track
         Progress callback.
-
-    Raises
-    ------
-    InputError
-        If the experiment is invalid, or a folder cannot be written.
-    IdentifiabilityError
-        If the parameters of a single run are not identifiable.
-    StoppedError
-        If a sweep is interrupted. Finished runs are kept.
     """
     if engine not in {"local", "dask"}:
         raise InputError("run", "engine", engine, "local or dask")

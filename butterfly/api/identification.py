@@ -144,11 +144,6 @@ class Identification(Identified, Result):
         """Write the result as JSON, which `butterfly.load` reads, with the place of its logs.
 
         That is relative to the folder of the file, if they lie below.
-
-        Raises
-        ------
-        InputError
-            If the file cannot be written.
         """
         content, manifest = self.to_dict(), self.origin["manifest"]
         folder = Path(path).resolve().parent
@@ -216,13 +211,7 @@ class Identification(Identified, Result):
 
     @property
     def model(self) -> IdentifiedModel:
-        """The robot that they make.
-
-        Raises
-        ------
-        UnusableError
-            If no joint has them.
-        """
+        """The robot that they make."""
         require_possible(self.estimate)
         return IdentifiedModel(self.parameters, self.estimate.joint, self)
 
@@ -234,11 +223,6 @@ class Identification(Identified, Result):
         known
             What is known of motor and hand besides what the data say of it, by names of
             `butterfly.model.prior.PHYSICAL`: a number, or ``(0.3, 0.01)`` with its uncertainty.
-
-        Raises
-        ------
-        InputError
-            If it is none of these, or was known before.
         """
         return Separated.of(self.separated(known), self.origin["name"], self.judged)
 
@@ -266,22 +250,7 @@ class Identification(Identified, Result):
         truth: LumpedParameters | None = None,
         figures: bool = False,
     ) -> None:
-        """Write the identification report: one page that opens offline, numbers beside it.
-
-        Parameters
-        ----------
-        path
-            The file.
-        truth
-            True parameters, where they are known.
-        figures
-            Whether to write the figures as PNG and SVG too.
-
-        Raises
-        ------
-        InputError
-            If a file cannot be written, or the logs of a loaded result cannot be read.
-        """
+        """Write the page, as `Result.report` does, beside the true parameters where known."""
         write_page(self.page(truth), Path(path), figures=figures)
 
     def page(self, truth: LumpedParameters | None = None) -> Page:
@@ -311,20 +280,11 @@ class IdentifiedModel:
     def linearised(
         self, added_mass: AddedMass = NO_ADDED_MASS, *, angle: float = 0.0, pade_order: int = 4
     ) -> control.StateSpace:
-        """Return the linearisation at rest, from command to angle and velocity.
+        """Return the linearisation at rest at an angle in rad, from command to angle and velocity.
 
-        Includes the armature's lag and a Padé approximation of the delay, without Coulomb friction
-        (see `butterfly.model.control_bridge.linearised`).
-
-        Parameters
-        ----------
-        added_mass
-            Added mass.
-        angle
-            Rest angle in rad.
-        pade_order
-            Order of the approximation. With 0 or a negative delay the delay is omitted and the
-            system is named ``hand_without_delay``.
+        Includes the armature's lag and a Padé approximation of the delay, without Coulomb friction.
+        With order 0 or a negative delay the delay is omitted, and the system is named
+        ``hand_without_delay`` (see `butterfly.model.control_bridge.linearised`).
         """
         from butterfly.model.control_bridge import linearised  # noqa: PLC0415 - slow to import
 
@@ -333,23 +293,9 @@ class IdentifiedModel:
     def discretised(
         self, step: float, added_mass: AddedMass = NO_ADDED_MASS, *, angle: float = 0.0
     ) -> control.StateSpace:
-        """Return the zero-order-hold discretisation, with the exact delay.
+        """Return the zero-order-hold discretisation at a step in s, with the exact delay.
 
         Earlier commands are states (see `butterfly.model.control_bridge.discretised`).
-
-        Parameters
-        ----------
-        step
-            Sample time in s.
-        added_mass
-            Added mass.
-        angle
-            Rest angle in rad.
-
-        Raises
-        ------
-        InputError
-            If the step is not a positive number.
         """
         from butterfly.model.control_bridge import discretised  # noqa: PLC0415 - slow to import
 
@@ -411,14 +357,11 @@ class IdentifiedModel:
     ) -> Written:
         """Export the joint (its twin), as ``butterfly export`` does.
 
-        Warns of everything that the format cannot represent; the file says so too.
+        Returns the text, and its error against our own simulation. Warns of everything that the
+        format cannot represent; the file says so too.
 
         Parameters
         ----------
-        path
-            File to write.
-        added_mass
-            Added mass.
         to
             Format, one of `butterfly.twin.forms.FORMS`.
         hand_mass
@@ -429,17 +372,6 @@ class IdentifiedModel:
             MuJoCo integrator.
         overwrite
             Whether to replace an existing file of a format that holds no mark: C, JSON.
-
-        Returns
-        -------
-        Written
-            The text, what the format cannot represent, and the error against our own simulation.
-
-        Raises
-        ------
-        InputError
-            If ``hand_mass`` is impossible, the format does not fit this joint, or the file cannot
-            be written.
         """
         from butterfly.twin.forms import write_twin  # noqa: PLC0415 - slow to import
 
@@ -462,12 +394,8 @@ class IdentifiedModel:
         """Return the joint as an MjSpec, to attach to your robot.
 
         Example: ``robot.attach(result.model.mjspec(), frame=frame, prefix="wrist_")``. Includes
-        body, joint, actuators and sensors, without light, floor and camera.
-
-        Parameters
-        ----------
-        added_mass, hand_mass, timestep, integrator
-            As in `export`. Use the robot's time step and integrator.
+        body, joint, actuators and sensors, without light, floor and camera. Options are those of
+        `export`: use the robot's time step and integrator.
         """
         import mujoco  # noqa: PLC0415 - slow to import
 

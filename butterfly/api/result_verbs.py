@@ -55,34 +55,27 @@ def predict(
 ) -> Predicted:
     """Predict logs, or a new experiment, with known parameters.
 
-    The verdict says whether the parameters reproduce the logs.
+    Simulates each log from its initial angle with the recorded input alone. The verdict says
+    whether the parameters reproduce the logs. There are two 95 % bands: one for the uncertainty of
+    the parameters, one for a new log (with the model error).
 
     Parameters
     ----------
     data
-        Any argument of `read`, or its result; or an experiment (file, name or `read_experiment`'s
-        result), to simulate its inputs.
+        Logs, a folder of logs, a manifest, a saved result, an experiment (to simulate its inputs),
+        or a shipped name. Anything else that `read` takes, its result or `read_experiment`'s.
     result
-        An `Identification` or its saved file; or parameters, such as
-        ``{"p1": 0.18, "p3": 3.7, "p4": 1.0}``. Missing parameters are 0, except p4 (the
-        best-fitting one) and the encoder ``zero`` in rad (from the logs).
+        A saved result, or parameters: p1=0.18,p3=3.7,coulomb=0.01. Others are 0. Without p4 the
+        best-fitting p4; without zero the logs' own encoder zero. In Python an `Identification`,
+        `LumpedParameters`, or a mapping of parameters.
     bands
-        Whether to compute 95 % bands. Default: if ``result`` is an identification.
+        Compute 95 % bands. Default: if `result` is an identification.
     draws
-        Number of parameter draws for the bands.
+        Number of parameter draws.
     seed
         Random seed.
     track
         Progress callback.
-
-    Raises
-    ------
-    InputError
-        If data or result are unusable, or their kinds of input differ.
-    IdentifiabilityError
-        If bands are wanted and the estimate has no covariance.
-    UnusableError
-        If the parameters are physically impossible.
     """
     source = _source(data)
     logs: Sequence[Log]
@@ -154,15 +147,6 @@ def draws(result: Identification | Named, n: int = COUNT, seed: int = 0) -> Draw
         Number of draws.
     seed
         Random seed.
-
-    Raises
-    ------
-    InputError
-        If ``result`` is not an identification, or ``n`` is less than 1.
-    IdentifiabilityError
-        If the estimate has no covariance.
-    UnusableError
-        If the parameters are physically impossible.
     """
     found = _identified(result)
     require_possible(found.estimate)
@@ -179,12 +163,6 @@ def changed(before: Identification | Named, after: Identification | Named) -> Ch
     ----------
     before, after
         Each an `Identification` or its saved file.
-
-    Raises
-    ------
-    InputError
-        If one is not an identification, their kinds of input differ, or no parameter has a standard
-        error in both.
     """
     one, other = (_identified(each, "changed") for each in (before, after))
     return Changed.of(one, other)

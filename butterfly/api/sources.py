@@ -77,27 +77,12 @@ def read(
     track
         Progress callback.
     description
-        Fields of a manifest, named as the options of `butterfly identify`:
-
-        - ``name``: name of the data set.
-        - If no manifest gives them: ``arm``, m from pivot to added mass; ``input``, one of
-          ``voltage``, ``torque``, ``current``, ``duty``, ``setpoint`` (a servo) and ``none``;
-          ``intersample``, ``zero_order_hold`` or ``first_order_hold``.
-        - Override a manifest: ``columns`` of ``time``, ``input`` and ``angle``, by name or number;
-          ``joint``, ``hinge`` or ``slide``; ``gravity`` normal to the joint axis in m/s^2;
-          ``sign``, -1 if a positive command turns towards negative angles; ``zero``, the encoder
-          reading in rad of the joint hanging at rest; ``interval`` in s, without a column of time.
-        - Extend a manifest: ``units``, such as ``{"time": "ms", "angle": "deg"}``; ``known``
-          values and standard errors, such as ``{"p4": (1.0, 0.02)}``; ``loop`` of a servo, such as
-          ``{"law": "dynamixel-x", "kp": 400}``; ``repair``, of ``backward``, ``non_finite`` and
-          ``unwrap``; ``holdout``, names or glob patterns of held-out logs.
-        - ``piece``: start and end time in s of the section to use, such as ``(1.5, None)``.
-          ``restarts``: whether to split a file where its clock restarts.
-
-    Raises
-    ------
-    InputError
-        With file, field, value and expectation.
+        Fields of a manifest (see `Manifest`). If none gives them: ``arm``, ``input``,
+        ``intersample``. In place of its own: ``name``, ``columns``, ``joint``, ``gravity``,
+        ``sign``, ``zero``, ``interval``. Added to its own: ``units``, such as ``{"time": "ms"}``;
+        ``known``, such as ``{"p4": (1.0, 0.02)}``; ``loop``, such as ``{"law": "dynamixel-x",
+        "kp": 400}``; ``repair``; ``holdout``. Also ``piece``: start and end in s of the section to
+        use, such as ``(1.5, None)``; ``restarts``: split a file where its clock restarts.
     """
     folder, given = None if root is None else Path(root), _given(description)
     holdout = given.pop("holdout", [])
@@ -372,11 +357,3 @@ def is_data(path: Path) -> bool:
         return "logs" in load_yaml(path).content
     except InputError:
         return False
-
-
-def choice(kind: Any, verb: str, field: str, value: object) -> Any:  # noqa: ANN401 - any enumeration of texts
-    """Return the member of an enumeration with this value, or raise InputError."""
-    try:
-        return kind(value)
-    except ValueError:
-        raise InputError(verb, field, value, " or ".join(map(str, kind))) from None

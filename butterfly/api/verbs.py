@@ -11,7 +11,7 @@ from butterfly.api.compared import Compared, Leaderboard
 from butterfly.api.identification import Identification
 from butterfly.api.results import Designed, Residual, Selection, Validated
 from butterfly.api.saved import load
-from butterfly.api.sources import Data, choice, names_result, read
+from butterfly.api.sources import Data, names_result, read
 from butterfly.errors import InputError
 from butterfly.experiment.methods import DEFAULT_METHOD, make_estimator
 from butterfly.identification.data import DataSet
@@ -44,28 +44,25 @@ def identify(
 ) -> Identification:
     """Identify the joint from logs.
 
+    The result has a verdict, and the parameters with 95 % intervals.
+
     Parameters
     ----------
     data
-        Any argument of `read`, or its result.
+        Logs, a folder of logs, a manifest, a saved result, or a shipped data set's name. Anything
+        else that `read` takes, or its result.
     method
         ``output-error``, which ``auto`` is too; ``weak-form``; or, for a fast look at sines,
         ``harmonic-balance``, ``linear`` or ``thesis``; or an `Estimator`.
     against
-        Other parameters to simulate the same logs with, by name. Without p4 the best-fitting p4.
+        Parameters to compare with: p1=0.003,p2=0.001,p3=0.05. Without p4 the best-fitting p4.
+        In Python a mapping from names to an `Identification`, `LumpedParameters` or mappings.
     holdout
         Names or glob patterns of held-out logs: predicted, never fitted.
     track
         Progress callback.
     options
         Options of the method, named as in `butterfly identify --help-all`: ``terms=("drag",)``.
-
-    Raises
-    ------
-    InputError
-        If the logs are unusable, or the method has no such option.
-    IdentifiabilityError
-        If the parameters are not identifiable from these logs.
     """
     if not isinstance(against, Mapping | None):
         raise InputError("identify", "against", against, "a mapping of names to parameters")
@@ -84,7 +81,7 @@ def select(
     track: Track = untracked,
     **options: Any,  # noqa: ANN401 - the fields of the estimator
 ) -> Selection:
-    """Choose terms as `identify` does, and show what each choice predicts.
+    """Choose terms as identify does, and show what each choice predicts.
 
     Each round adds the term that predicts held-out logs best, or takes one away that does not help.
     Every set of terms has its FIT in sample and on held-out added masses, or logs. The verdict is
@@ -97,14 +94,8 @@ def select(
     candidates
         Terms to choose from.
     nested
-        Nested cross-validation: repeats the choice without each held-out part, for an unbiased FIT.
-
-    Raises
-    ------
-    InputError
-        If the logs are unusable, or the method has no such option or term.
-    IdentifiabilityError
-        If the parameters are not identifiable, or nothing can be held out.
+        Nested cross-validation: repeats the choice without each held-out part, for an unbiased FIT
+        (slow).
     """
     if isinstance(candidates, str) or not isinstance(candidates, Collection):
         raise InputError("select", "candidates", candidates, f"names, such as {COMMON}")
@@ -126,6 +117,7 @@ def validate(
     data: Data,
     method: Method | Sequence[Method] = DEFAULT_METHOD,
     *,
+    others: Sequence[Data] = (),
     split: str = Split.AUTO,
     folds: int | None = None,
     holdout: Sequence[str] = (),
@@ -135,60 +127,49 @@ def validate(
 ) -> Validated | Leaderboard:
     """Cross-validate an estimator on held-out logs, or rank several.
 
+    With several methods or data sets, ranks the methods by their median FIT on held-out logs.
+
     Parameters
     ----------
     data, method, holdout, track, options
-        As in `identify`. A list of methods is ranked, each with its defaults.
+        As in `identify`; of several methods, each has its defaults.
+    others
+        More data sets to rank the methods on.
     split
-        What to hold out at a time: ``mass``, ``frequency``, ``log``, ``time``, or ``auto``: the
-        first of these that the logs allow.
+        What to hold out at a time: an added mass (``mass``), sine frequencies (``frequency``), logs
+        (``log``), a section of every log (``time``), or the first of these that the data allow
+        (``auto``).
     folds
-        Number of parts for frequency, log and time.
+        Number of parts for frequency, log and time. Default: 5, or fewer if the data require it.
     bootstrap
-        Number of bootstrap samples of the logs, for intervals.
-
-    Raises
-    ------
-    InputError
-        If the logs are unusable, or the method has no such option.
-    IdentifiabilityError
-        If nothing can be held out, or the parameters are not identifiable without a part.
+        Number of bootstrap samples of the logs, for 95 % intervals.
     """
-    how = choice(Split, "validate", "split", split)
-    _require_count("folds", folds, 2)
-    _require_count("bootstrap", bootstrap, 0)
-    if not isinstance(method, str | Estimator):
+    if split not in [*Split]:
+        raise InputError("validate", "split", split, " or ".join(Split))
+    for name, value, least in (("folds", folds, 2), ("bootstrap", bootstrap, 0)):
+        if value is None:
+            continue
+        if not isinstance(value, int) or isinstance(value, bool) or value < least:
+            raise InputError("validate", name, value, f"an integer of {least} or more")
+    if others or not isinstance(method, str | Estimator):
         for name, value in {"folds": folds, "bootstrap": bootstrap or None, **options}.items():
             if value is not None:
-                raise InputError("validate", name, value, "no such option with several methods")
-        return rank([data], method, split=how, holdout=holdout, track=track)
+                expected = "no such option with several methods or data sets"
+                raise InputError("validate", name, value, expected)
+        from butterfly.comparison.leaderboard import leaderboard  # noqa: PLC0415 - slow to import
+
+        methods = [method] if isinstance(method, str | Estimator) else method
+        estimators = [make_estimator(each, {}) for each in methods]
+        if not estimators:
+            raise InputError("validate", "method", "none", "at least one method")
+        sets = [read(each).holding_out(holdout) for each in (data, *others)]
+        return Leaderboard.of(leaderboard(sets, estimators, split=Split(split), track=track))
     logs, estimator = _prepared(data, method, options, holdout)
     (logs, whole), drawn = judged(logs, estimator), None
-    held = cross_validate(logs, estimator, how, folds=folds, track=track)
+    held = cross_validate(logs, estimator, Split(split), folds=folds, track=track)
     if bootstrap:
         drawn = bootstrap_of(logs, estimator, whole, repetitions=bootstrap, track=track)
     return Validated.of(logs, estimator, held, whole, drawn)
-
-
-def rank(
-    sets: Sequence[Data],
-    methods: Sequence[Method],
-    *,
-    split: str,
-    holdout: Sequence[str],
-    track: Track,
-) -> Leaderboard:
-    """Rank methods by their FIT on held-out logs of each data set."""
-    from butterfly.comparison.leaderboard import leaderboard  # noqa: PLC0415 - slow to import
-
-    how = choice(Split, "validate", "split", split)
-    estimators = [make_estimator(each, {}) for each in methods]
-    if not estimators:
-        raise InputError("validate", "method", "none", "at least one method")
-    entries = leaderboard(
-        [read(each).holding_out(holdout) for each in sets], estimators, split=how, track=track
-    )
-    return Leaderboard.of(entries)
 
 
 def residual(
@@ -199,21 +180,19 @@ def residual(
     holdout: Sequence[str] = (),
     **options: Any,  # noqa: ANN401 - the fields of the estimator
 ) -> Residual:
-    """Compare free-run errors with the sensor noise, and find the missing terms.
+    """Analyse the residuals, and name the terms that the model is missing.
+
+    Compares each log's free-run error with the sensor noise, and tests its correlations.
 
     Parameters
     ----------
-    data, method, holdout, options
-        As in `identify`; or an `Identification`, or its saved file, to use its estimate.
+    data
+        A saved result; or logs, a folder of logs, a manifest or a shipped data set's name, to
+        identify first. An `Identification`; anything else that `read` takes, or its result.
+    method, holdout, options
+        As in `identify`; none with a result, which has an estimate.
     logs
-        Numbers of the logs to show. Default: all.
-
-    Raises
-    ------
-    InputError
-        If the logs are unusable, or the method has no such option.
-    IdentifiabilityError
-        If the parameters are not identifiable from these logs.
+        Numbers of the logs to show, from 0. Default: all.
     """
     whole, estimator, found = _estimated(data, method, options, holdout)
     return Residual.of(whole, estimator, found, numbers_of_logs("residual", logs, len(whole.logs)))
@@ -233,21 +212,12 @@ def compare(
 
     Parameters
     ----------
-    data, method, holdout, track, options
-        As in `identify`; or an `Identification`, or its saved file, to use its estimate.
-    logs
-        Numbers of the logs. Default: all.
+    data, method, logs, holdout, options
+        As in `residual`.
     hand_mass
         Mass of the moving body in MuJoCo, in kg; the motion does not depend on it. Default: chosen.
-
-    Raises
-    ------
-    InputError
-        If the logs are unusable, the method has no such option, or ``hand_mass`` is impossible.
-    IdentifiabilityError
-        If the parameters are not identifiable from these logs.
-    UnusableError
-        If the identified parameters are physically impossible.
+    track
+        Progress callback.
     """
     from butterfly.comparison.three_way import compare_three  # noqa: PLC0415 - slow to import
 
@@ -271,22 +241,18 @@ def design(
 ) -> Designed:
     """Rank next experiments by how much they would shrink the standard errors.
 
+    Candidates: sines, multisines and free decays, with each added mass and without. Each one is
+    simulated with the identified parameters.
+
     Parameters
     ----------
-    data, method, holdout, track, options
-        As in `identify`; or an `Identification`, or its saved file, to use its estimate.
+    data, method, holdout, options
+        As in `residual`.
     swing
-        Largest allowed swing in rad (m on a slide). Default: 1 rad; for a slide or a servo, the
-        largest in the logs.
-
-    Raises
-    ------
-    InputError
-        If the logs are unusable, or the method has no such option.
-    IdentifiabilityError
-        If the parameters are not identifiable, or have no covariance.
-    UnusableError
-        If the identified parameters are physically impossible.
+        Largest allowed swing in rad (m on a slide). Default: 1; on a slide or servo, the logs'
+        largest.
+    track
+        Progress callback.
     """
     logs, estimator, found = _estimated(data, method, options, holdout)
     require_possible(found)
@@ -337,13 +303,6 @@ def _parameters(name: str, given: Any) -> LumpedParameters:  # noqa: ANN401 - wh
     if not isinstance(given, Mapping):
         raise InputError("against", name, given, "parameters by name, such as {'p1': 0.003, ...}")
     return read_parameters(given, f"against {name}")
-
-
-def _require_count(name: str, value: object, least: int) -> None:
-    if value is None:
-        return
-    if not isinstance(value, int) or isinstance(value, bool) or value < least:
-        raise InputError("validate", name, value, f"an integer of {least} or more")
 
 
 def numbers_of_logs(verb: str, logs: Sequence[int] | None, count: int) -> list[int]:

@@ -45,28 +45,33 @@ class Command(NamedTuple):
 
     @property
     def summary(self) -> str:
-        """First line of its docstring, read without an import of its module, which is slow."""
-        module, _, function = self.path.partition(":")
-        text = Path(__file__).with_name(f"{module}.py").read_text(encoding="utf-8")
-        found = re.search(rf'^def {function}\(.*?^    """(.+?)$', text, re.DOTALL | re.MULTILINE)
-        return "" if found is None else found[1]
+        """First line of its docstring, or its verb's, read without a slow import of its module."""
+        package, (module, _, name) = Path(__file__).parents[1], self.path.partition(":")
+        face = (package / "__init__.pyi").read_text(encoding="utf-8")
+        verb = re.search(rf"from \.(\S+) import {name} as", face)
+        places = [f"cli/{module}", *([verb[1].replace(".", "/")] if verb else [])]
+        first = re.compile(
+            rf'^def _?{name}\((?:(?!^def ).)*?:\n    """(.+?)(?:"""|\n)', re.DOTALL | re.M
+        )
+        texts = ((package / f"{place}.py").read_text(encoding="utf-8") for place in places)
+        return next(found[1] for found in map(first.search, texts) if found)
 
 
 COMMANDS = {
-    "inspect": Command("Logs", "logs:inspect", "inspection", ("model",)),
-    "manifest": Command("Logs", "logs:manifest"),
-    "fetch": Command("Logs", "logs:fetch"),
-    "identify": Command("Identify", "estimate:identify", "identification"),
-    "select": Command("Identify", "estimate:select", "selection"),
-    "design": Command("Identify", "estimate:design", "design"),
-    "validate": Command("Check a result", "estimate:validate", "validation", ("leaderboard",)),
-    "residual": Command("Check a result", "estimate:residual", "residual"),
-    "predict": Command("Check a result", "experiments:predict", "prediction"),
-    "compare": Command("Check a result", "estimate:compare", "comparison", ("change", "runs")),
+    "inspect": Command("Logs", "verbs:inspect", "inspection", ("model",)),
+    "manifest": Command("Logs", "experiments:manifest"),
+    "fetch": Command("Logs", "experiments:fetch"),
+    "identify": Command("Identify", "verbs:identify", "identification"),
+    "select": Command("Identify", "verbs:select", "selection"),
+    "design": Command("Identify", "verbs:design", "design"),
+    "validate": Command("Check a result", "verbs:validate", "validation", ("leaderboard",)),
+    "residual": Command("Check a result", "verbs:residual", "residual"),
+    "predict": Command("Check a result", "verbs:predict", "prediction"),
+    "compare": Command("Check a result", "verbs:compare", "comparison", ("change", "runs")),
     "export": Command("Use a result", "robot:export"),
     "show": Command("Use a result", "robot:show"),
-    "run": Command("Simulated experiments", "experiments:run", "run", ("sweep",)),
-    "simulate": Command("Simulated experiments", "experiments:simulate"),
+    "run": Command("Simulated experiments", "verbs:run", "run", ("sweep",)),
+    "simulate": Command("Simulated experiments", "verbs:simulate"),
     "schema": Command("Simulated experiments", "experiments:schema"),
     "reproduce": Command("Simulated experiments", "experiments:reproduce", "reproduction"),
     "results list": Command("Commands", "results:list_sweeps", "results"),
@@ -75,6 +80,38 @@ COMMANDS = {
     "results clean": Command("Commands", "results:clean"),
 }
 """All commands, by the words that call them, in the order of help."""
+
+EXAMPLES = {
+    "inspect": "butterfly inspect logs/ --units time=ms; "
+    "butterfly inspect Data_52__8__002.mat --report log.html",
+    "manifest": "butterfly manifest logs --units time=ms,angle=deg",
+    "identify": "butterfly identify real-logs --report report.html --save result.json; "
+    "butterfly identify a.csv b.csv --columns time=t,input=tau,angle=q --input torque",
+    "select": "butterfly select real-logs --candidates drag,stribeck",
+    "design": "butterfly design result.json --swing 0.5",
+    "validate": "butterfly validate real-logs --split mass; "
+    "butterfly validate real-logs --method harmonic-balance,output-error",
+    "residual": "butterfly residual result.json --log 2 --report residual.html",
+    "predict": "butterfly predict new-logs --with result.json --bands --report prediction.html; "
+    "butterfly predict results/quickstart --with p1=0.0033,p2=0.0014,p3=0.05",
+    "compare": "butterfly compare spring.json autumn.json; "
+    "butterfly compare real-logs --report compare.html; "
+    "butterfly compare results/large-sweep/0 results/large-sweep/1",
+    "export": "butterfly export result.json --out twin.xml --timestep 0.002; "
+    "butterfly export servo.json --to bam --out servo-bam.json",
+    "show": "butterfly show quickstart --web; "
+    "butterfly show quickstart --run 5 --out hand.mp4; "
+    "butterfly show result.json --added-mass 0.05 --out hand.png; "
+    "butterfly show result.json --log 3 --out log.gif",
+    "run": "butterfly run experiments/quickstart.yaml (exit code 1: some runs of a sweep failed; "
+    "3: do not use the estimate)",
+    "simulate": "butterfly simulate quickstart --out logs",
+    "schema": "butterfly schema experiment --out experiment.schema.json",
+    "reproduce": "butterfly reproduce thesis --out figures",
+    "results show": "butterfly results show results/large-sweep 0",
+    "results table": "butterfly results table results/large-sweep --columns number,fit_median",
+}
+"""Calls that help shows last, by command."""
 
 _DATA = "root arm input intersample columns units repair known zero joint gravity interval from to"
 OF_DATA = {f"--{name}" for name in (*_DATA.split(), "restarts")}
@@ -117,6 +154,7 @@ def program(called: Sequence[str] = ()) -> App:
             name=name,
             group=groups[command.panel],
             help=None if words == call else summary,
+            help_epilogue=f"For example: {EXAMPLES[words]}" if words in EXAMPLES else None,
         )
     app.command(results)
     app.register_install_completion_command(help="Install shell completion.")
@@ -163,30 +201,28 @@ def _launch(app: App) -> Callable[..., ExitCode | None]:
         if help_all:
             tokens = (*tokens, "--help")
         name = _name_of(tokens)
-        if json is not None and not (name in COMMANDS and COMMANDS[name].answer):
+        called = COMMANDS.get(name, Command("", ""))
+        if json is not None and not called.answer:
             raise InputError("butterfly", "--json", name, "a command with a JSON answer")
-        searches = name in COMMANDS and COMMANDS[name].panel in _SEARCHING
-        if budget is not None and not (searches or name == "run"):
+        if budget is not None and not (called.panel in _SEARCHING or name == "run"):
             raise InputError("butterfly", "--budget", name, "a command that searches")
         if budget is not None and not budget >= 0:
             raise InputError("butterfly", "--budget", budget, "0 s or more")
-        seconds = budget or math.inf
         asked.quiet, asked.verbose, asked.json, asked.words = quiet, verbose, json, tokens
-        kinds = (COMMANDS[name].answer, *COMMANDS[name].also) if name in COMMANDS else ()
         search = progress.current_search()
         with outputs.call(overwrite=overwrite):
             try:
                 command, bound = _parsed(app, tokens)
                 if command.__module__.startswith(__package__):  # not the help
-                    check_outputs(command, bound.arguments, json, kinds)
-                with progress.budget(seconds) as search:
+                    check_outputs(command, bound.arguments, json, (called.answer, *called.also))
+                with progress.budget(budget or math.inf) as search:
                     ended: ExitCode | None = command(*bound.args, **bound.kwargs)
             except UnusableError as refused:
                 from butterfly.result import document  # noqa: PLC0415 - slow to import
                 from butterfly.verdict import Level, Verdict  # noqa: PLC0415
 
                 verdict = Verdict(Level.WARNING, refused.reasons)
-                head = COMMANDS[name].answer, "No answer: the values are physically impossible"
+                head = called.answer, "No answer: the values are physically impossible"
                 write_json(document(*head, {}, verdict=verdict, summary=verdict.lines))
                 raise
             except ButterflyError:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, make_dataclass
-from dataclasses import field as with_default
+from dataclasses import dataclass, field, fields, make_dataclass
 from enum import Enum
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, get_type_hints
+from functools import cache
+from typing import Annotated, Any, Literal, get_type_hints
 
 from cyclopts import Parameter
 from docstring_parser import parse
@@ -51,34 +51,41 @@ class FitOptions:
         kind_of(self.method, self.given, written=lambda name: f"--{name.replace('_', '-')}")
         return make_estimator(self.method, self.given)
 
-    def unless_default(self) -> Estimator | None:
-        """Return the estimator if any option was given: a saved result already has one."""
-        return self.estimator() if self.method != DEFAULT_METHOD or self.given else None
+    def keywords(self) -> dict[str, Any]:
+        """Return method and options as a verb takes them; nothing if all are the verb's own."""
+        several = parse_names(self.method)
+        if len(several) > 1:
+            return {"method": several, **self.given}
+        return {} if self == type(self)() else {"method": self.estimator()}
 
 
-def _made(
-    name: str, *, default: str = DEFAULT_METHOD, leave_out: tuple[str, ...] = (), many: bool = False
+@cache
+def fit_options(
+    default: str | None = None, without: tuple[str, ...] = (), *, several: bool = False
 ) -> type[FitOptions]:
-    """Return a dataclass with every option of every estimator."""
+    """Return a dataclass with every option of every estimator, ``without`` some.
+
+    Its method has a default; ``several`` may be separated by commas.
+    """
     listing = "; ".join(f"{method}: {each.summary}" for method, each in ESTIMATORS.items())
     listing += f"; {DEFAULT_METHOD}: the same as {kind_of(DEFAULT_METHOD).method}"
-    several = "To rank several, separate them by commas. " if many else ""
+    rank = "To rank several, separate them by commas. " if several else ""
     names = Parameter(
         name=("--method", "-m"),
         group=THE_FIT,
-        help=f"{several}{listing}.",
+        help=f"{rank}{listing}.",
         metavar="METHOD",
         show_choices=False,
     )
-    kind: Any = str if many else Literal[METHODS]
-    method = ("method", Annotated[kind, names], with_default(default=default))
+    kind: Any = str if several else Literal[METHODS]
+    method = ("method", Annotated[kind, names], field(default=default or DEFAULT_METHOD))
     owners: dict[str, list[str]] = {}
     for each, own in ESTIMATORS.items():
         for option in options_of(own):
             owners.setdefault(option, []).append(each)
-    options = [_option(option, own) for option, own in owners.items() if option not in leave_out]
+    options = [_option(option, own) for option, own in owners.items() if option not in without]
     made = make_dataclass(
-        name,
+        "Fit",
         [method, *options],
         bases=(FitOptions,),
         namespace={"__module__": __name__},  # of a module of Python's own, cyclopts shows no fields
@@ -133,13 +140,3 @@ def _default_text(name: str, owners: list[str]) -> str:
     if len(set(defaults.values())) == 1:
         return next(iter(defaults.values()))
     return "; ".join(f"{method}: {value}" for method, value in defaults.items())
-
-
-if TYPE_CHECKING:
-    Fit: TypeAlias = FitOptions
-    SelectFit: TypeAlias = FitOptions
-    ValidateFit: TypeAlias = FitOptions
-else:
-    Fit = _made("Fit")
-    SelectFit = _made("SelectFit", default="output-error", leave_out=("terms",))
-    ValidateFit = _made("ValidateFit", many=True)

@@ -1,4 +1,4 @@
-"""Commands of experiments: run, simulate, predict, reproduce, schema."""
+"""Commands beside the verbs: manifest, fetch, reproduce, schema."""
 
 from __future__ import annotations
 
@@ -9,19 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-import butterfly as bf
-from butterfly.cli.options import (
-    NO_REPORT,
-    OUT,
-    WRITTEN,
-    Data,
-    Experiment,
-    OutFolder,
-    Report,
-    parse_pairs,
-)
-from butterfly.cli.output import ExitCode, say, show, show_progress, show_table, warn, write_json
-from butterfly.cli.written import FOLDER, OutputFile
+from butterfly.cli.options import OUT, SILENT, Facts, OutFolder
+from butterfly.cli.output import say, show_progress, show_table, write_json
+from butterfly.cli.written import OutputFile
 from butterfly.errors import InputError
 from butterfly.files import shipped, write_file
 
@@ -29,136 +19,76 @@ if TYPE_CHECKING:
     from butterfly.thesis.tables import Synthetic
 
 
-def run(
-    experiment: Experiment,
+def manifest(
+    folder: Path,
     /,
     *,
+    out: Annotated[Path | None, OUT, OutputFile((".yaml", ".yml"))] = None,
+    options: Facts = SILENT,
+) -> None:
+    """Write a draft manifest for the logs in a folder, or in one file.
+
+    Open questions are comments in the draft ("To settle"), each above its assumed value. Names like
+    Data_52__8__002.mat give added mass, frequency and amplitude; with --arm, 100g_a.csv its mass.
+
+    Parameters
+    ----------
+    folder
+        Folder of logs, or a file; of several logs in one (as from SysId) each is listed.
+    out
+        Manifest to write. Default: manifest.yaml in the folder.
+    """
+    from butterfly.logs import manifest_draft as drafts  # noqa: PLC0415 - slow to import
+    from butterfly.logs.manifest import MANIFEST_NAME, checked_options  # noqa: PLC0415
+
+    path = out or (folder.parent if folder.is_file() else folder) / MANIFEST_NAME
+    named = not folder.is_file() and drafts.has_thesis_names(folder)
+    if named and options.arm is None:
+        raise InputError(folder, "--arm", "missing", "m from pivot to the masses in the file names")
+    drafted = drafts.with_columns(drafts.draft(folder, checked_options(options.description())))
+    root = options.root or ("." if out is None else None)
+    if root is not None:
+        drafted = drafted.model_copy(update={"root": str(root)})
+    asked = drafts.open_questions(drafted, options.description().keys(), named=named)
+    write_file(path, drafts.draft_text(drafted, asked))
+    say(f"Manifest of {len(drafted.logs)} logs: {path}")
+    if asked:
+        say("Answer these in the manifest before you use it:")
+    for key, question in asked.items():
+        taken = getattr(drafted, key)
+        say(f"- {key}: {question}" + (f" Assumed: {taken}." if isinstance(taken, str) else ""))
+
+
+def fetch(
+    *,
+    source: Annotated[str | None, Parameter(name="--from", metavar="DIR_OR_URL")] = None,
     out: OutFolder = None,
-    figures: Annotated[bool, Parameter(group=WRITTEN)] = False,
-    jobs: Annotated[int | None, Parameter(metavar="N")] = None,
-    force: bool = False,
-    only: Annotated[str | None, Parameter(metavar="NUMBERS")] = None,
-    engine: Literal["local", "dask"] = "local",
-    scheduler: Annotated[str | None, Parameter(metavar="ADDRESS")] = None,
-) -> ExitCode:
-    """Simulate an experiment or a sweep, identify the joint, and write a report.
+) -> None:
+    """Download the 41 public logs of the thesis (40 MB).
 
-    Prints true and estimated parameters. An interrupted or extended sweep resumes where it stopped.
-    Exit code 1: some runs of a sweep failed. Exit code 3: do not use the estimate.
-
-    Example: butterfly run experiments/quickstart.yaml
+    Each file is checked by its SHA-256; existing files are skipped. Then: butterfly identify
+    real-logs
 
     Parameters
     ----------
+    source
+        Folder or base URL of 52gmat, 120_5gmat and 154gmat. Default: the thesis's repository.
     out
-        Folder for results and report. Default: results/NAME.
-    figures
-        Write the report's figures as PNG and SVG too.
-    jobs
-        Worker processes of a sweep, or threads of a single run. Default: one per core.
-    force
-        Repeat finished runs.
-    only
-        Numbers of the runs to do: 0,3,10-19. Default: all.
-    engine
-        Where a sweep runs; dask needs butterfly-testbed[dask].
-    scheduler
-        Address of a Dask scheduler, such as tcp://HOST:8786. Default: a local cluster.
+        Destination folder. Default: the folder where `real-logs` looks for them.
     """
-    _warn_of_wide_swings(experiment)
-    found = bf.run(
-        experiment,
-        out=out,
-        figures=figures,
-        jobs=jobs,
-        force=force,
-        only=only,
-        engine=engine,
-        scheduler=scheduler,
-        track=show_progress,
-    )
-    ended = show(found)
-    for page in found.reports:
-        say(f"Report: {page}")
-    return ExitCode.NO_RESULT if isinstance(found, bf.Sweep) and found.unsuccessful else ended
+    from butterfly.logs import thesis_logs  # noqa: PLC0415 - slow to import
 
-
-def simulate(experiment: Experiment, /, *, out: Annotated[Path, OUT, FOLDER]) -> None:
-    """Simulate an experiment in MuJoCo, and write only its logs.
-
-    The format is that of real logs, so `butterfly identify OUT` reads them.
-
-    Example: butterfly simulate quickstart --out logs
-
-    Parameters
-    ----------
-    out
-        Folder for the logs and their manifest.
-    """
-    from butterfly.experiment.simulate import simulate as logs_of  # noqa: PLC0415 - slow
-    from butterfly.experiment.simulate import write_logs  # noqa: PLC0415
-
-    _warn_of_wide_swings(experiment)
-    plan = bf.read_experiment(experiment)
-    say(f"Logs: {write_logs(plan, logs_of(plan, track=show_progress), out)}")
-
-
-def predict(
-    data: Data,
-    /,
-    *,
-    given: Annotated[str, Parameter(name="--with", metavar="RESULT")],
-    bands: bool = False,
-    draws: Annotated[int, Parameter(metavar="N")] = 200,
-    seed: Annotated[int, Parameter(metavar="N")] = 0,
-    out: Annotated[Path | None, OUT, OutputFile(("", ".csv", ".parquet"))] = None,
-    page: Report = NO_REPORT,
-) -> ExitCode:
-    """Predict logs, or a new experiment, with known parameters.
-
-    Simulates each log from its initial angle with the recorded input alone. --bands adds two 95 %
-    bands: one for the uncertainty of the parameters, one for a new log (with the model error).
-
-    Examples: butterfly predict new-logs --with result.json --bands --report prediction.html;
-    butterfly predict results/quickstart --with p1=0.0033,p2=0.0014,p3=0.05
-
-    Parameters
-    ----------
-    data
-        Logs, a folder of logs, a manifest, a saved result, an experiment, or a shipped name.
-    given
-        A saved result, or parameters: p1=…,p3=…,coulomb=…. Others are 0. Without p4 the
-        best-fitting p4; without zero the logs' own encoder zero.
-    bands
-        Compute 95 % bands (always in a report).
-    draws
-        Number of parameter draws for the bands and --out.
-    seed
-        Random seed.
-    out
-        Write the parameter draws: .csv, .parquet, or a folder of MJCF.
-    """
-    pairs = "=" in given and not Path(given).exists()
-    result = parse_pairs(given, "--with") if pairs else Path(given)
-    if out is not None and pairs:
-        raise InputError("butterfly predict", "--out", out, "an identification to draw from")
-    found = bf.predict(
-        data,
-        result,
-        bands=bands or (page.report is not None and not pairs),
-        draws=draws,
-        seed=seed,
-        track=show_progress,
-    )
-    ended = show(found, report=page.report, figures=page.figures)
-    if out is not None and isinstance(result, Path):
-        (found.drawn or bf.draws(result, draws, seed)).write(out)
-        say(f"Draws: {out}")
-    return ended
+    folder = out or thesis_logs.own_folder()
+    fetched = thesis_logs.fetch(folder, source or thesis_logs.PUBLISHED, show_progress)
+    say(f"{len(thesis_logs.pins())} logs, {fetched} downloaded: {folder}")
+    found = thesis_logs.found_folder()
+    same = found is not None and found.resolve() == folder.resolve()
+    root = "" if same else f' --root "{folder}"'
+    say(f"Next: butterfly identify real-logs{root}")
 
 
 def reproduce(
-    what: Annotated[Literal["thesis"], Parameter(name="WHAT")],  # noqa: ARG001 - there is no other
+    what: Literal["thesis"],  # noqa: ARG001 - there is no other
     /,
     *,
     root: Annotated[Path | None, Parameter(metavar="FOLDER")] = None,
@@ -166,12 +96,8 @@ def reproduce(
 ) -> None:
     """Reproduce the thesis's numbers, with its mistakes and corrected.
 
-    Example: butterfly reproduce thesis --out figures
-
     Parameters
     ----------
-    what
-        What to reproduce.
     root
         Folder of the 41 real logs. Default: where `butterfly fetch` puts them.
     out
@@ -235,12 +161,8 @@ def schema(
     Editors then complete the keys of a YAML file that starts with
     `# yaml-language-server: $schema=experiment.schema.json`.
 
-    Example: butterfly schema experiment --out experiment.schema.json
-
     Parameters
     ----------
-    what
-        Kind of file.
     out
         File to write. Default: print it.
     """
@@ -254,11 +176,3 @@ def schema(
         return
     write_file(out, text)
     say(f"Schema: {out}")
-
-
-def _warn_of_wide_swings(experiment: Path) -> None:
-    for added, sine, swing in bf.read_experiment(experiment).wide_swings():
-        warn(
-            f"{added}, {sine.omega:g} rad/s: predicted swing {swing:.2g} rad; "
-            "reduce the amplitude to stay at small angles"
-        )

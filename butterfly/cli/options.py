@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from cyclopts import Group, Parameter
-from cyclopts.validators import Number
 
 from butterfly.cli.written import FOLDER, REPORT
 from butterfly.errors import InputError
@@ -21,22 +21,10 @@ THE_DATA = Group("The data", sort_key=4)
 DATA_IN_DETAIL = Group("The data in detail", sort_key=5, show=_ALL)
 WRITTEN = Group("Output", sort_key=6)
 
-Data = Annotated[Path, Parameter(name="DATA")]
-"""A manifest, a folder of logs, a log, a saved result or a shipped data set's name."""
-
-_EXPERIMENT = "An experiment file (YAML), or a shipped experiment's name."
-Experiment = Annotated[Path, Parameter(name="EXPERIMENT", help=_EXPERIMENT)]
-
 OUT = Parameter(name=("--out", "-o"), group=WRITTEN, metavar="PATH")
 OutFolder = Annotated[Path | None, OUT, FOLDER]
-_LOG = "Log numbers from 0, separated by commas. Default: all."
-_HOLDOUT = "Held-out logs, never fitted: names or glob patterns, separated by commas."
 _HAND_MASS = "Mass to write for the moving body; the motion does not depend on it. Default: chosen."
-LogNumbers = Annotated[str | None, Parameter(name="--log", metavar="NUMBERS", help=_LOG)]
-Holdout = Annotated[str | None, Parameter(group=THE_DATA, metavar="NAMES", help=_HOLDOUT)]
 HandMass = Annotated[float | None, Parameter(metavar="kg", help=_HAND_MASS)]
-Limit = Annotated[int, Parameter(metavar="N", validator=Number(gte=1))]
-Split = Literal["auto", "mass", "frequency", "log", "time"]
 
 
 @Parameter(name="*", group=WRITTEN)
@@ -64,66 +52,51 @@ class Report:
 
 NO_REPORT = Report()
 
-Fault = Literal["duplicate", "backward", "non_finite", "unwrap"]
-Pairs = Annotated[str | None, Parameter(metavar="PAIRS")]
-_Detail = Parameter(group=DATA_IN_DETAIL)
-_FROM = "Use each log from this time, by its own clock."
-_TO = "Use each log up to this time."
-_Instant = Parameter(metavar="s", allow_leading_hyphen=True)
+_MANIFEST = Path(__file__).parents[1].joinpath("logs/manifest.py").read_text(encoding="utf-8")
+_DETAIL: Any = {"group": DATA_IN_DETAIL}
+
+
+def _fact(field: str, more: str = "", **how: Any) -> Parameter:  # noqa: ANN401 - of a parameter
+    """Declare the option of a manifest's field: its first sentence there, read without import."""
+    said = re.findall(rf'^    {field}: .+?^    """(.+?)"""', _MANIFEST, re.DOTALL | re.MULTILINE)
+    first, _, _ = " ".join(said[-1].replace("``", "").split()).partition(". ")
+    return Parameter(help=f"{first.rstrip('.')}. {more}".strip(), **how)
+
+
+_COLUMNS = _fact("columns", "Such as time=t,input=tau,angle=q.", metavar="PAIRS")
+_UNITS = _fact("units", "Such as time=ms,angle=-deg,input=counts/4096.", metavar="PAIRS")
+_LOOP = _fact("loop", "Such as law=dynamixel-x,kp=400.", metavar="PAIRS")
+_KNOWN = _fact("known", "Such as p4=1,p3=0.05+-0.001,resistance=2.", metavar="PAIRS")
+_ZERO = _fact("zero", "Such as 0.1+-0.01.", metavar="rad", allow_leading_hyphen=True, **_DETAIL)
+_ROOT = Parameter(metavar="FOLDER", help="Folder of the logs, if not the manifest's.", **_DETAIL)
+_HOLD = _fact("intersample", "Default: zero_order_hold.", **_DETAIL)
+_GRAVITY = _fact("gravity", "Default: 9.81.", metavar="m/s²", **_DETAIL)
+_FROM = _fact("begin", name="--from", metavar="s", allow_leading_hyphen=True, **_DETAIL)
+_TO = _fact("end", name="--to", metavar="s", allow_leading_hyphen=True, **_DETAIL)
+_Kind = Literal["voltage", "torque", "current", "duty", "setpoint", "none"]
+_Fault = Literal["duplicate", "backward", "non_finite", "unwrap"]
+_JOINT = _fact("joint", "Default: hinge.", **_DETAIL)
 
 
 @Parameter(name="*", group=THE_DATA)
 @dataclass(frozen=True, kw_only=True)
 class Facts:
-    """Facts about the logs, in place of a manifest or overriding it.
+    """Facts about the logs, in place of a manifest or overriding it."""
 
-    Parameters
-    ----------
-    columns
-        Columns of time, input and angle, by name or number: time=t,input=tau,angle=q.
-    units
-        Units of columns, arm, mass or omega: time=ms,angle=deg. Also counts/4096, a factor, or a
-        minus sign.
-    input
-        Kind of input. Default: voltage.
-    loop
-        Control loop of a servo, with --input setpoint: law=dynamixel-x,kp=400.
-    arm
-        Distance from pivot to added mass.
-    known
-        Known values, +- standard error: p4=1,p3=0.05+-0.001,resistance=2.
-    zero
-        Encoder reading with the joint hanging at rest: 0.1 or 0.1+-0.01.
-    root
-        Folder of the logs, if not the manifest's.
-    intersample
-        Input between samples. Default: zero_order_hold.
-    repair
-        Fault to repair. Repeatable.
-    joint
-        Joint type; a slide's angle is in m, its p1 in kg. Default: hinge.
-    gravity
-        Gravity normal to the joint axis; 0 for a vertical axis. Default: 9.81.
-    interval
-        Sampling interval of logs without a column of time.
-    restarts
-        Split a file where its clock restarts.
-    """
-
-    columns: Pairs = None
-    units: Pairs = None
-    input: Literal["voltage", "torque", "current", "duty", "setpoint", "none"] | None = None
-    loop: Pairs = None
-    arm: Annotated[float | None, Parameter(metavar="m")] = None
-    known: Pairs = None
-    zero: Annotated[str | None, _Detail, Parameter(metavar="rad", allow_leading_hyphen=True)] = None
-    root: Annotated[Path | None, _Detail, Parameter(metavar="FOLDER")] = None
-    intersample: Annotated[Literal["zero_order_hold", "first_order_hold"] | None, _Detail] = None
-    repair: Annotated[tuple[Fault, ...], _Detail] = ()
-    joint: Annotated[Literal["hinge", "slide"] | None, _Detail] = None
-    gravity: Annotated[float | None, _Detail, Parameter(metavar="m/s²")] = None
-    interval: Annotated[float | None, _Detail, Parameter(metavar="s")] = None
-    restarts: Annotated[bool, _Detail] = False
+    columns: Annotated[str | None, _COLUMNS] = None
+    units: Annotated[str | None, _UNITS] = None
+    input: Annotated[_Kind | None, _fact("input", "Default: voltage.")] = None
+    loop: Annotated[str | None, _LOOP] = None
+    arm: Annotated[float | None, _fact("arm", metavar="m")] = None
+    known: Annotated[str | None, _KNOWN] = None
+    zero: Annotated[str | None, _ZERO] = None
+    root: Annotated[Path | None, _ROOT] = None
+    intersample: Annotated[Literal["zero_order_hold", "first_order_hold"] | None, _HOLD] = None
+    repair: Annotated[tuple[_Fault, ...], _fact("repair", "Repeatable.", **_DETAIL)] = ()
+    joint: Annotated[Literal["hinge", "slide"] | None, _JOINT] = None
+    gravity: Annotated[float | None, _GRAVITY] = None
+    interval: Annotated[float | None, _fact("interval", metavar="s", **_DETAIL)] = None
+    restarts: Annotated[bool, _fact("split", **_DETAIL)] = False
 
     def description(self) -> dict[str, Any]:
         """Return the given options as fields of a manifest."""
@@ -145,8 +118,8 @@ class Facts:
 class DataOptions(Facts):
     """The same, and which piece of a log to use."""
 
-    begin: Annotated[float | None, _Detail, _Instant, Parameter(name="--from", help=_FROM)] = None
-    end: Annotated[float | None, _Detail, _Instant, Parameter(name="--to", help=_TO)] = None
+    begin: Annotated[float | None, _FROM] = None
+    end: Annotated[float | None, _TO] = None
 
 
 SILENT = DataOptions()

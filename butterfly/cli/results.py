@@ -33,7 +33,10 @@ from butterfly.report.numbers import record_document, rows_document, runs_docume
 from butterfly.report.parameter_table import parameter_texts
 from butterfly.result import document
 
-Folder = Annotated[Path, Option(name="FOLDER", help="A sweep's results, such as results/NAME.")]
+Folder = Annotated[Path, Option(help="A sweep's results, such as results/NAME.")]
+Folders = Annotated[Path, Option(help="Folder with results.")]
+Run = Annotated[str, Option(help="The run's number, or the start of its key.")]
+Failed = Annotated[bool, Option(help="Remove failed runs too, to repeat them.")]
 
 _NAMES = ("number", "estimator", "parameter")
 """Columns that name a row."""
@@ -47,14 +50,8 @@ _MOST = 50  # rows that are printed
 _NOTHING = {"", "–"}
 
 
-def list_sweeps(folder: Annotated[Path, Option(name="FOLDER")] = Path("results"), /) -> None:
-    """List sweeps, and how many of their runs are done.
-
-    Parameters
-    ----------
-    folder
-        Folder with results.
-    """
+def list_sweeps(folder: Folders = Path("results"), /) -> None:
+    """List sweeps, and how many of their runs are done."""
     said: list[dict[str, Any]] = []
     rows: list[tuple[str, ...]] = []
     for path in sorted(folder.glob(f"*/{SWEEP}")) or sorted(folder.glob(SWEEP)):
@@ -79,16 +76,8 @@ def list_sweeps(folder: Annotated[Path, Option(name="FOLDER")] = Path("results")
     write_json(document("results", "Results", {"count": len(said), "rows": said}))
 
 
-def show_run(folder: Folder, run: Annotated[str, Option(name="RUN")], /) -> None:
-    """Show one run: settings, estimates, times and versions.
-
-    Example: butterfly results show results/large-sweep 0
-
-    Parameters
-    ----------
-    run
-        The run's number, or the start of its key.
-    """
+def show_run(folder: Folder, run: Run, /) -> None:
+    """Show one run: settings, estimates, times and versions."""
     record = run_record(folder, run)
     for each in record.estimates:
         if each.estimate is not None:
@@ -135,8 +124,6 @@ def table(
     In CSV, text that starts with =, +, - or @ gets a leading apostrophe, to keep spreadsheets from
     running it as a formula.
 
-    Example: butterfly results table results/large-sweep --columns number,fit_median
-
     Parameters
     ----------
     table
@@ -164,14 +151,8 @@ def table(
     write_json(rows_document(name, found, kind))
 
 
-def clean(folder: Folder, /, *, failed: bool = False) -> None:
-    """Remove outdated records and unfinished files.
-
-    Parameters
-    ----------
-    failed
-        Remove failed runs too, to repeat them.
-    """
+def clean(folder: Folder, /, *, failed: Failed = False) -> None:
+    """Remove outdated records and unfinished files."""
     removed = ResultStore(folder).clean(failed=failed)
     for path in removed:
         say(f"Removed {path}")

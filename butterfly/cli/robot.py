@@ -19,7 +19,6 @@ from butterfly.twin.forms import DEFAULTS, FORMS, INTEGRATORS, WITH_A_BODY, Opti
 if TYPE_CHECKING:
     from butterfly.experiment.schema import Experiment
 
-Source = Annotated[Path, Parameter(name="SOURCE")]
 AddedMass = Annotated[float, Parameter(metavar="kg")]
 Arm = Annotated[
     float | None, Parameter(metavar="m", help="Distance from pivot to added mass. Default: 0.104.")
@@ -29,7 +28,7 @@ _PICTURES = (".png", ".jpg", ".jpeg")
 
 
 def show(
-    source: Source,
+    source: Path,
     /,
     *,
     run: Annotated[int, Parameter(metavar="N", validator=Number(gte=0))] = 0,
@@ -48,10 +47,6 @@ def show(
 
     Opens a window, or with --web a browser page. --out saves a film of an experiment's run, of a
     saved result's log, or a picture. Films and pictures need no display if EGL is installed.
-
-    Examples: butterfly show quickstart --web; butterfly show quickstart --run 5 --out hand.mp4;
-    butterfly show result.json --added-mass 0.05 --out hand.png; butterfly show result.json --log 3
-    --out log.gif
 
     Parameters
     ----------
@@ -180,7 +175,7 @@ _Integrator: Any = Literal[INTEGRATORS]
 
 
 def export(
-    source: Source,
+    source: Path,
     /,
     *,
     out: Annotated[Path, OUT, OutputFile(_TWINS)],
@@ -198,9 +193,6 @@ def export(
 
     Also prints what the format cannot represent, and how far the twin's motion is from our own
     simulation at the given time step.
-
-    Examples: butterfly export result.json --out twin.xml --timestep 0.002; butterfly export
-    servo.json --to bam --out servo-bam.json
 
     Parameters
     ----------

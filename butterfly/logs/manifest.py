@@ -116,9 +116,9 @@ class LogEntry(StrictModel):
     loop: Annotated[dict[str, Any] | None, BeforeValidator(_require_loop)] = None
     """Of the servo, where this log differs from the data set: gains, supply."""
     begin: Annotated[float | None, Field(alias="from")] = None
-    """Start of the piece in s, on the clock of the file."""
+    """Start in s of the piece to use, on the clock of the file."""
     end: Annotated[float | None, Field(alias="to")] = None
-    """End of the piece in s."""
+    """End in s of the piece to use."""
     part: Annotated[int, Field(ge=1)] | None = None
     """Number of the recording in the file, from 1; a recording ends where the clock falls back."""
     split: Recordings | None = None
@@ -174,47 +174,48 @@ class Manifest(StrictModel):
     """Folder of the files, relative to the manifest; ``${NAME}`` is an environment variable. A path
     that begins with one is relative to the working directory."""
     input: Annotated[InputKind, _Rule.FILLS]
-    """What the input column commands: ``voltage``, ``torque``, ``current``, ``duty``, the
-    ``setpoint`` of a servo (see ``loop``), or ``none`` if the joint swings freely."""
+    """Kind of input. ``voltage``, ``torque``, ``current``, ``duty``, the ``setpoint`` of a servo
+    (see ``loop``), or ``none`` if the joint swings freely."""
     loop: Annotated[dict[str, Any], BeforeValidator(_require_loop), _Rule.ADDS] = Field(
         default_factory=dict
     )
-    """Of a servo: its ``law`` and gains (see `butterfly.model.servo`)."""
+    """Control loop of a servo: its ``law`` and gains. See `butterfly.model.servo`."""
     intersample: Annotated[Intersample, _Rule.FILLS] = Intersample.ZERO_ORDER_HOLD
-    """How the command is held between its samples."""
+    """Input between its samples."""
     sign: Literal[1, -1] = 1
     """-1 if a positive command turns towards negative angles: the input is negated."""
     arm: Annotated[Size | None, _Rule.FILLS] = None
-    """Pivot to added mass in m; required for an added mass on a hinge."""
+    """Distance from pivot to added mass in m. An added mass on a hinge requires it."""
     joint: JointKind = JointKind.HINGE
-    """``hinge``, or ``slide``, with positions in m and parameters that are masses and forces."""
+    """``hinge`` or ``slide``, whose angle is in m and p1 in kg."""
     shape: Literal["bar", "butterfly"] = "bar"
     """Shape in pictures and exported models: a plain bar, or the Butterfly robot's hand."""
     gravity: Annotated[float, Field(ge=0)] = GRAVITY
-    """In m/s^2, perpendicular to the axis; 0 for a vertical axis."""
+    """Gravity in m/s^2, perpendicular to the axis; 0 for a vertical axis."""
     encoder: Literal["joint", "motor"] = "joint"
     """``motor`` if angle, velocity, setpoint and the loop's gains are those before a gear; its
     ``gear_ratio`` must be ``known``."""
     known: Annotated[dict[str, Uncertain], BeforeValidator(_require_known), _Rule.ADDS] = Field(
         default_factory=dict
     )
-    """Known values of the robot, its motor and link (see `butterfly.model.prior`)."""
+    """Known values of the robot, with standard errors. See `butterfly.model.prior`."""
     zero: Uncertain | None = None
-    """Encoder zero: the reading in rad where the joint hangs; estimated if not given."""
+    """Encoder zero: the reading in rad where the joint hangs at rest. Estimated if not given."""
     zeros: list[MassZero] = Field(default_factory=list)
     """Encoder zero per added mass; overrides ``zero``, and a log's own zero overrides both."""
     units: Annotated[dict[str, str | float], BeforeValidator(_require_units), _Rule.ADDS] = Field(
         default_factory=dict
     )
-    """Units of the columns, ``mass``, ``arm`` and ``omega`` (see `butterfly.logs.units`)."""
+    """Units of the columns, ``mass``, ``arm`` and ``omega``, or factors. See
+    `butterfly.logs.units`."""
     columns: dict[str, str | int] | None = None
-    """Columns or .mat variables of time, input and angle, by name or number."""
+    """Columns (or variables) of time, input and angle, by name or number."""
     interval: PositiveFloat | None = None
     """Sampling interval in s of logs without a column of time."""
     repair: Annotated[frozenset[Repair], _Rule.ADDS] = DEFAULT_REPAIRS
-    """Allowed repairs."""
+    """Faults to repair."""
     split: Recordings | None = None
-    """``restarts``: another log begins where the clock of a file falls back."""
+    """Split a file where its clock ``restarts``."""
     holdout: Annotated[list[str], _Rule.ADDS] = Field(default_factory=list)
     """Files, or glob patterns of them, held out from fits for testing."""
     logs: Annotated[list[LogEntry], Field(min_length=1)]

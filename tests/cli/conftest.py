@@ -3,6 +3,7 @@
 import contextlib
 import io
 import sys
+from functools import wraps
 
 import pytest
 import yaml
@@ -82,7 +83,7 @@ def told(butterfly, saved, monkeypatch):
     """Run `identify` as if it found a result that is given."""
 
     def run(found, *options):
-        monkeypatch.setattr(bf, "identify", lambda *_, **__: found)
+        monkeypatch.setattr(bf, "identify", wraps(bf.identify)(lambda *_, **__: found))
         return butterfly("identify", saved, *options)
 
     return run

@@ -4,11 +4,13 @@ from dataclasses import fields
 
 import pytest
 
-from butterfly.cli.estimator_options import Fit, SelectFit, ValidateFit
+from butterfly.cli.estimator_options import fit_options
 from butterfly.errors import InputError
 from butterfly.experiment.methods import ESTIMATORS
 from butterfly.identification.estimators import Loss
 
+Fit = fit_options()
+HELP = {each.name: each.type.__metadata__[0].help for each in fields(Fit)}
 OWN = {
     method: [each.name for each in fields(kind) if each.name != "method"]
     for method, kind in ESTIMATORS.items()
@@ -40,8 +42,8 @@ def test_every_option_of_every_estimator_can_be_said(method, name):
 def test_nothing_said_is_every_estimator_s_default():
     for method, kind in ESTIMATORS.items():
         assert Fit(method=method).estimator() == kind()
-    assert Fit().unless_default() is None
-    assert Fit(terms="").unless_default().terms == ()
+    assert Fit().keywords() == {}
+    assert Fit(terms="").keywords()["method"].terms == ()
 
 
 @pytest.mark.parametrize(
@@ -57,22 +59,19 @@ def test_an_option_of_another_estimator_is_refused_with_the_valid_ones(method, n
     assert any(each.replace("_", "-") in text for each in OWN[method] or ["no option"])
 
 
-def _help(name, kind=Fit):
-    (field,) = [each for each in fields(kind) if each.name == name]
-    return next(each.help for each in field.type.__metadata__ if each.help)
-
-
 def test_help_is_what_the_docstrings_say_with_owners_terms_and_defaults():
-    assert _help("half_width").endswith("Only for weak-form. Default: 0.25.")
-    assert _help("loss").endswith("Only for output-error. Default: linear.")
-    assert "mass_inertia, stribeck" in _help("terms")
-    assert "cogging" not in _help("terms")
-    assert _help("terms").endswith("more, see docs/methods.md.")
+    assert HELP["half_width"].endswith("Only for weak-form. Default: 0.25.")
+    assert HELP["loss"].endswith("Only for output-error. Default: linear.")
+    assert "mass_inertia, stribeck" in HELP["terms"]
+    assert "cogging" not in HELP["terms"]
+    assert HELP["terms"].endswith("more, see docs/methods.md.")
     for name, kind in ESTIMATORS.items():
-        assert f"{name}: {kind.summary}" in _help("method")
+        assert f"{name}: {kind.summary}" in HELP["method"]
 
 
 def test_commands_leave_out_what_they_settle():
-    assert "terms" not in {each.name for each in fields(SelectFit)}
-    assert SelectFit().method == "output-error"
-    assert ValidateFit(method="linear,thesis").method == "linear,thesis"
+    kind = fit_options("output-error", ("terms",), several=True)
+    assert "terms" not in {each.name for each in fields(kind)}
+    assert kind().method == "output-error"
+    several = kind(method="linear,thesis", loss="huber").keywords()
+    assert several == {"method": ("linear", "thesis"), "loss": "huber"}

@@ -38,14 +38,14 @@ CALLS = {
 """A call of each command, on files of the folder."""
 
 
-def _command(name):
+def command_of(name):
     module, _, function = COMMANDS[name].path.partition(":")
     return getattr(import_module(f"butterfly.cli.{module}"), function)
 
 
 def _outputs(name):
     """Return the options of a command that write, and the endings of their files."""
-    found = {option: written.endings for option, written in options_of(_command(name)).values()}
+    found = {option: written.endings for option, written in options_of(command_of(name)).values()}
     return found | ({"--json": (".json",)} if COMMANDS[name].answer else {})
 
 
@@ -81,10 +81,10 @@ def _contents(folder):
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_option_that_is_a_path_beside_the_inputs_says_what_it_writes(name):
-    known = {"data", "more", "other", "source", "experiment", "folder", "root", "options", "fit"}
-    writing = {way[0] for way in options_of(_command(name))}
-    for each in signature(_command(name)).parameters.values():
-        if "Path" in str(each.annotation) or "Out" in str(each.annotation):
+    known = {"data", "more", "other", "source", "experiment", "folder", "root"}
+    writing = {way[0] for way in options_of(command_of(name))}
+    for each in signature(command_of(name)).parameters.values():
+        if "Path" in str(each.annotation) or "Folder" in str(each.annotation):
             assert each.name in known | writing, f"what is written by {each.name}?"
 
 

@@ -1,0 +1,183 @@
+"""Commands of verbs: what the command line has besides."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+import butterfly as bf
+from butterfly.cli.derived import Ask, command
+from butterfly.cli.options import NO_REPORT, OUT, SILENT, WRITTEN, DataOptions, Report, parse_pairs
+from butterfly.cli.output import ExitCode, asked, say, show, show_progress, warn
+from butterfly.cli.written import FOLDER, SAVED, OutputFile
+from butterfly.errors import InputError
+
+_DRAWS = Parameter(help="Write the parameter draws: .csv, .parquet, or a folder of MJCF.")
+_More = Annotated[Path, Parameter(show=False)]
+_Save = Annotated[
+    Path | None,
+    Parameter(group=WRITTEN, metavar="FILE", help="Save the result (.json) for other commands."),
+    SAVED,
+]
+_Limit = Annotated[
+    int, Parameter(metavar="N", validator=Number(gte=1), help="Number of candidates to print.")
+]
+
+_WITHOUT = {
+    "select": ("terms",),
+    "validate": ("others",),
+    **dict.fromkeys(("compare", "inspect"), ("hand_mass",)),
+}
+"""Parameters of verbs, or options of their methods, that are no options of their commands."""
+
+
+def __getattr__(name: str) -> Callable[..., ExitCode]:
+    """Return the command of a verb, of which alone the module is imported then."""
+    if name not in dir(bf):
+        raise AttributeError(name)
+    return command(getattr(bf, name), globals().get(f"_{name}", _shown), _WITHOUT.get(name, ()))
+
+
+def _shown(ask: Ask, *, page: Report = NO_REPORT) -> ExitCode:
+    return show(ask(), **vars(page))
+
+
+def _design(ask: Ask, *, limit: _Limit = 12, page: Report = NO_REPORT) -> ExitCode:
+    return show(ask(), **vars(page), rows=limit)
+
+
+def _validate(ask: Ask, /, *more: _More, page: Report = NO_REPORT) -> ExitCode:
+    return show(ask(others=more), **vars(page))
+
+
+def _inspect(ask: Ask, *, page: Report = NO_REPORT, facts: DataOptions = SILENT) -> ExitCode:
+    """Check logs for faults, or print a robot's parameters.
+
+    Checks clock, gaps, saturation and clipping. Several logs: one line each, worst first. An
+    experiment or a saved result: prints the robot's parameters instead.
+
+    Parameters
+    ----------
+    source
+        Logs, a folder of logs, a manifest, a saved result, an experiment, or a shipped name.
+    logs
+        Numbers of the logs, from 0. Default: all.
+    added_mass
+        Added mass in kg of the robot of an experiment or saved result, at --arm (default 0.104 m).
+    """
+    found = ask(root=facts.root, **facts.description())
+    ended = show(found, **vars(page))
+    if isinstance(found, bf.Inspection):
+        found.require_usable()
+    return ended
+
+
+def _identify(
+    ask: Ask,
+    data: Path,
+    /,
+    *more: _More,
+    against: tuple[Annotated[str, Parameter(metavar="PAIRS")], ...] = (),
+    save: _Save = None,
+    page: Report = NO_REPORT,
+    facts: DataOptions = SILENT,
+) -> ExitCode:
+    from butterfly.report.summary import next_step  # noqa: PLC0415 - slow to import
+
+    others = {text: parse_pairs(text, "--against") for text in against}
+    paths = [data, *more]
+    logs = bf.read(paths, root=facts.root, track=show_progress, **facts.description())
+    found = ask(data=logs, against=others)
+    ended = show(found, **vars(page), save=save)
+    if not asked.silent:  # whole, however long: to be pasted
+        print(f"Next: {next_step(found, asked.words, paths, save)}")
+    return ended
+
+
+def _predict(
+    ask: Ask,
+    *,
+    result: Annotated[str, Parameter(name="--with", metavar="RESULT")],
+    bands: Annotated[bool, Parameter(help="Compute 95 % bands (always in a report).")] = False,
+    out: Annotated[Path | None, OUT, _DRAWS, OutputFile(("", ".csv", ".parquet"))] = None,
+    page: Report = NO_REPORT,
+) -> ExitCode:
+    pairs = "=" in result and not Path(result).exists()
+    if out is not None and pairs:
+        raise InputError("butterfly predict", "--out", out, "an identification to draw from")
+    given = parse_pairs(result, "--with") if pairs else Path(result)
+    found = ask(result=given, bands=bands or (page.report is not None and not pairs))
+    ended = show(found, **vars(page))
+    if out is not None:
+        drawn = found.drawn or bf.draws(result, ask.keywords["draws"], ask.keywords["seed"])
+        drawn.write(out)
+        say(f"Draws: {out}")
+    return ended
+
+
+def _compare(
+    ask: Ask, data: Path, other: Path | None = None, /, *, page: Report = NO_REPORT
+) -> ExitCode:
+    """Compare two saved results; or MuJoCo, the model and the logs.
+
+    Two saved results: tests which parameters have changed (5 % significance, all tests together).
+    One data set: simulates every log in MuJoCo and with the model, and prints FIT, amplitude and
+    phase errors. Two runs of a sweep: lists their settings and estimates.
+
+    Parameters
+    ----------
+    data
+        The earlier saved result; a run of a sweep, such as results/NAME/0; or one data set.
+    other
+        The later saved result, or the other run.
+    """
+    if other is None:
+        return _shown(ask, page=page)
+    from butterfly.api.sources import names_result  # noqa: PLC0415 - slow to import
+    from butterfly.cli.results import compare_runs, is_run  # noqa: PLC0415
+
+    for option, name in {"--log": "logs", "--holdout": "holdout", "--method": "method"}.items():
+        if value := ask.keywords.get(name):
+            given = getattr(value, "label", value)
+            raise InputError("butterfly compare", option, given, "no such option with two results")
+    if is_run(data) and is_run(other):
+        if page.report is not None:
+            expected = "no report: two runs of sweeps have none"
+            raise InputError("butterfly compare", "--report", page.report, expected)
+        return compare_runs(data, other)
+    for field, path in {"DATA": data, "OTHER": other}.items():
+        if not names_result(path):
+            expected = "a saved identification (.json), or two runs of sweeps (results/NAME/NUMBER)"
+            raise InputError("butterfly compare", field, path, expected)
+    return _shown(partial(bf.changed, data, other), page=page)
+
+
+def _run(ask: Ask) -> ExitCode:
+    _warn_of_wide_swings(ask)
+    found = ask()
+    ended = show(found)
+    for page in found.reports:
+        say(f"Report: {page}")
+    return ExitCode.NO_RESULT if isinstance(found, bf.Sweep) and found.unsuccessful else ended
+
+
+def _simulate(ask: Ask, *, out: Annotated[Path, OUT, FOLDER]) -> ExitCode:
+    from butterfly.experiment.simulate import simulate, write_logs  # noqa: PLC0415 - slow to import
+
+    _warn_of_wide_swings(ask)
+    plan = bf.read_experiment(ask.keywords["experiment"])
+    say(f"Logs: {write_logs(plan, simulate(plan, track=show_progress), out)}")
+    return ExitCode.DONE
+
+
+def _warn_of_wide_swings(ask: Ask) -> None:
+    for added, sine, swing in bf.read_experiment(ask.keywords["experiment"]).wide_swings():
+        warn(
+            f"{added}, {sine.omega:g} rad/s: predicted swing {swing:.2g} rad; "
+            "reduce the amplitude to stay at small angles"
+        )
