@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 import platform
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import version
 from os import PathLike
@@ -232,17 +232,17 @@ class Result(ABC):
         headers = tuple(rows[0]) if rows else ()
         lines = [tuple(row.values()) for row in rows]
         words = [k for k in range(len(headers)) if any(line[k][:1].isalpha() for line in lines)]
-        table = PageTable(headers=headers, rows=lines, words=tuple(words))
+        table, numbers = PageTable(headers=headers, rows=lines, words=tuple(words)), self.to_dict()
         return Page(
             name=self.title,
-            description="",
+            description=(numbers.get("data") or {}).get("description", ""),
             kind=self.kind,
             summary=self.notes,
             verdict=self.judged,
             facts=self.facts(),
             lead=Section(title="At a glance", figures=figures) if figures else None,
             sections=[Section(title="In numbers", tables=(table,))],
-            numbers=self.to_dict(),
+            numbers=numbers,
         )
 
     def __str__(self) -> str:
@@ -263,24 +263,25 @@ class Result(ABC):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Answer(Result):
-    """A result that is its JSON, and how a command prints and draws it."""
+    """A result that is its JSON: all that is printed and drawn of it comes from there."""
 
     table: ClassVar[str] = "rows"
     """Key of its rows."""
 
     title: str
     summary: tuple[str, ...] = ()
-    content: dict[str, Any]  # of `to_dict` besides `HEAD`
+    content: dict[str, Any]  # of `to_dict` besides `HEAD`; None means unknown
     judged: Verdict | None = None
     units: dict[str, str] = field(default_factory=dict)
     printed: tuple[TextTable, ...] = ()  # by a command; default: its rows
-    live: Page | None = None  # that draws it; None for a loaded result
+    live: Callable[[Page], Page] | None = None  # adds figures of the logs; None if loaded
 
     def __post_init__(self) -> None:
-        """Say what a stopped search skipped."""
+        """Say what a stopped search skipped, and hold what a file would."""
         stopped = current_search().sentence
         if stopped and stopped not in self.summary:
             object.__setattr__(self, "summary", (*self.summary, stopped))
+        object.__setattr__(self, "content", finite(self.content))
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any], **more: Any) -> Self:  # noqa: ANN401 - own fields
@@ -316,17 +317,16 @@ class Answer(Result):
 
     def page(self) -> Page:
         """Return the page of `report`."""
-        return self.live or super().page()
-
-    def drawn_as(self, page: Page) -> Self:
-        """Return the same with a page; a command prints its tables unless there are others."""
-        return replace(self, live=page, printed=self.printed or TextTable.of_page(page))
+        plain = super().page()
+        return plain if self.live is None else self.live(plain)
 
 
 def cell_text(value: object) -> str:
     """Return a cell formatted for reading."""
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return "–"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
     if isinstance(value, float) and value.is_integer() and abs(value) < _WHOLE:
         return f"{value:.0f}"
     return f"{value:.{_SIGNIFICANT}g}" if isinstance(value, float) else str(value)

@@ -203,7 +203,9 @@ def run(
         unsuccessful=summary.unsuccessful,
         sentences=(counts, *page.summary),
         reports=(folder / "report.html",),
-    ).drawn_as(page)
+        printed=TextTable.of_page(page),
+        live=lambda _: page,
+    )
 
 
 def _run_once(

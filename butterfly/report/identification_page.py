@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -18,7 +17,7 @@ from butterfly.model.parameters import JointKind, LumpedParameters
 from butterfly.report.figures import middle
 from butterfly.report.finding_texts import estimate_verdict
 from butterfly.report.forest import Axis, Whisker, forest, forest_caption
-from butterfly.report.format import counted, fit_text, times_text
+from butterfly.report.format import counted, fit_text
 from butterfly.report.identification_figures import IdentificationPlots
 from butterfly.report.inspection import STATES, conditions_text
 from butterfly.report.live import live_section
@@ -66,6 +65,7 @@ _COMPARED = ("p1", "p2", "p3", "p4", "coulomb")
 def identification_page(
     identification: Identified,
     notes: Sequence[str],
+    facts: Sequence[Fact],
     numbers: dict[str, Any],
     truth: LumpedParameters | None = None,
 ) -> Page:
@@ -117,7 +117,7 @@ def identification_page(
         *tabulated("Held out", _held_out_table(identification)),
     ]
     return replace(
-        first_screen(identification, truth),
+        first_screen(identification, facts, truth),
         summary=notes,
         sections=sections,
         numbers=numbers,
@@ -133,7 +133,9 @@ def identification_page(
     )
 
 
-def first_screen(identification: Identified, truth: LumpedParameters | None = None) -> Page:
+def first_screen(
+    identification: Identified, facts: Sequence[Fact], truth: LumpedParameters | None = None
+) -> Page:
     """Put together what is seen first: verdict, tiles and parameters."""
     origin, parameters = identification.origin, identification.estimate.table(truth)
     return Page(
@@ -141,7 +143,7 @@ def first_screen(identification: Identified, truth: LumpedParameters | None = No
         description=origin.get("description", ""),
         kind="identification",
         verdict=estimate_verdict(identification.estimate),
-        facts=_facts(identification),
+        facts=facts,
         lead=_lead(parameters, identification.estimate.joint, with_truth=truth is not None),
         summary=(),
         sections=(),
@@ -153,40 +155,6 @@ def _place(identification: Identified) -> str:
     """Return the folder of the logs; nothing if they came from no files."""
     root = (identification.origin["manifest"] or {}).get("root")
     return "" if root is None else str(root)
-
-
-def _facts(identification: Identified) -> list[Fact]:
-    fit, fits = identification.fit, identification.fits
-    worst = min(fits, key=lambda name: fits[name])
-    return [
-        Fact("FIT, median of all logs", f"{fit_text(fit.median)} %", f"100 % is perfect{fit.over}"),
-        Fact("FIT, worst log", f"{fit_text(fit.worst)} %", worst.rsplit("/", maxsplit=1)[-1]),
-        *_of_logs(identification),
-        Fact("logs", str(len(fits)), _added(identification)),
-        Fact("method", identification.estimate.method),
-    ]
-
-
-def _added(identification: Identified) -> str:
-    """Say which masses were added; nothing if none was, or of a result that was loaded."""
-    masses = [] if identification.logs is None else identification.logs.masses
-    if len(masses) > 1:
-        return f"{len(masses)} added masses"
-    return "".join(str(mass) for mass in masses if mass.mass)
-
-
-def _of_logs(identification: Identified) -> list[Fact]:
-    """Say how large the error is; nothing of a result that was loaded, without its logs."""
-    if identification.logs is None:
-        return []
-    servo, residuals = [], identification.residuals
-    if rows := loop_rows(identification):
-        (*_, error), (_, opened, *_), *_ = rows
-        off = f"in the loop {error} m{identification.estimate.joint.way} error"
-        servo = [Fact("FIT, by the drive alone", f"{opened} %", off)]
-    noise = f"of the motion; {times_text(residuals.times)} times the sensor noise"
-    fact = Fact("model error", f"{100 * residuals.left:.2g} %", noise)
-    return [*servo, *([fact] if math.isfinite(residuals.times) else [])]
 
 
 def _lead(parameters: Sequence[Parameter], joint: JointKind, *, with_truth: bool) -> Section:

@@ -5,17 +5,30 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from html import escape
+from itertools import product
 from textwrap import wrap
+from typing import Any
 
 from plotly.graph_objects import Figure
 
 from butterfly.identification.parameter import or_nan
-from butterfly.report.figures import PALETTE, log_ticks, logs_panel, look, panel
-from butterfly.report.format import fit_text
+from butterfly.report.figures import (
+    GREY,
+    PALETTE,
+    add,
+    log_ticks,
+    logs_panel,
+    look,
+    panel,
+    panels,
+)
+from butterfly.report.format import fit_text, label_of
+from butterfly.report.log_figures import BANDS
 from butterfly.report.summary import medians_of
 from butterfly.result import Result
 
 _ROW = 52  # pixels of an estimator
+_SIMULATORS = {"MuJoCo": ("-open", 12), "grey box": ("", 5)}  # symbol and size of their marks
 _BROAD = 32  # letters of a line that names an experiment
 _LEAST = 1e-3  # % that a FIT lacks at least, to be drawn
 
@@ -30,8 +43,8 @@ class TablePlots:
         """Draw every column of FITs, a point for each log."""
         rows = self.result.rows()
         columns = [name for name in (rows[0] if rows else ()) if name.startswith("FIT")]
-        labels = [str(row.get("log", number)) for number, row in enumerate(rows, start=1)]
-        figure = logs_panel([label.rsplit("/", maxsplit=1)[-1] for label in labels], "FIT in %")
+        labels = [*map(label_of, rows)]
+        figure = logs_panel(labels, "FIT in %")
         for number, name in enumerate(columns):
             colour, symbol = look(number)
             marker = {"color": colour, "symbol": symbol + "-open" * (number % 2)}
@@ -44,6 +57,45 @@ class TablePlots:
                 marker=marker | {"size": 7 + 5 * (number % 2)},
                 hovertemplate="%{text}: %{x:.1f} %",
             )
+        return figure
+
+    def shares(self) -> Figure:
+        """Draw the share of measured samples inside each band, a row for each log."""
+        rows = self.result.rows()
+        labels = [*map(label_of, rows)]
+        figure = logs_panel(labels, "measured samples inside the band, in %")
+        for name, (colour, _) in BANDS.items():
+            if (column := f"{name}: inside in %") in rows[0]:
+                figure.add_scatter(
+                    x=[row[column] for row in rows],
+                    y=list(range(len(rows))),
+                    text=[*map(escape, labels)],
+                    name=f"band of {name}",
+                    mode="markers",
+                    marker={"color": colour, "size": 8},
+                    hovertemplate="%{text}: %{x:.1f} %",
+                )
+        figure.add_vline(x=95, line={"color": GREY, "width": 1, "dash": "dash"})
+        return figure.update_layout(showlegend=True).update_xaxes(range=[-2, 102])
+
+    def frequencies(self) -> Figure:
+        """Draw how the simulators' steady responses differ from the logs', by added mass."""
+        figure = panels("frequency in rad/s", ("amplitude error in %", "phase error in °"), 480)
+        rows = [row for row in self.result.rows() if row["gain MuJoCo"] is not None]
+        masses = sorted({row["added mass in kg"] for row in rows})
+        for (number, mass), name in product(enumerate(masses), _SIMULATORS):
+            (colour, symbol), (mark, size) = look(number), _SIMULATORS[name]
+            own = [row for row in rows if row["added mass in kg"] == mass]
+            style: dict[str, Any] = {
+                "name": f"{1e3 * mass:g} g, {name}",
+                "mode": "markers",
+                "marker": {"color": colour, "symbol": symbol + mark, "size": size},
+            }
+            omega = [row["frequency in rad/s"] for row in own]
+            sizes = [100 * (row[f"gain {name}"] - 1) for row in own]
+            add(figure, 1, omega, sizes, hovertemplate="%{x:.3g} rad/s: %{y:.4g} %", **style)
+            phases, style["showlegend"] = [row[f"phase {name} in °"] for row in own], False
+            add(figure, 2, omega, phases, hovertemplate="%{x:.3g} rad/s: %{y:.4g}°", **style)
         return figure
 
     def leaderboard(self) -> Figure:
@@ -95,11 +147,11 @@ class TablePlots:
         short = [wrap(name, _BROAD, max_lines=2, placeholder=" …") for name in names]
         across = "standard errors after this run<br>in % of the present ones"
         figure = logs_panel(["\n".join(lines) for lines in short], across)
-        ends = [min(0.0, *(100 * row["mean"] for row in rows)), 105.0]
-        return figure.update_xaxes(range=ends).add_scatter(
-            x=[100 * row["mean"] for row in rows],
+        means = [100 * or_nan(row["mean"]) for row in rows]
+        return figure.update_xaxes(range=[min(0.0, *means), 105.0]).add_scatter(
+            x=means,
             y=list(range(len(rows))),
-            text=[f"{100 * row['mean']:.3g} %" for row in rows],
+            text=[f"{mean:.3g} %" for mean in means],
             textposition="middle left",
             mode="markers+text",
             hovertext=[*map(escape, names)],

@@ -1,5 +1,6 @@
 """One data set, what is identified from it, and every kind of result that rests on that."""
 
+import numpy as np
 import pytest
 
 import butterfly as bf
@@ -29,8 +30,14 @@ def predicted(data, result):
 
 
 @pytest.fixture(scope="session")
-def results(few):
-    return results_of(few)
+def results(few, quick_data):
+    coarse = bf.read([log.take(np.arange(0, log.time.size, 3)) for log in few.data.logs])
+    return results_of(few) | {
+        "selection": bf.select(coarse, "weak-form", candidates=("drag",)),
+        "leaderboard": bf.validate(coarse, ["weak-form", "linear"]),
+        "change": bf.changed(few, few),
+        "planned": bf.predict(quick_data.parent / "quick.yaml", few, bands=False),
+    }
 
 
 def results_of(found):
@@ -43,4 +50,5 @@ def results_of(found):
         "comparison": bf.compare(found, logs=[0]),
         "prediction": bf.predict(found.data, found, bands=False),
         "draws": bf.draws(found, 40),
+        "residual": bf.residual(found, logs=[0, 2]),
     }
