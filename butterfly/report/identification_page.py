@@ -16,7 +16,7 @@ from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import JointKind, LumpedParameters
 from butterfly.report.figures import middle
 from butterfly.report.finding_texts import estimate_verdict
-from butterfly.report.forest import Axis, Whisker, forest, forest_caption
+from butterfly.report.forest import Bar, forest, forest_caption
 from butterfly.report.format import counted, fit_text
 from butterfly.report.identification_figures import IdentificationPlots
 from butterfly.report.inspection import STATES, conditions_text
@@ -29,7 +29,12 @@ from butterfly.report.log_figures import (
     time_series,
 )
 from butterfly.report.page import Fact, Marked, Page, PageTable, Section, tabulated
-from butterfly.report.parameter_table import parameter_texts, physical_sentences, physical_table
+from butterfly.report.parameter_table import (
+    badge_of,
+    parameter_texts,
+    physical_sentences,
+    physical_table,
+)
 from butterfly.report.residual import residual_sentences, residual_table
 from butterfly.report.summary import LOOP_HEADERS, loop_rows
 
@@ -159,19 +164,20 @@ def _place(identification: Identified) -> str:
 
 def _lead(parameters: Sequence[Parameter], joint: JointKind, *, with_truth: bool) -> Section:
     """Return the forest plot: each parameter a row, its interval drawn and in numbers."""
-    texts, whiskers = map(parameter_texts, parameters), forest(parameters)
+    texts, bars = map(parameter_texts, parameters), forest(parameters)
     headers = {"width": "±", "interval": "95 % interval", "error": "standard error"}
     headers |= {"true": "true", "deviation": "deviation"} if with_truth else {}
-    rows: list[tuple[str | Marked | Whisker, ...]] = []
-    for each, row, whisker in zip(parameters, texts, whiskers, strict=True):
+    rows: list[tuple[str | Marked | Bar, ...]] = []
+    for each, row, bar in zip(parameters, texts, bars, strict=True):
         name = Marked(each.name, meaning=row["meaning"])
-        rows.append((name, row["value"], row["unit"], whisker, *(row[key] for key in headers)))
+        cells = (row[key] for key in headers)
+        rows.append((name, row["value"], row["unit"], badge_of(each), bar, *cells))
     table = PageTable(
         name="parameters",
         words=(2,),
-        headers=("", "value", "unit", Axis.of(whiskers), *headers.values()),
+        headers=("", "value", "unit", "", bars[0].axis, *headers.values()),
         rows=rows,
-        caption=forest_caption(whiskers),
+        caption=forest_caption(bars),
     )
     further = ", with the further terms below" if len(rows) > len(_COMPARED) + 1 else ""
     heavy = any(each.name == "p3" and (each.value or not each.known) for each in parameters)

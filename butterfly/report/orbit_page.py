@@ -17,7 +17,7 @@ from butterfly.model.parameters import LumpedParameters
 from butterfly.orbit.loop import PERIODS, OrbitStudy, Round
 from butterfly.report.figures import PALETTE, panel
 from butterfly.report.finding_texts import estimate_notes, estimate_verdict
-from butterfly.report.forest import Axis, Marks, forest, forest_caption
+from butterfly.report.forest import Marks, forest, forest_caption
 from butterfly.report.format import interval, with_error
 from butterfly.report.numbers import estimate_numbers
 from butterfly.report.page import Fact, Page, PageTable, Section
@@ -176,15 +176,15 @@ def _parameters_table(study: OrbitStudy, truth: LumpedParameters | None) -> Page
         marks.append(Marks(value=value, lower=limits[0], upper=limits[1], true=true))
         cells = (interval(*limits), f"{error:#.2g}", before, "" if true is None else f"{true:.6g}")
         texts.append((shown, with_error(value, error), cells))
-    whiskers = forest(marks)
-    axis = Axis.of(whiskers)
+    bars = forest(marks)
+    axis = bars[0].axis
     return PageTable(
         headers=("", "value", axis, "95 % interval", "standard error", "at first", "true"),
         rows=[
-            (name, value, whisker, *cells)
-            for (name, value, cells), whisker in zip(texts, whiskers, strict=True)
+            (name, value, bar, *cells)
+            for (name, value, cells), bar in zip(texts, bars, strict=True)
         ],
-        caption=f"{forest_caption(whiskers)} SI units; ratios if the added mass was not changed. "
+        caption=f"{forest_caption(bars)} SI units; ratios if the added mass was not changed. "
         "Intervals include the leave-one-run-out estimates.",
     )
 
