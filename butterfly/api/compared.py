@@ -68,7 +68,7 @@ class Compared(Tabulated):
                         **about_log(each.log),
                         **{f"FIT {name} in %": fit for name, fit in each.fits.items()},
                         f"simulators apart in {way}": each.difference,
-                        **_gains(each),
+                        **_responses(each),
                         **residual_row(log),
                     }
                     for each, log in zip(compared, own, strict=True)
@@ -81,7 +81,7 @@ class Compared(Tabulated):
 
     def figures(self) -> dict[str, Figure]:
         """Return the figures of its page, by name."""
-        sines = any(row["gain MuJoCo"] is not None for row in self.rows())
+        sines = any(row["phase error MuJoCo in °"] is not None for row in self.rows())
         return super().figures() | ({"frequency": self.plot.frequencies()} if sines else {})
 
     def facts(self) -> list[Fact]:
@@ -102,13 +102,13 @@ class Compared(Tabulated):
         ]
 
 
-def _gains(each: ThreeWay) -> dict[str, float]:
-    """Return the steady responses of the simulators over that of the log."""
+def _responses(each: ThreeWay) -> dict[str, float]:
+    """Return how the steady responses of the simulators differ from that of the log."""
     cells = {}
     for name in each.fits:
         gain = each.gains.get(name, complex(np.nan, np.nan))
-        cells[f"gain {name}"] = float(np.abs(gain))
-        cells[f"phase {name} in °"] = float(np.degrees(np.angle(gain)))
+        cells[f"amplitude error {name} in %"] = float(100 * (np.abs(gain) - 1))
+        cells[f"phase error {name} in °"] = float(np.degrees(np.angle(gain)))
     return cells
 
 

@@ -76,7 +76,9 @@ class Drawn(Answer):
         """Return the figures of its page, by name."""
         from butterfly.report.corner import corner_figure  # noqa: PLC0415 - slow to import
 
-        return corner_figure(self.rows())
+        units = {name.removeprefix("rows."): unit for name, unit in self.units.items()}
+        drawn = corner_figure(self.rows(), units)
+        return {} if drawn is None else {"corner": drawn}
 
     def facts(self) -> list[Fact]:
         """Return the numbers that matter most."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from html import escape
 
@@ -73,8 +74,8 @@ class IdentificationPlots:
             x, y = [], []
             for place, bar, size in zip(places, bars, sizes, strict=True):
                 if size is not None:
-                    x += [bar.axis.decades[0], bar.axis.clipped(size), None]
-                    y += [place + below, place + below, None]
+                    x += [bar.axis.decades[0], bar.axis.clipped(size), math.nan]
+                    y += [place + below, place + below, math.nan]
             line = {"color": colour, "width": width}
             if x:
                 figure.add_scatter(x=x, y=y, mode="lines", name=name, line=line, hoverinfo="x")

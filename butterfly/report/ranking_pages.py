@@ -81,7 +81,7 @@ class TablePlots:
     def frequencies(self) -> Figure:
         """Draw how the simulators' steady responses differ from the logs', by added mass."""
         figure = panels("frequency in rad/s", ("amplitude error in %", "phase error in °"), 480)
-        rows = [row for row in self.result.rows() if row["gain MuJoCo"] is not None]
+        rows = [row for row in self.result.rows() if row["phase error MuJoCo in °"] is not None]
         masses = sorted({row["added mass in kg"] for row in rows})
         for (number, mass), name in product(enumerate(masses), _SIMULATORS):
             (colour, symbol), (mark, size) = look(number), _SIMULATORS[name]
@@ -92,10 +92,11 @@ class TablePlots:
                 "marker": {"color": colour, "symbol": symbol + mark, "size": size},
             }
             omega = [row["frequency in rad/s"] for row in own]
-            sizes = [100 * (row[f"gain {name}"] - 1) for row in own]
-            add(figure, 1, omega, sizes, hovertemplate="%{x:.3g} rad/s: %{y:.4g} %", **style)
-            phases, style["showlegend"] = [row[f"phase {name} in °"] for row in own], False
-            add(figure, 2, omega, phases, hovertemplate="%{x:.3g} rad/s: %{y:.4g}°", **style)
+            for row, (what, unit) in enumerate((("amplitude", " %"), ("phase", "°")), start=1):
+                errors = [log[f"{what} error {name} in {unit.strip()}"] for log in own]
+                hover = f"%{{x:.3g}} rad/s: %{{y:.4g}}{unit}"
+                style |= {"showlegend": row == 1, "hovertemplate": hover}
+                add(figure, row, omega, errors, **style)
         return figure
 
     def leaderboard(self) -> Figure:
