@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from plotly.graph_objects import Figure
 
-    from butterfly.report.page import Fact, Page
+    from butterfly.report.page import Fact, Page, PageTable
 
 SCHEMA_NUMBER = 2
 """Schema of a document; raised when older programs cannot read it."""
@@ -98,6 +98,15 @@ class TextTable(NamedTuple):
             for each in section.tables
         )
 
+    def on_page(self) -> PageTable:
+        """Return it as a page has it."""
+        from butterfly.report.page import PageTable  # noqa: PLC0415 - a view
+
+        rows = [(*map(str, row),) for row in self.rows]
+        columns = range(len(self.headers))
+        words = (k for k in columns if any(row[k][:1].isalpha() for row in rows))
+        return PageTable(headers=tuple(self.headers), rows=rows, words=tuple(words))
+
 
 class Result(ABC):
     """A result that can be printed, tabulated, saved and reported."""
@@ -107,6 +116,9 @@ class Result(ABC):
 
     short: ClassVar[bool] = False
     """Whether `print` shows its table."""
+
+    brief: ClassVar[bool] = False
+    """Whether a command prints its rows with --verbose alone, below them `further` tables."""
 
     schema_number: ClassVar[int] = SCHEMA_NUMBER
     """Schema of its JSON; raised when older programs cannot read it."""
@@ -155,11 +167,15 @@ class Result(ABC):
         return list(self.summary)
 
     def tables(self) -> list[TextTable]:
-        """Return the tables that a command prints below the summary."""
+        """Return the tables that a command prints below the summary: its rows, and `further`."""
         rows = self.shown_rows()
-        if not rows:
-            return []
-        return [TextTable(self.title, tuple(rows[0]), [tuple(row.values()) for row in rows])]
+        lines = [tuple(row.values()) for row in rows]
+        own = [TextTable(self.title, tuple(rows[0]), lines, self.brief)] if rows else []
+        return [*own, *self.further()]
+
+    def further(self) -> list[TextTable]:
+        """Return the tables besides its rows."""
+        return []
 
     def shown_lines(self) -> list[str]:
         """Return the table as `print` shows it, numbers right-aligned; nothing if not `short`."""
@@ -226,13 +242,14 @@ class Result(ABC):
 
     def page(self) -> Page:
         """Return the page of `report`."""
-        from butterfly.report.page import Page, PageTable, Section  # noqa: PLC0415 - a view
+        from butterfly.report.page import Page, Section  # noqa: PLC0415 - a view
 
-        rows, figures = self.shown_rows(), self.figures()
-        headers = tuple(rows[0]) if rows else ()
-        lines = [tuple(row.values()) for row in rows]
-        words = [k for k in range(len(headers)) if any(line[k][:1].isalpha() for line in lines)]
-        table, numbers = PageTable(headers=headers, rows=lines, words=tuple(words)), self.to_dict()
+        figures, numbers = self.figures(), self.to_dict()
+        tables = [each._replace(title="In numbers") for each in Result.tables(self)[:1]]
+        sections = [
+            Section(title=each.title, tables=(each.on_page(),))
+            for each in (*tables, *self.further())
+        ]
         return Page(
             name=self.title,
             description=(numbers.get("data") or {}).get("description", ""),
@@ -241,7 +258,7 @@ class Result(ABC):
             verdict=self.judged,
             facts=self.facts(),
             lead=Section(title="At a glance", figures=figures) if figures else None,
-            sections=[Section(title="In numbers", tables=(table,))],
+            sections=sections,
             numbers=numbers,
         )
 

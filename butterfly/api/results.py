@@ -92,6 +92,7 @@ class Validated(Tabulated):
     """FIT of an estimator on fitted and on held-out logs."""
 
     kind: ClassVar[str] = "validation"
+    brief: ClassVar[bool] = True
 
     @classmethod
     def of(
@@ -140,7 +141,7 @@ class Validated(Tabulated):
             units={"fit": "%", "fit.horizon": "s", "fits": "%", "held_out": "%"},
         )
 
-    def tables(self) -> list[TextTable]:
+    def further(self) -> list[TextTable]:
         """Return the FITs, the estimates without each part, and intervals by bootstrap."""
         content, rows, about = self.content, self.rows(), self.content["data"]
         fits, without = content["fit"], content["left_out_together"]

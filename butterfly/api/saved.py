@@ -10,6 +10,7 @@ from typing import Any
 
 from butterfly.api.changed import Changed
 from butterfly.api.compared import Compared, Leaderboard
+from butterfly.api.experiments import Run, Sweep
 from butterfly.api.identification import Identification
 from butterfly.api.predicted import Drawn, Predicted
 from butterfly.api.results import Designed, Residual, Selection, Validated
@@ -22,7 +23,7 @@ from butterfly.result import Answer, Result
 
 _SAVED: tuple[type[Identification | Answer], ...] = (
     *(Identification, Validated, Designed, Selection, Compared, Leaderboard),
-    *(Predicted, Drawn, Separated, Changed, Residual),
+    *(Predicted, Drawn, Separated, Changed, Residual, Run, Sweep),
 )
 _KINDS = {f"butterfly.{each.kind}": each for each in _SAVED}
 

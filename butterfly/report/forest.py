@@ -4,26 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from butterfly.identification.parameter import Parameter
 
 MOST = 100.0
 """Per cent of the value at which the axis ends: beyond it a value may be 0."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Marks:
-    """What a row of a forest plot shows, of anything that is no `Parameter`."""
-
-    value: float
-    lower: float | None
-    upper: float | None
-    true: float | None = None
-    known: bool = False
-    least_left_out: float | None = None
-    largest_left_out: float | None = None
 
 
 class Axis(NamedTuple):
@@ -63,7 +49,7 @@ class Bar(NamedTuple):
         return ""
 
 
-def forest(rows: Sequence[Parameter | Marks]) -> list[Bar]:
+def forest(rows: Sequence[Parameter]) -> list[Bar]:
     """Return the rows of an estimate's table as bars on one axis, which ends at 100 % at most."""
     found = []
     for row in rows:

@@ -19,7 +19,7 @@ from butterfly.logs.manifest import read_manifest
 from butterfly.model.linear import quasi_linear_response
 from butterfly.report.figures import grams, mass_looks, seen_samples
 from butterfly.report.finding_texts import estimate_verdict
-from butterfly.report.forest import Marks, forest
+from butterfly.report.forest import forest
 from butterfly.report.identification_figures import swings_between
 from butterfly.report.inspection import health_rows, inspection_page
 from butterfly.report.log_figures import (
@@ -198,13 +198,19 @@ def test_a_long_curve_keeps_its_peaks_when_it_is_thinned():
     assert seen_samples(curves, 1000, every=200).tolist() == list(range(0, 100_000, 200))
 
 
+def _row(**numbers):
+    """A parameter of a table."""
+    about = {"name": "p2", "meaning": "friction", "unit": "N m s/rad", "standard_error": 0.1}
+    return Parameter(**about | numbers)
+
+
 def test_all_half_widths_are_on_one_logarithmic_axis_in_per_cent_of_their_values():
-    sure = Marks(value=2.0, lower=1.9998, upper=2.0004, true=2.0001)
-    wide = Marks(
+    sure = _row(value=2.0, lower=1.9998, upper=2.0004, true=2.0001)
+    wide = _row(
         value=1e-3, lower=0.7e-3, upper=1.2e-3, least_left_out=0.9e-3, largest_left_out=1e-3
     )
-    idle = Marks(value=0.1, lower=-0.3, upper=0.5)
-    rows = forest([sure, wide, idle, Marks(value=1.0, lower=1.0, upper=1.0, known=True)])
+    idle = _row(value=0.1, lower=-0.3, upper=0.5)
+    rows = forest([sure, wide, idle, _row(value=1.0, lower=1.0, upper=1.0, known=True)])
     (axis,) = {each.axis for each in rows}
     assert axis.decades == [0.01, 0.1, 1.0, 10.0, 100.0]
     assert rows[0].half_width == pytest.approx(0.02)
@@ -216,9 +222,9 @@ def test_all_half_widths_are_on_one_logarithmic_axis_in_per_cent_of_their_values
     assert axis.place(rows[0].true) == 0.0  # at the edge
     assert rows[3].half_width is None
     for value in (0.0, np.nan):
-        (row,) = forest([Marks(value=value, lower=-np.inf, upper=1.0)])
+        (row,) = forest([_row(value=value, lower=-np.inf, upper=1.0)])
         assert row.half_width is None
-    assert forest([Marks(value=0.0, lower=-1.0, upper=1.0)])[0].axis.decades == [10.0, 100.0]
+    assert forest([_row(value=0.0, lower=-1.0, upper=1.0)])[0].axis.decades == [10.0, 100.0]
 
 
 @pytest.mark.parametrize(
@@ -234,9 +240,7 @@ def test_all_half_widths_are_on_one_logarithmic_axis_in_per_cent_of_their_values
     ],
 )
 def test_a_badge_says_how_well_a_parameter_is_known(about, badge):
-    plain = {"name": "p2", "meaning": "friction", "unit": "N m s/rad", "value": 1.0}
-    plain |= {"standard_error": 0.1, "lower": 0.95, "upper": 1.05, "claim": "rough"}
-    parameter = Parameter(**plain | about)
+    parameter = _row(**{"value": 1.0, "lower": 0.95, "upper": 1.05, "claim": "rough"} | about)
     assert badge_of(parameter).text == parameter_texts(parameter)["mark"] == badge
 
 
@@ -339,9 +343,7 @@ def test_labels_of_logs_are_no_markup_in_figures(simulated):
 
 
 def test_a_value_of_0_inside_its_interval_may_be_0():
-    about = {"name": "p2", "meaning": "friction", "unit": "N m s/rad"}
-    parameter = Parameter(**about, value=0.0, standard_error=0.1, lower=0.0, upper=0.2)
-    assert parameter_texts(parameter)["width"] == "may be 0"
+    assert parameter_texts(_row(value=0.0, lower=0.0, upper=0.2))["width"] == "may be 0"
 
 
 def test_the_forest_plot_has_every_parameter(simulated):
