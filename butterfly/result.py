@@ -90,13 +90,13 @@ class TextTable(NamedTuple):
     detail: bool = False  # whether it is printed with --verbose alone
 
     @classmethod
-    def of_page(cls, page: Page) -> tuple[TextTable, ...]:
-        """Return the tables of a page's sections."""
-        return tuple(
-            cls(section.title, [*map(str, each.headers)], [[*map(str, row)] for row in each.rows])
-            for section in page.sections
-            for each in section.tables
-        )
+    def of_page(cls, page: Page) -> list[dict[str, Any]]:
+        """Return the tables of a page's sections, as JSON can hold them."""
+        found = ((section.title, each) for section in page.sections for each in section.tables)
+        return [
+            cls(title, [*map(str, each.headers)], [[*map(str, row)] for row in each.rows])._asdict()
+            for title, each in found
+        ]
 
     def on_page(self) -> PageTable:
         """Return it as a page has it."""

@@ -16,6 +16,7 @@ from butterfly.identification.diagnostics.residuals import Residuals, residual_u
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.parameter import or_nan
+from butterfly.model.parameters import JointKind
 from butterfly.model.terms import PARAMETERS
 from butterfly.report.finding_texts import estimate_verdict
 from butterfly.report.format import counted, fit_text
@@ -86,18 +87,12 @@ class Compared(Tabulated):
 
     def facts(self) -> list[Fact]:
         """Return the numbers that matter most."""
-        rows = self.rows()
-        columns = {
-            key: np.array([or_nan(row[key]) for row in rows]) for key in rows[0] if " in " in key
-        }
-        (apart,) = (key for key in columns if key.startswith("simulators apart in "))
+        rows, way = self.rows(), JointKind(self.content["data"]["joint"]).way
+        apart = max(or_nan(row[f"simulators apart in {way}"]) for row in rows)
         return [
-            *(
-                Fact(key.removesuffix(" in %"), f"{np.median(fits):.2f} %", "median")
-                for key, fits in columns.items()
-                if key.startswith("FIT ")
-            ),
-            Fact("MuJoCo − grey box", f"{columns[apart].max():.2g} {apart.split()[-1]}", "at most"),
+            *self.fit_facts("FIT MuJoCo in %", "of MuJoCo"),
+            *self.fit_facts("FIT grey box in %", "of the grey box"),
+            Fact("MuJoCo − grey box", f"{apart:.2g} {way}", "largest difference"),
             Fact("logs compared", str(len(rows)), f"of {self.content['data']['logs']}"),
         ]
 

@@ -223,7 +223,7 @@ def run(
         f"{summary.unsuccessful} failed."
     )
     return Sweep.from_dict(
-        page.numbers | {"tables": [each._asdict() for each in TextTable.of_page(page)]},
+        page.numbers | {"tables": TextTable.of_page(page)},
         unsuccessful=summary.unsuccessful,
         note=counts,
         reports=(folder / "report.html",),
@@ -256,7 +256,7 @@ def _run_once(
     notes = {name: each.paragraphs()[len(each.verdict) :] for name, each in answers.items()}
     orbit: dict[str, Any] | None = None
     if page is not None:
-        orbit = page.numbers | {"tables": [each._asdict() for each in TextTable.of_page(page)]}
+        orbit = page.numbers | {"tables": TextTable.of_page(page)}
         notes |= {NEAR_ORBIT: orbit["summary"]}
     content = document(
         Run.kind,

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
+from statistics import mean, median
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -83,7 +84,7 @@ class Tabulated(Answer):
             return []
         worst = min(fits, key=lambda name: fits[name])
         return [
-            Fact(f"FIT {label}, median", f"{fit_text(float(np.median([*fits.values()])))} %"),
+            Fact(f"FIT {label}, median", f"{fit_text(median(fits.values()))} %"),
             Fact(f"FIT {label}, worst", f"{fit_text(fits[worst])} %", worst.rsplit("/", 1)[-1]),
         ]
 
@@ -144,14 +145,12 @@ class Validated(Tabulated):
     def further(self) -> list[TextTable]:
         """Return the FITs, the estimates without each part, and intervals by bootstrap."""
         content, rows, about = self.content, self.rows(), self.content["data"]
-        fits, without = content["fit"], content["left_out_together"]
-        lines = [
-            _fits_line("in sample", fits["seen"], [row[_SEEN] for row in rows]),
-            _fits_line(without, fits["left_out"], [row[_HELD_OUT] for row in rows]),
-        ]
-        if unused := [*content["held_out"].values()]:
-            numbers = FitSummary.of(np.array([*map(or_nan, unused)])).numbers()
-            lines.append(_fits_line("held out by name", numbers, unused))
+        fits = {
+            "in sample": [row[_SEEN] for row in rows],
+            content["left_out_together"]: [row[_HELD_OUT] for row in rows],
+            "held out by name": [*content["held_out"].values()],
+        }
+        lines = [(name, *_fit_cells(each)) for name, each in fits.items() if each]
         found = {name: row["value"] for name, row in content["parameters"].items()}
         found |= content["unestimated"]
         whole = {name: found[name] for name in content["covariance"]["names"]}
@@ -164,7 +163,7 @@ class Validated(Tabulated):
             (name, *(cell_text(own.get(name)) for own in parts.values()), unit)
             for name, unit in units.items()
         ]
-        title = f"{about['name']}: FIT in %{FitSummary(**fits['seen']).over}"
+        title = f"{about['name']}: FIT in %{FitSummary(**content['fit']['seen']).over}"
         headers = ("", "median", "mean", "worst", f"above {_WELL} %")
         tables = [
             TextTable(title, headers, lines),
@@ -192,13 +191,11 @@ class Validated(Tabulated):
         ]
 
 
-def _fits_line(
-    name: str, numbers: Mapping[str, float | None], fits: Sequence[float | None]
-) -> tuple[str, ...]:
-    """Return a row of FITs in %: their numbers, and how many logs are predicted well."""
+def _fit_cells(fits: Sequence[float | None]) -> tuple[str, ...]:
+    """Return median, mean and worst FIT in %, and how many logs are predicted well."""
     known = [fit for fit in fits if fit is not None]
-    summary = (fit_text(numbers[key]) for key in ("median", "mean", "worst"))
-    return (name, *summary, f"{sum(fit > _WELL for fit in known)} of {len(known)}")
+    numbers = [of(known) for of in (median, mean, min)] if known else [None] * 3
+    return (*map(fit_text, numbers), f"{sum(fit > _WELL for fit in known)} of {len(known)}")
 
 
 class Designed(Tabulated):
@@ -236,14 +233,8 @@ class Designed(Tabulated):
         )
 
     def tables(self) -> list[TextTable]:
-        """Return the candidates with their ranks, two decimals of each number."""
-        rows = self.rows()
-        cells = [
-            [f"{v:.2f}" if isinstance(v, float) else cell_text(v) for v in row.values()]
-            for row in rows
-        ]
-        ranked = [(str(rank), *row) for rank, row in enumerate(cells, start=1)]
-        return [TextTable(self.title, ("", *rows[0]), ranked, detail=not self._helps)]
+        """Return the candidates; in detail if none helps."""
+        return [each._replace(detail=not self._helps) for each in super().tables()]
 
     @property
     def _helps(self) -> bool:

@@ -38,13 +38,11 @@ _OF_SPECTRUM = 250  # points, evenly over the logarithm of the frequency
 _MOST_SAMPLES = 2**20  # that a spectrum is taken of
 _MOST_RECORDED = 20_000  # samples drawn of each column of a log
 _DRAWN = 12  # logs at most, of which a page of predictions shows the course
+_BANDS = {OF_NEW_LOG: (PALETTE[4], 0.35), OF_PARAMETERS: (PALETTE[1], 0.8)}  # colour, opacity
 _SHADE = "rgba(128,128,128,0.25)"  # of the band
 _SIMULATED = {"color": PALETTE[1], "width": 7}  # so wide that it is seen below what was measured
 _MEASURED = {"color": PALETTE[0], "width": 2}
 _PERIODS = 5  # of a sine, at the end of a log, that are seen first
-
-BANDS = {OF_NEW_LOG: (PALETTE[4], 0.35), OF_PARAMETERS: (PALETTE[1], 0.8)}
-"""Colour and opacity of the bands of a prediction."""
 
 
 def recorded_figure(log: Log) -> Figure:
@@ -245,7 +243,7 @@ def band_figure(prediction: Prediction, *, measured: bool) -> Figure:
     there_and_back = np.concatenate([prediction.time, prediction.time[::-1]])
     for row, about in ((1, np.zeros_like(centre)), (2, centre)):
         common = {"mode": "lines", "showlegend": row == 1}
-        for name, (colour, opacity) in BANDS.items():
+        for name, (colour, opacity) in _BANDS.items():
             if name not in prediction.bands:
                 continue
             band = prediction.bands[name]

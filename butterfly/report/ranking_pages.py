@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 from itertools import product
@@ -23,7 +24,6 @@ from butterfly.report.figures import (
     panels,
 )
 from butterfly.report.format import fit_text, label_of
-from butterfly.report.log_figures import BANDS
 from butterfly.report.summary import medians_of
 from butterfly.result import Result
 
@@ -41,10 +41,24 @@ class TablePlots:
 
     def fits(self) -> Figure:
         """Draw every column of FITs, a point for each log."""
+        return self._by_log("FIT in %", [name for name in self._columns if name[:4] == "FIT "])
+
+    def shares(self) -> Figure:
+        """Draw the share of measured samples inside each band, a point for each log."""
+        names = [name for name in self._columns if name.endswith(": inside in %")]
+        figure = self._by_log("measured samples inside the band, in %", names[::-1])
+        figure.add_vline(x=95, line={"color": GREY, "width": 1, "dash": "dash"})
+        return figure.update_layout(showlegend=True).update_xaxes(range=[-2, 102])
+
+    @property
+    def _columns(self) -> list[str]:
+        return [*next(iter(self.result.rows()), {})]
+
+    def _by_log(self, title: str, columns: Sequence[str]) -> Figure:
+        """Draw columns in per cent, a row for each log."""
         rows = self.result.rows()
-        columns = [name for name in (rows[0] if rows else ()) if name.startswith("FIT")]
         labels = [*map(label_of, rows)]
-        figure = logs_panel(labels, "FIT in %")
+        figure = logs_panel(labels, title)
         for number, name in enumerate(columns):
             colour, symbol = look(number)
             marker = {"color": colour, "symbol": symbol + "-open" * (number % 2)}
@@ -58,25 +72,6 @@ class TablePlots:
                 hovertemplate="%{text}: %{x:.1f} %",
             )
         return figure
-
-    def shares(self) -> Figure:
-        """Draw the share of measured samples inside each band, a row for each log."""
-        rows = self.result.rows()
-        labels = [*map(label_of, rows)]
-        figure = logs_panel(labels, "measured samples inside the band, in %")
-        for name, (colour, _) in BANDS.items():
-            if (column := f"{name}: inside in %") in rows[0]:
-                figure.add_scatter(
-                    x=[row[column] for row in rows],
-                    y=list(range(len(rows))),
-                    text=[*map(escape, labels)],
-                    name=f"band of {name}",
-                    mode="markers",
-                    marker={"color": colour, "size": 8},
-                    hovertemplate="%{text}: %{x:.1f} %",
-                )
-        figure.add_vline(x=95, line={"color": GREY, "width": 1, "dash": "dash"})
-        return figure.update_layout(showlegend=True).update_xaxes(range=[-2, 102])
 
     def frequencies(self) -> Figure:
         """Draw how the simulators' steady responses differ from the logs', by added mass."""

@@ -213,6 +213,18 @@ def test_no_damage_passes_and_fails_later(few, tmp_path, part):
                 bf.changed(loaded, loaded)
 
 
+def test_a_log_without_a_fit_is_left_out_of_tiles_and_tables(results):
+    found = results["validation"]
+    content = json.loads(json.dumps(found.to_dict()))
+    worst = min(content["rows"], key=lambda row: row["FIT held out in %"])
+    worst["FIT held out in %"] = None
+    again = type(found).from_dict(content)
+    assert again.facts()[1].value != found.facts()[1].value
+    fits = again.tables()[1].rows
+    assert [row[-1] for row in fits] == ["4 of 4", "3 of 3"]
+    assert again.page().figures
+
+
 def test_what_has_no_verdict_says_none(results):
     found = results["validation"]
     content = {key: value for key, value in found.to_dict().items() if key != "verdict"}
