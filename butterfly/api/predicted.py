@@ -27,7 +27,6 @@ from butterfly.report.finding_texts import estimate_notes, estimate_verdict
 from butterfly.report.format import fit_text
 from butterfly.report.numbers import estimate_numbers
 from butterfly.report.page import Fact
-from butterfly.result import Answer
 from butterfly.twin.forms import DEFAULTS, Options
 
 if TYPE_CHECKING:
@@ -39,7 +38,7 @@ _DEFAULTS = {each.name: each.default for each in fields(LumpedParameters)}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Drawn(Answer):
+class Drawn(Tabulated):
     """Parameter draws of the bare joint in SI units: one row each, with equal weights."""
 
     kind: ClassVar[str] = "draws"
@@ -74,10 +73,7 @@ class Drawn(Answer):
 
     def figures(self) -> dict[str, Figure]:
         """Return the figures of its page, by name."""
-        from butterfly.report.corner import corner_figure  # noqa: PLC0415 - slow to import
-
-        units = {name.removeprefix("rows."): unit for name, unit in self.units.items()}
-        drawn = corner_figure(self.rows(), units)
+        drawn = self.plot.corner()
         return {} if drawn is None else {"corner": drawn}
 
     def facts(self) -> list[Fact]:

@@ -232,6 +232,14 @@ class Designed(Tabulated):
             units={"rows.mean": "1"} | {f"rows.{name}": "1" for name in found.names},
         )
 
+    def shown_rows(self) -> list[dict[str, str]]:
+        """Return the candidates with their ranks, two decimals of each number."""
+        return [
+            {"": str(rank)}
+            | {k: f"{v:.2f}" if isinstance(v, float) else cell_text(v) for k, v in row.items()}
+            for rank, row in enumerate(self.rows(), start=1)
+        ]
+
     def tables(self) -> list[TextTable]:
         """Return the candidates; in detail if none helps."""
         return [each._replace(detail=not self._helps) for each in super().tables()]

@@ -1,4 +1,4 @@
-"""Figures of tables: FITs of logs, methods and sets of terms, and ranked experiments."""
+"""Figures of tables: FITs of logs, methods and sets of terms, ranked experiments, draws."""
 
 from __future__ import annotations
 
@@ -10,8 +10,11 @@ from itertools import product
 from textwrap import wrap
 from typing import Any
 
+import numpy as np
 from plotly.graph_objects import Figure
+from plotly.subplots import make_subplots
 
+from butterfly.arrays import Samples
 from butterfly.identification.parameter import or_nan
 from butterfly.report.figures import (
     GREY,
@@ -23,12 +26,15 @@ from butterfly.report.figures import (
     panel,
     panels,
 )
-from butterfly.report.format import fit_text, label_of
+from butterfly.report.format import fit_text, label_of, with_error
 from butterfly.report.summary import medians_of
 from butterfly.result import Result
 
 _ROW = 52  # pixels of an estimator
 _SIMULATORS = {"MuJoCo": ("-open", 12), "grey box": ("", 5)}  # symbol and size of their marks
+_MOST = 6  # parameters against each other
+_CELL = 140  # pixels of a panel of two parameters
+_BINS = 24  # of a histogram
 _BROAD = 32  # letters of a line that names an experiment
 _LEAST = 1e-3  # % that a FIT lacks at least, to be drawn
 
@@ -94,6 +100,31 @@ class TablePlots:
                 add(figure, row, omega, errors, **style)
         return figure
 
+    def corner(self) -> Figure | None:
+        """Draw the first parameters that vary: each alone, and below against each other."""
+        rows, units = self.result.rows(), self.result.to_dict()["units"]
+        columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+        names = [name for name, values in columns.items() if np.ptp(values) > 0][:_MOST]
+        if not names:
+            return None
+        size = len(names)
+        figure = make_subplots(size, size, horizontal_spacing=0.02, vertical_spacing=0.02)
+        looks = {name: _axis(columns[name], f"{name} in {units[f'rows.{name}']}") for name in names}
+        for row, up in enumerate(names, start=1):
+            for column, across in enumerate(names[:row], start=1):
+                place, x, y = {"row": row, "col": column}, columns[across], columns[up]
+                style = {"mode": "markers", "marker": {"color": PALETTE[0], "size": 3}}
+                own = looks[up] if column == 1 else {}
+                if row == column:
+                    counts, edges = np.histogram(x, _BINS)
+                    x, y = np.repeat(edges, 2), np.concatenate([[0], np.repeat(counts, 2), [0]])
+                    style, own = {"mode": "lines", "line": {"color": PALETTE[0], "width": 1.4}}, {}
+                figure.add_scatter(x=x, y=y, **style, **place)
+                figure.update_xaxes(showticklabels=row == size, **place)
+                figure.update_xaxes(looks[across] if row == size else {}, **place)
+                figure.update_yaxes({"showticklabels": bool(own), **own}, **place)
+        return figure.update_layout(height=_CELL * size + 110, showlegend=False)
+
     def leaderboard(self) -> Figure:
         """Draw what each estimator lacks of a FIT of 100 %, so that good ones are told apart."""
         rows = self.result.rows()
@@ -154,3 +185,10 @@ class TablePlots:
             hovertemplate="%{hovertext}: %{x:.3g} %<extra></extra>",
             marker={"color": PALETTE[0], "size": 9},
         )
+
+
+def _axis(values: Samples, title: str) -> dict[str, Any]:
+    """Return the look of an axis, which names the mean and the standard deviation."""
+    mean, spread = float(np.mean(values)), float(np.std(values))
+    text = f"{with_error(mean, spread)}<br>± {spread:.2g}"
+    return {"title": {"text": title}, "tickvals": [mean], "ticktext": [text]}

@@ -32,15 +32,13 @@ def test_a_prediction_has_rows_bands_and_the_verdict(predicted, data, result):
         assert sentence in predicted.summary
 
 
-def test_the_page_of_a_prediction_shows_bands_in_time_unless_it_was_loaded(predicted, tmp_path):
+def test_the_page_of_a_prediction_shows_bands_in_time(predicted, tmp_path):
     predicted.report(tmp_path / "p.html")
     page = (tmp_path / "p.html").read_text(encoding="utf-8")
     assert "In time" in page
     assert page.count("data-figure=") == 2
     assert page.count("<option") == 9
     assert json.loads((tmp_path / "p.json").read_text())["schema"] == "butterfly.prediction"
-    predicted.save(tmp_path / "saved.json")
-    assert bf.load(tmp_path / "saved.json").predictions == ()
 
 
 def test_an_experiment_is_predicted_by_its_inputs_alone(quick, result):
@@ -97,6 +95,7 @@ def test_draws_are_files_a_frame_models_and_a_batch(few, tmp_path):
     assert bf.draws(few, 3, seed=3).rows() == drawn.rows()
     assert len(bf.draws(few, LEAST + 1).rows()) == LEAST + 1
     assert all(isinstance(each, LumpedParameters) for each in drawn.parameters)
+    assert len(drawn.figures()["corner"].data) == 21  # of 6 parameters, and pairs of them
     for name in ("draws.csv", "draws.parquet", "models"):
         drawn.write(tmp_path / name)
     with (tmp_path / "draws.csv").open(encoding="utf-8", newline="") as file:

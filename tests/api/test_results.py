@@ -19,7 +19,7 @@ from butterfly.identification.estimators import OutputError
 from butterfly.identification.splits import Split
 from butterfly.identification.validate import cross_validate
 from butterfly.logs.mat import write_mat
-from tests.api.conftest import results_of
+from tests.api.conftest import OF_ESTIMATE, OTHERS, results_of
 from tests.verdicts import follow_nothing
 
 
@@ -30,13 +30,6 @@ def test_a_zero_is_told_of_logs_and_of_whatever_is_read(quick_data, data):
         assert told.unread == []
     with pytest.raises(bf.InputError, match="zero"):
         bf.read(data, zero="left")
-
-
-KINDS = [
-    *("identification", "physical", "validation", "design", "comparison", "prediction", "draws"),
-    *("residual", "selection", "leaderboard", "change", "planned"),
-]
-WITHOUT_ESTIMATE = {"leaderboard", "change"}  # of which they would be one
 
 
 def shown(result):
@@ -50,10 +43,10 @@ def shown(result):
     )
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", [*OF_ESTIMATE, *OTHERS])
 def test_a_result_says_its_verdict_first_shows_saves_and_reports_itself(results, kind, tmp_path):
     each = results[kind]
-    if kind not in WITHOUT_ESTIMATE:
+    if kind not in {"leaderboard", "change"}:  # which rest on several
         assert each.standing == each.to_dict()["verdict"] == "good"
         lines = each.page().verdict.lines
         assert tuple(each.verdict[:2]) == each.summary[:2] == lines
@@ -73,19 +66,13 @@ def test_a_result_says_its_verdict_first_shows_saves_and_reports_itself(results,
     assert (tmp_path / "page.html").stat().st_size > least
 
 
-def test_a_result_not_to_be_used_says_so_in_its_repr_its_words_and_its_file(
-    few, monkeypatch, tmp_path
-):
+def test_a_result_not_to_be_used_says_so_in_its_repr_and_its_words(few, monkeypatch):
     follow_nothing(monkeypatch)
     for each in results_of(bf.identify(few.data, terms=())).values():
         assert each.standing == "do not use"
         assert each.verdict[0].startswith("Do not use: ")
         assert str(each).splitlines()[1] == each.verdict[0]
         assert ", do not use" in repr(each)
-        each.save(tmp_path / f"{each.kind}.json")
-        again = bf.load(tmp_path / f"{each.kind}.json")
-        assert again.judged == each.judged
-        assert repr(again) == repr(each)
 
 
 def test_the_table_of_parameters_is_aligned_and_has_values_units_and_intervals(result):
@@ -220,8 +207,7 @@ def test_a_log_without_a_fit_is_left_out_of_tiles_and_tables(results):
     worst["FIT held out in %"] = None
     again = type(found).from_dict(content)
     assert again.facts()[1].value != found.facts()[1].value
-    fits = again.tables()[1].rows
-    assert [row[-1] for row in fits] == ["4 of 4", "3 of 3"]
+    assert [row[-1] for row in again.tables()[1].rows] == ["4 of 4", "3 of 3"]
     assert again.page().figures
 
 
@@ -268,10 +254,8 @@ def test_what_the_tables_hold_is_what_the_verbs_find(data, results):
     ]
 
 
-def test_the_rows_of_a_choice_are_sets_of_terms_those_of_a_robot_its_parameters(data, quick):
-    logs = data.take([0, 2, 3, 5, 6, 8]).logs
-    coarse = [log.take(np.arange(0, log.time.size, 3)) for log in logs]
-    chosen = bf.select(bf.read(coarse), "weak-form", candidates=("drag",), nested=True)
+def test_the_rows_of_a_choice_are_sets_of_terms_those_of_a_robot_its_parameters(results, quick):
+    chosen = results["selection"]
     assert "in turn, the terms predict what was left out with a mean FIT of 9" in chosen.notes[-1]
     first, shown = chosen.rows()[0], chosen.shown_rows()[0]
     assert (first["terms"], shown["terms"]) == ([], "none")
