@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 import platform
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import version
 from os import PathLike
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from plotly.graph_objects import Figure
 
-    from butterfly.report.page import Fact, Page
+    from butterfly.report.page import Fact, Page, PageTable
 
 SCHEMA_NUMBER = 2
 """Schema of a document; raised when older programs cannot read it."""
@@ -90,13 +90,22 @@ class TextTable(NamedTuple):
     detail: bool = False  # whether it is printed with --verbose alone
 
     @classmethod
-    def of_page(cls, page: Page) -> tuple[TextTable, ...]:
-        """Return the tables of a page's sections."""
-        return tuple(
-            cls(section.title, [*map(str, each.headers)], [[*map(str, row)] for row in each.rows])
-            for section in page.sections
-            for each in section.tables
-        )
+    def of_page(cls, page: Page) -> list[dict[str, Any]]:
+        """Return the tables of a page's sections, as JSON can hold them."""
+        found = ((section.title, each) for section in page.sections for each in section.tables)
+        return [
+            cls(title, [*map(str, each.headers)], [[*map(str, row)] for row in each.rows])._asdict()
+            for title, each in found
+        ]
+
+    def on_page(self) -> PageTable:
+        """Return it as a page has it."""
+        from butterfly.report.page import PageTable  # noqa: PLC0415 - a view
+
+        rows = [(*map(str, row),) for row in self.rows]
+        columns = range(len(self.headers))
+        words = (k for k in columns if any(row[k][:1].isalpha() for row in rows))
+        return PageTable(headers=tuple(self.headers), rows=rows, words=tuple(words))
 
 
 class Result(ABC):
@@ -107,6 +116,9 @@ class Result(ABC):
 
     short: ClassVar[bool] = False
     """Whether `print` shows its table."""
+
+    brief: ClassVar[bool] = False
+    """Whether a command prints its rows with --verbose alone, below them `further` tables."""
 
     schema_number: ClassVar[int] = SCHEMA_NUMBER
     """Schema of its JSON; raised when older programs cannot read it."""
@@ -155,11 +167,15 @@ class Result(ABC):
         return list(self.summary)
 
     def tables(self) -> list[TextTable]:
-        """Return the tables that a command prints below the summary."""
+        """Return the tables that a command prints below the summary: its rows, and `further`."""
         rows = self.shown_rows()
-        if not rows:
-            return []
-        return [TextTable(self.title, tuple(rows[0]), [tuple(row.values()) for row in rows])]
+        lines = [tuple(row.values()) for row in rows]
+        own = [TextTable(self.title, tuple(rows[0]), lines, self.brief)] if rows else []
+        return [*own, *self.further()]
+
+    def further(self) -> list[TextTable]:
+        """Return the tables besides its rows."""
+        return []
 
     def shown_lines(self) -> list[str]:
         """Return the table as `print` shows it, numbers right-aligned; nothing if not `short`."""
@@ -226,23 +242,24 @@ class Result(ABC):
 
     def page(self) -> Page:
         """Return the page of `report`."""
-        from butterfly.report.page import Page, PageTable, Section  # noqa: PLC0415 - a view
+        from butterfly.report.page import Page, Section  # noqa: PLC0415 - a view
 
-        rows, figures = self.shown_rows(), self.figures()
-        headers = tuple(rows[0]) if rows else ()
-        lines = [tuple(row.values()) for row in rows]
-        words = [k for k in range(len(headers)) if any(line[k][:1].isalpha() for line in lines)]
-        table = PageTable(headers=headers, rows=lines, words=tuple(words))
+        figures, numbers = self.figures(), self.to_dict()
+        tables = [each._replace(title="In numbers") for each in Result.tables(self)[:1]]
+        sections = [
+            Section(title=each.title, tables=(each.on_page(),))
+            for each in (*tables, *self.further())
+        ]
         return Page(
             name=self.title,
-            description="",
+            description=(numbers.get("data") or {}).get("description", ""),
             kind=self.kind,
             summary=self.notes,
             verdict=self.judged,
             facts=self.facts(),
             lead=Section(title="At a glance", figures=figures) if figures else None,
-            sections=[Section(title="In numbers", tables=(table,))],
-            numbers=self.to_dict(),
+            sections=sections,
+            numbers=numbers,
         )
 
     def __str__(self) -> str:
@@ -263,24 +280,25 @@ class Result(ABC):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Answer(Result):
-    """A result that is its JSON, and how a command prints and draws it."""
+    """A result that is its JSON: all that is printed and drawn of it comes from there."""
 
     table: ClassVar[str] = "rows"
     """Key of its rows."""
 
     title: str
     summary: tuple[str, ...] = ()
-    content: dict[str, Any]  # of `to_dict` besides `HEAD`
+    content: dict[str, Any]  # of `to_dict` besides `HEAD`; None means unknown
     judged: Verdict | None = None
     units: dict[str, str] = field(default_factory=dict)
     printed: tuple[TextTable, ...] = ()  # by a command; default: its rows
-    live: Page | None = None  # that draws it; None for a loaded result
+    live: Callable[[Page], Page] | None = None  # adds figures of the logs; None if loaded
 
     def __post_init__(self) -> None:
-        """Say what a stopped search skipped."""
+        """Say what a stopped search skipped, and hold what a file would."""
         stopped = current_search().sentence
         if stopped and stopped not in self.summary:
             object.__setattr__(self, "summary", (*self.summary, stopped))
+        object.__setattr__(self, "content", finite(self.content))
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any], **more: Any) -> Self:  # noqa: ANN401 - own fields
@@ -316,17 +334,16 @@ class Answer(Result):
 
     def page(self) -> Page:
         """Return the page of `report`."""
-        return self.live or super().page()
-
-    def drawn_as(self, page: Page) -> Self:
-        """Return the same with a page; a command prints its tables unless there are others."""
-        return replace(self, live=page, printed=self.printed or TextTable.of_page(page))
+        plain = super().page()
+        return plain if self.live is None else self.live(plain)
 
 
 def cell_text(value: object) -> str:
     """Return a cell formatted for reading."""
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return "–"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
     if isinstance(value, float) and value.is_integer() and abs(value) < _WHOLE:
         return f"{value:.0f}"
     return f"{value:.{_SIGNIFICANT}g}" if isinstance(value, float) else str(value)

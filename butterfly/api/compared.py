@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -14,6 +15,8 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.residuals import Residuals, residual_units
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.inference.estimate import Estimate
+from butterfly.identification.parameter import or_nan
+from butterfly.model.parameters import JointKind
 from butterfly.model.terms import PARAMETERS
 from butterfly.report.finding_texts import estimate_verdict
 from butterfly.report.format import counted, fit_text
@@ -42,13 +45,16 @@ class Compared(Tabulated):
         found: Estimate,
     ) -> Compared:
         """Tabulate logs, each simulated twice, and their residuals."""
-        from butterfly.report.residual import residual_sentences  # noqa: PLC0415 - slow to import
-        from butterfly.report.three_way_page import three_way_page  # noqa: PLC0415 - slow to import
+        from butterfly.report.residual import (  # noqa: PLC0415 - slow to import
+            residual_row,
+            residual_sentences,
+        )
+        from butterfly.report.three_way_page import with_courses  # noqa: PLC0415 - slow to import
 
         verdict, way = estimate_verdict(found), data.joint.way
         judged = {log.name: log for log in residuals.logs}
         own = tuple(judged[each.log.name] for each in compared)
-        result = cls(
+        return cls(
             title=f"MuJoCo, grey-box model and logs of {data.name!r}",
             summary=(
                 *verdict.lines,
@@ -63,36 +69,42 @@ class Compared(Tabulated):
                         **about_log(each.log),
                         **{f"FIT {name} in %": fit for name, fit in each.fits.items()},
                         f"simulators apart in {way}": each.difference,
-                        **{f"gain {name}": abs(gain) for name, gain in each.gains.items()},
-                        "error in % of the motion": 100 * judged[each.log.name].relative,
-                        "outside its bands": judged[each.log.name].outside,
-                        "residual over sensors": judged[each.log.name].times,
-                        "missing terms explain in %": 100 * judged[each.log.name].share,
+                        **_responses(each),
+                        **residual_row(log),
                     }
-                    for each in compared
-                ],
-                "logs": [
-                    {
-                        "log": each.log.name,
-                        "fit": each.fits,
-                        "largest_difference": each.difference,
-                        "gain_ratio": {
-                            name: [abs(gain), float(np.angle(gain))]
-                            for name, gain in each.gains.items()
-                        },
-                    }
-                    for each in compared
+                    for each, log in zip(compared, own, strict=True)
                 ],
                 "residuals": residual_numbers(residuals, found),
             },
-            units={
-                "logs.fit": "%",
-                "logs.largest_difference": way,
-                "logs.gain_ratio": "1, rad",
-                **residual_units(data.joint),
-            },
+            units=residual_units(data.joint),
+            live=partial(with_courses, compared, own),
         )
-        return result.drawn_as(three_way_page(data, compared, residuals, result))
+
+    def figures(self) -> dict[str, Figure]:
+        """Return the figures of its page, by name."""
+        sines = any(row["phase error MuJoCo in °"] is not None for row in self.rows())
+        return super().figures() | ({"frequency": self.plot.frequencies()} if sines else {})
+
+    def facts(self) -> list[Fact]:
+        """Return the numbers that matter most."""
+        rows, way = self.rows(), JointKind(self.content["data"]["joint"]).way
+        apart = max(or_nan(row[f"simulators apart in {way}"]) for row in rows)
+        return [
+            *self.fit_facts("FIT MuJoCo in %", "of MuJoCo"),
+            *self.fit_facts("FIT grey box in %", "of the grey box"),
+            Fact("MuJoCo − grey box", f"{apart:.2g} {way}", "largest difference"),
+            Fact("logs compared", str(len(rows)), f"of {self.content['data']['logs']}"),
+        ]
+
+
+def _responses(each: ThreeWay) -> dict[str, float]:
+    """Return how the steady responses of the simulators differ from that of the log."""
+    cells = {}
+    for name in each.fits:
+        gain = each.gains.get(name, complex(np.nan, np.nan))
+        cells[f"amplitude error {name} in %"] = float(100 * (np.abs(gain) - 1))
+        cells[f"phase error {name} in °"] = float(np.degrees(np.angle(gain)))
+    return cells
 
 
 def _comparison_sentences(compared: Sequence[ThreeWay]) -> list[str]:

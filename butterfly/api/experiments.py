@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import chain
 from os import PathLike
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal, Self
 
 from butterfly.api.identification import Identification
 from butterfly.api.sources import Named
@@ -36,7 +37,6 @@ from butterfly.report.orbit_page import orbit_page
 from butterfly.report.page import write_page
 from butterfly.report.sweep_page import sweep_page
 from butterfly.result import Answer, TextTable, document
-from butterfly.verdict import Verdict
 
 RESULT = "result.json"
 """File of a single run's results: what its `to_dict` returns."""
@@ -48,15 +48,17 @@ _ORBIT_REPORT = "orbit.html"
 class _Done(Answer):
     """Results of an experiment."""
 
-    sentences: tuple[str, ...] = ()
-    """Summary sentences."""
+    brief: ClassVar[bool] = True
+
+    note: str = ""
+    """What was done and what was done before."""
 
     reports: tuple[Path, ...] = ()
     """The written reports."""
 
     def paragraphs(self) -> list[str]:
-        """Return the summary sentences, verdicts first."""
-        return list(self.sentences)
+        """Return the note, then the summary."""
+        return [*([self.note] if self.note else []), *self.summary]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -66,11 +68,31 @@ class Run(_Done):
     kind: ClassVar[str] = "run"
     table: ClassVar[str] = "estimates"
 
-    record: RunRecord
-    """The stored record."""
+    record: RunRecord | None = None
+    """The stored record; None for a result that was loaded."""
 
     identifications: Mapping[str, Identification]
     """By estimator; loaded from the saved files if the run was already done."""
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any], **more: Any) -> Self:  # noqa: ANN401 - own fields
+        """Return the result of `to_dict`'s values (see `Answer.from_dict` for what is raised)."""
+        if "identifications" not in more:
+            found = map(Identification.from_dict, content["estimates"])
+            more["identifications"] = {each.estimator: each for each in found}
+        return super().from_dict(content, **more)
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return the parameters of each identification."""
+        found = self.identifications.items()
+        return [{"estimator": name, **row} for name, each in found for row in each.rows()]
+
+    def further(self) -> list[TextTable]:
+        """Return the tables of each identification beside the truth, then those of an orbit."""
+        true = {name: each["value"] for name, each in self.content["truth"].items()}
+        named = (each.tables(LumpedParameters(**true)) for each in self.identifications.values())
+        orbit = (self.content["orbit"] or {}).get("tables", [])
+        return [*chain(*named), *(TextTable(**each) for each in orbit)]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -80,8 +102,12 @@ class Sweep(_Done):
     kind: ClassVar[str] = "sweep"
     table: ClassVar[str] = "recovery"
 
-    unsuccessful: int
+    unsuccessful: int = 0
     """Number of failed runs."""
+
+    def further(self) -> list[TextTable]:
+        """Return the tables of its report."""
+        return [TextTable(**each) for each in self.content["tables"]]
 
 
 def simulate(
@@ -172,9 +198,7 @@ def run(
         if kept is not None and kept.status == REFUSED:
             raise ButterflyError(kept.reason)
         if kept is not None and kept.status == OK:
-            found = _kept_run(folder, kept, plan.experiment.plant.robot.lumped, {})
-            again = "This run was already done; --force repeats it."
-            return replace(found, sentences=(again, *found.sentences))
+            return _kept_run(folder, kept, "This run was already done; --force repeats it.")
         with call(folder=folder):
             return _run_once(plan, source, folder, jobs=jobs, figures=figures, track=track)
     workers: Engine = LocalEngine(jobs) if engine == "local" else DaskEngine(scheduler, jobs)
@@ -189,11 +213,12 @@ def run(
         f"{summary.unsuccessful} failed."
     )
     return Sweep.from_dict(
-        page.numbers,
+        page.numbers | {"tables": TextTable.of_page(page)},
         unsuccessful=summary.unsuccessful,
-        sentences=(counts, *page.summary),
+        note=counts,
         reports=(folder / "report.html",),
-    ).drawn_as(page)
+        live=lambda _: page,
+    )
 
 
 def _run_once(
@@ -218,6 +243,11 @@ def _run_once(
         page = orbit_page(result.orbit, truth.with_added_mass(carried))
         write_page(page, folder / _ORBIT_REPORT, figures=figures)
     verdict = run_verdict(record) if answers or page is None else page.verdict
+    notes = {name: each.paragraphs()[len(each.verdict) :] for name, each in answers.items()}
+    orbit: dict[str, Any] | None = None
+    if page is not None:
+        orbit = page.numbers | {"tables": TextTable.of_page(page)}
+        notes |= {NEAR_ORBIT: orbit["summary"]}
     content = document(
         Run.kind,
         f"Run of {experiment.name!r}",
@@ -240,46 +270,14 @@ def _run_once(
                 for each in record.estimates
                 if each.estimate is None
             ],
-            "orbit": page and page.numbers,
+            "orbit": orbit,
             "seconds": record.seconds,
         },
         verdict=verdict,
-        summary=(*(verdict.lines if verdict else ()), *(each.title for each in answers.values())),
-        units={"seconds": "s"},
-    )
-    write_document(content, folder / RESULT)
-    beside = digests(folder, [*kept, RESULT, *written, *reports])
-    store.end_sweep(replace(sweep_record(plan), beside=beside))
-    if result.error is not None:
-        raise result.error
-    whole = _kept_run(folder, record, truth, answers)
-    return (
-        whole
-        if page is None
-        else replace(whole, printed=(*whole.printed, *TextTable.of_page(page)))
-    )
-
-
-def _kept_run(
-    folder: Path, record: RunRecord, truth: LumpedParameters, made: Mapping[str, Identification]
-) -> Run:
-    """Return a run from its file, with the identifications given or loaded."""
-    content = json.loads((folder / RESULT).read_text(encoding="utf-8"))
-    names = [each.estimator for each in record.estimates if each.estimate is not None]
-    saved = zip(names, map(Identification.from_dict, content["estimates"]), strict=True)
-    answers = made or dict(saved)
-    notes = {name: each.paragraphs()[len(each.verdict) :] for name, each in answers.items()}
-    if content["orbit"] is not None:
-        notes |= {NEAR_ORBIT: content["orbit"]["summary"]}
-    named = [f"{f'{name}: ' * (len(notes) > 1)}{each}" for name in notes for each in notes[name]]
-    verdict = Verdict.of_numbers(content)
-    return Run.from_dict(
-        content,
-        record=record,
-        sentences=(
-            *(f"{each.estimator}: {each.error}" for each in record.estimates if each.error),
+        summary=(
             *(verdict.lines if verdict else ()),
-            *named,
+            *(f"{each.estimator}: {each.error}" for each in record.estimates if each.error),
+            *(f"{f'{k}: ' * (len(notes) > 1)}{text}" for k, own in notes.items() for text in own),
             *(
                 f"{each.estimator}: held-out logs, median FIT{fit.over} {fit_text(fit.median)} % "
                 f"(worst {fit_text(fit.worst)} %)."
@@ -287,10 +285,21 @@ def _kept_run(
                 if (fit := each.held_out) is not None
             ),
         ),
-        printed=tuple(table for each in answers.values() for table in each.tables(truth)),
-        reports=tuple(folder / name for name in _reports(record)),
-        identifications=answers,
+        units={"seconds": "s"},
     )
+    write_document(content, folder / RESULT)
+    beside = digests(folder, [*kept, RESULT, *written, *reports])
+    store.end_sweep(replace(sweep_record(plan), beside=beside))
+    if result.error is not None:
+        raise result.error
+    return _kept_run(folder, record, identifications=answers)
+
+
+def _kept_run(folder: Path, record: RunRecord, note: str = "", **more: Any) -> Run:  # noqa: ANN401 - fields
+    """Return a run from its file, with the identifications given or loaded."""
+    content = json.loads((folder / RESULT).read_text(encoding="utf-8"))
+    reports = tuple(folder / name for name in _reports(record))
+    return Run.from_dict(content, record=record, reports=reports, note=note, **more)
 
 
 def _write_logs(experiment: Experiment, result: RunResult, folder: Path) -> list[str]:

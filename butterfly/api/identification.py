@@ -37,14 +37,14 @@ from butterfly.report.numbers import (
     finding_numbers,
     residual_numbers,
 )
-from butterfly.report.page import Page, write_page
+from butterfly.report.page import Fact, Page, write_page
 from butterfly.report.parameter_table import (
     Separated,
     parameter_texts,
     physical_numbers,
     physical_sentences,
 )
-from butterfly.report.summary import summary, tables
+from butterfly.report.summary import facts, summary, tables
 from butterfly.result import Result, TextTable, document, text, texts
 from butterfly.twin.forms import DEFAULTS, Options
 from butterfly.verdict import Verdict
@@ -237,11 +237,16 @@ class Identification(Identified, Result):
         """Return the figures of its page, by name."""
         return {"frequency-response": self.plot.frequency_response(), "time": self.plot.time()}
 
+    def facts(self) -> list[Fact]:
+        """Return the numbers that matter most."""
+        return facts(self, self.to_dict())
+
     def _repr_html_(self) -> str:
         from butterfly.report.cell import cell_html  # noqa: PLC0415 - slow to import
         from butterfly.report.identification_page import first_screen  # noqa: PLC0415 - slow to import
 
-        return cell_html(first_screen(self), None if self.logs is None else self.plot.time())
+        screen = first_screen(self, self.facts())
+        return cell_html(screen, None if self.logs is None else self.plot.time())
 
     def report(
         self,
@@ -257,7 +262,8 @@ class Identification(Identified, Result):
         """Return the page of `report`."""
         from butterfly.report.identification_page import identification_page  # noqa: PLC0415 - slow to import
 
-        return identification_page(self, self.notes, self.to_dict(truth), truth)
+        numbers = self.to_dict(truth)
+        return identification_page(self, self.notes, self.facts(), numbers, truth)
 
 
 @dataclass(frozen=True)

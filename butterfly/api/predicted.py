@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from functools import partial
 from os import PathLike
 from pathlib import Path
@@ -20,14 +20,13 @@ from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.parameter import unit_of
 from butterfly.identification.predict import OF_NEW_LOG, OF_PARAMETERS, ParameterDraws, Prediction
 from butterfly.logs.log import InputKind
-from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
+from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, JointKind, LumpedParameters
 from butterfly.model.terms import PARAMETERS, TERMS
 from butterfly.outputs import call, mark_of, require_endings
 from butterfly.report.finding_texts import estimate_notes, estimate_verdict
 from butterfly.report.format import fit_text
 from butterfly.report.numbers import estimate_numbers
-from butterfly.report.page import Fact, Page, Section, Series
-from butterfly.result import Answer
+from butterfly.report.page import Fact
 from butterfly.twin.forms import DEFAULTS, Options
 
 if TYPE_CHECKING:
@@ -35,12 +34,11 @@ if TYPE_CHECKING:
     import mujoco
     from plotly.graph_objects import Figure
 
-_SAID_BY_NAME = {"added mass in kg", "frequency in rad/s"}  # columns left out where width counts
 _DEFAULTS = {each.name: each.default for each in fields(LumpedParameters)}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Drawn(Answer):
+class Drawn(Tabulated):
     """Parameter draws of the bare joint in SI units: one row each, with equal weights."""
 
     kind: ClassVar[str] = "draws"
@@ -68,9 +66,20 @@ class Drawn(Answer):
             judged=found.judged,
             units={f"rows.{name}": unit for name, unit in units.items()},
             content={
-                "rows": [{key: getattr(each, key) for key in columns} for each in draws.parameters]
+                "joint": str(estimate.joint),
+                "rows": [{key: getattr(each, key) for key in columns} for each in draws.parameters],
             },
         )
+
+    def figures(self) -> dict[str, Figure]:
+        """Return the figures of its page, by name."""
+        drawn = self.plot.corner()
+        return {} if drawn is None else {"corner": drawn}
+
+    def facts(self) -> list[Fact]:
+        """Return the numbers that matter most."""
+        rows = self.rows()
+        return [Fact("draws", str(len(rows))), Fact("parameters", str(len(rows[0])))]
 
     @property
     def parameters(self) -> list[LumpedParameters]:
@@ -145,7 +154,8 @@ class Drawn(Answer):
         from butterfly.twin.stand_alone import models  # noqa: PLC0415 - slow to import
 
         drawn = self.parameters
-        model = self.found.model if self.found else IdentifiedModel(drawn[0])
+        joint = JointKind(self.content["joint"])
+        model = self.found.model if self.found else IdentifiedModel(drawn[0], joint)
         options = Options(timestep=timestep, integrator=integrator)
         return models(drawn, model.twin(added_mass, hand_mass=hand_mass), options)
 
@@ -193,9 +203,6 @@ class Predicted(Tabulated):
     drawn: Drawn | None = None
     """Parameter draws of the bands."""
 
-    measured: bool = True
-    """Whether the logs are recorded; otherwise planned."""
-
     @classmethod
     def of(
         cls,
@@ -208,6 +215,8 @@ class Predicted(Tabulated):
         measured: bool,
     ) -> Predicted:
         """Tabulate predictions; ``more`` goes to the summary."""
+        from butterfly.report.log_figures import with_bands  # noqa: PLC0415 - slow to import
+
         verdict, log = estimate_verdict(estimate), predictions[0].run.log
         return cls(
             title=f"{name!r} predicted",
@@ -225,22 +234,20 @@ class Predicted(Tabulated):
             },
             predictions=tuple(predictions),
             drawn=drawn,
-            measured=measured,
+            live=partial(with_bands, predictions, measured) if predictions[0].bands else None,
         )
 
-    def shown_rows(self) -> list[dict[str, str]]:
-        """Return the rows formatted as text, without columns that repeat the logs' names."""
-        rows = super().shown_rows()
-        return [{k: text for k, text in row.items() if k not in _SAID_BY_NAME} for row in rows]
+    @property
+    def measured(self) -> bool:
+        """Whether the logs are recorded; otherwise planned."""
+        return "FIT in %" in self.rows()[0]
 
     def figures(self) -> dict[str, Figure]:
         """Return the figures of its page, by name."""
-        from butterfly.report.log_figures import share_figure  # noqa: PLC0415 - slow to import
-
         if not self.measured:
             return {}
-        banded = self.predictions and self.predictions[0].bands
-        return {"inside": share_figure(self.predictions)} if banded else super().figures()
+        banded = f"{OF_PARAMETERS}: inside in %" in self.rows()[0]
+        return {"inside": self.plot.shares()} if banded else super().figures()
 
     def facts(self) -> list[Fact]:
         """Return the numbers that matter most."""
@@ -249,38 +256,6 @@ class Predicted(Tabulated):
         shares = [row[inside] for row in self.rows() if row.get(inside) is not None]
         band = Fact("samples inside the band", f"{np.mean(shares or [0]):.1f} %", "expected: 95 %")
         return [*fits, *([band] if shares else []), Fact("logs", str(len(self.rows())))]
-
-    def page(self) -> Page:
-        """Return the page of `report`; bands in time only if they were not loaded."""
-        from butterfly.report.log_figures import (  # noqa: PLC0415 - slow to import
-            band_figure,
-            drawn_predictions,
-            first_stretch,
-        )
-
-        plain = super().page()
-        if not self.predictions or not self.predictions[0].bands:
-            return plain
-        drawn = drawn_predictions(self.predictions)
-        left_out = len(self.predictions) - len(drawn)
-        some = f"{len(drawn)} of {len(self.predictions)} logs. " if left_out else ""
-        courses = Section(
-            title="In time",
-            text=f"{some}95 % bands. Blue: a new log, with the model error. Orange: the model, "
-            "with the uncertainty of its parameters. Below: difference to the free run.",
-            series={
-                "bands": Series.of_figures(
-                    [band_figure(each, measured=self.measured) for each in drawn],
-                    [first_stretch(each.run.log) for each in drawn],
-                )
-            },
-        )
-        return replace(
-            plain,
-            sections=[courses, *plain.sections],
-            logs=[each.run.log.label for each in drawn],
-            pictures={"bands": partial(band_figure, drawn[0], measured=self.measured)},
-        )
 
 
 def _row(prediction: Prediction, *, measured: bool) -> dict[str, Any]:

@@ -4,41 +4,43 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from functools import partial
+from statistics import mean, median
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from butterfly.arrays import Samples
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import HELPS, Candidate
-from butterfly.identification.diagnostics.residuals import Residuals, residual_units, residuals_of
+from butterfly.identification.diagnostics.residuals import residual_units, residuals_of
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identify import held_out_fits
 from butterfly.identification.inference.estimate import Estimate, left_out_content
 from butterfly.identification.parameter import or_nan, unit_of
-from butterfly.identification.test_functions import ResidualTorque
 from butterfly.identification.validate import Bootstrap, CrossValidation, Structure
-from butterfly.logs.log import Log
+from butterfly.logs.log import InputKind, Log
+from butterfly.model.parameters import JointKind
 from butterfly.report.finding_texts import estimate_verdict
-from butterfly.report.format import fit_text
+from butterfly.report.format import fit_text, label_of
 from butterfly.report.numbers import residual_numbers, rests_on
-from butterfly.report.page import Fact, Page
+from butterfly.report.page import Fact
 from butterfly.report.summary import (
     best_experiment_text,
     held_out_sentences,
     medians_of,
     selection_texts,
 )
-from butterfly.result import Answer, TextTable
+from butterfly.result import Answer, TextTable, cell_text
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
     from butterfly.report.ranking_pages import TablePlots
 
+_ERROR = "error in % of the motion"  # column
+_SAID_BY_LABEL = {"log", "added mass in kg", "frequency in rad/s"}
 _SEEN, _HELD_OUT = "FIT in sample in %", "FIT held out in %"  # columns
 _WELL = 90  # % FIT of a well-predicted log
 
@@ -56,6 +58,14 @@ def about_log(log: Log) -> dict[str, Any]:
 class Tabulated(Answer):
     """A table with figures."""
 
+    def shown_rows(self) -> list[dict[str, str]]:
+        """Return the rows formatted as text, a log by its short name."""
+        return [
+            ({"log": label_of(row)} if "log" in row else {})
+            | {name: cell_text(value) for name, value in row.items() if name not in _SAID_BY_LABEL}
+            for row in self.rows()
+        ]
+
     @property
     def plot(self) -> TablePlots:
         """The figures, as plotly figures."""
@@ -69,12 +79,12 @@ class Tabulated(Answer):
 
     def fit_facts(self, column: str, label: str) -> list[Fact]:
         """Return median and worst of a column of FITs."""
-        fits = {row["log"]: row[column] for row in self.rows() if math.isfinite(row[column] or 0)}
+        fits = {row["log"]: row[column] for row in self.rows() if row[column] is not None}
         if not fits:
             return []
         worst = min(fits, key=lambda name: fits[name])
         return [
-            Fact(f"FIT {label}, median", f"{fit_text(float(np.median([*fits.values()])))} %"),
+            Fact(f"FIT {label}, median", f"{fit_text(median(fits.values()))} %"),
             Fact(f"FIT {label}, worst", f"{fit_text(fits[worst])} %", worst.rsplit("/", 1)[-1]),
         ]
 
@@ -83,6 +93,7 @@ class Validated(Tabulated):
     """FIT of an estimator on fitted and on held-out logs."""
 
     kind: ClassVar[str] = "validation"
+    brief: ClassVar[bool] = True
 
     @classmethod
     def of(
@@ -97,15 +108,6 @@ class Validated(Tabulated):
         seen, horizon = data.simulations.fits(whole), data.simulations.horizon(whole)
         within, without = FitSummary.of(seen, horizon), held.summary
         unused, verdict = held_out_fits(data, whole), estimate_verdict(whole)
-        fits = {"in sample": seen, held.division.left_out: held.fits}
-        if unused:
-            fits["held out by name"] = np.array(list(unused.values()))
-        tables = [
-            _fits_table(f"{data.name}: FIT in %{within.over}", fits, horizon),
-            _estimates_table(data, {"nothing": whole, **held.estimates}),
-        ]
-        if drawn is not None:
-            tables.append(_bootstrap_table(data, whole, drawn))
         return cls(
             title=f"{estimator.label} of {data.name!r}, {held.division.left_out} at a time",
             summary=(
@@ -119,6 +121,7 @@ class Validated(Tabulated):
             judged=verdict,
             content={
                 **rests_on(data, whole, estimator),
+                "left_out_together": held.division.left_out,
                 "left_out": [
                     part
                     for name, found in held.estimates.items()
@@ -137,53 +140,62 @@ class Validated(Tabulated):
                 ],
             },
             units={"fit": "%", "fit.horizon": "s", "fits": "%", "held_out": "%"},
-            printed=tuple(tables),
         )
+
+    def further(self) -> list[TextTable]:
+        """Return the FITs, the estimates without each part, and intervals by bootstrap."""
+        content, rows, about = self.content, self.rows(), self.content["data"]
+        fits = {
+            "in sample": [row[_SEEN] for row in rows],
+            content["left_out_together"]: [row[_HELD_OUT] for row in rows],
+            "held out by name": [*content["held_out"].values()],
+        }
+        lines = [(name, *_fit_cells(each)) for name, each in fits.items() if each]
+        found = {name: row["value"] for name, row in content["parameters"].items()}
+        found |= content["unestimated"]
+        whole = {name: found[name] for name in content["covariance"]["names"]}
+        parts = {"nothing": whole} | {
+            part["without"]: part["values"] for part in content["left_out"]
+        }
+        kind, joint = InputKind(about["input"]), JointKind(about["joint"])
+        units = {name: unit_of(name, kind, joint) for each in parts.values() for name in each}
+        estimates = [
+            (name, *(cell_text(own.get(name)) for own in parts.values()), unit)
+            for name, unit in units.items()
+        ]
+        title = f"{about['name']}: FIT in %{FitSummary(**content['fit']['seen']).over}"
+        headers = ("", "median", "mean", "worst", f"above {_WELL} %")
+        tables = [
+            TextTable(title, headers, lines),
+            TextTable("Estimates by held-out part", ("", *parts, "unit"), estimates),
+        ]
+        if content["bootstrap"]:
+            drawn = [
+                (name, *map(cell_text, (whole[name], own["lower"], own["upper"])), units[name])
+                for name, own in content["bootstrap"].items()
+            ]
+            headers = ("", "estimate", "lower", "upper", "unit")
+            tables.append(TextTable("95 % intervals by bootstrap over logs", headers, drawn))
+        return tables
 
     def facts(self) -> list[Fact]:
         """Return the numbers that matter most."""
-        chosen, (seen, *_) = self.content["chosen"], self.fit_facts(_SEEN, "in sample")
-        parts = self.title.rpartition(", ")[2]
+        chosen = self.content["chosen"]
+        parts = re.split(" (?:held|left) out", self.content["left_out_together"])
         return [
             *self.fit_facts(_HELD_OUT, "held out"),
-            seen,
-            Fact("held out at a time", re.split(" (?:held|left) out", parts)[0]),
+            *self.fit_facts(_SEEN, "in sample")[:1],
+            Fact("held out at a time", parts[0]),
             Fact("logs", str(len(self.rows()))),
             Fact("method", chosen["label"] or chosen["method"]),
         ]
 
 
-def _fits_table(title: str, fits: Mapping[str, Samples], horizon: float) -> TextTable:
-    rows = []
-    for name, each in fits.items():
-        fit, counted = FitSummary.of(each, horizon), each[~np.isnan(each)]
-        numbers = (f"{value:.1f}" for value in (fit.median, fit.mean, fit.worst))
-        rows.append((name, *numbers, f"{int(np.sum(counted > _WELL))} of {counted.size}"))
-    return TextTable(title, ("", "median", "mean", "worst", f"above {_WELL} %"), rows)
-
-
-def _estimates_table(data: DataSet, estimates: Mapping[str, Estimate]) -> TextTable:
-    names = dict.fromkeys(name for each in estimates.values() for name in each.names)
-    found = [each.named for each in estimates.values()]
-    rows = [
-        (
-            name,
-            *(f"{own[name]:#.4g}".rstrip(".") if name in own else "–" for own in found),
-            unit_of(name, data.input_kind, data.joint),
-        )
-        for name in names
-    ]
-    return TextTable("Estimates by held-out part", ("", *estimates, "unit"), rows)
-
-
-def _bootstrap_table(data: DataSet, whole: Estimate, drawn: Bootstrap) -> TextTable:
-    lines = zip(whole.names, whole.values, drawn.lower, drawn.upper, strict=True)
-    rows = [
-        (name, *(f"{each:.4g}" for each in own), unit_of(name, data.input_kind, data.joint))
-        for name, *own in lines
-    ]
-    headers = ("", "estimate", "lower", "upper", "unit")
-    return TextTable("95 % intervals by bootstrap over logs", headers, rows)
+def _fit_cells(fits: Sequence[float | None]) -> tuple[str, ...]:
+    """Return median, mean and worst FIT in %, and how many logs are predicted well."""
+    known = [fit for fit in fits if fit is not None]
+    numbers = [of(known) for of in (median, mean, min)] if known else [None] * 3
+    return (*map(fit_text, numbers), f"{sum(fit > _WELL for fit in known)} of {len(known)}")
 
 
 class Designed(Tabulated):
@@ -220,12 +232,17 @@ class Designed(Tabulated):
             units={"rows.mean": "1"} | {f"rows.{name}": "1" for name in found.names},
         )
 
-    def tables(self) -> list[TextTable]:
+    def shown_rows(self) -> list[dict[str, str]]:
         """Return the candidates with their ranks, two decimals of each number."""
-        rows = self.rows()
-        cells = [[f"{v:.2f}" if isinstance(v, float) else v for v in row.values()] for row in rows]
-        ranked = [(str(rank), *row) for rank, row in enumerate(cells, start=1)]
-        return [TextTable(self.title, ("", *rows[0]), ranked, detail=not self._helps)]
+        return [
+            {"": str(rank)}
+            | {k: f"{v:.2f}" if isinstance(v, float) else cell_text(v) for k, v in row.items()}
+            for rank, row in enumerate(self.rows(), start=1)
+        ]
+
+    def tables(self) -> list[TextTable]:
+        """Return the candidates; in detail if none helps."""
+        return [each._replace(detail=not self._helps) for each in super().tables()]
 
     @property
     def _helps(self) -> bool:
@@ -244,8 +261,12 @@ class Designed(Tabulated):
             Fact("best next experiment", best["input"], best["added mass"])
             if self._helps
             else Fact("best next experiment", "none helps", "standard errors stay as they are"),
-            Fact("standard errors after it", f"{100 * best['mean']:.3g} %", "of those now, mean"),
-            Fact("swing", f"{best[swing]:.2g} {swing.removeprefix('swing in ')}"),
+            Fact(
+                "standard errors after it",
+                f"{cell_text(100 * or_nan(best['mean']))} %",
+                "of those now, mean",
+            ),
+            Fact("swing", f"{cell_text(best[swing])} {swing.removeprefix('swing in ')}"),
             Fact("candidates", str(len(rows))),
         ]
 
@@ -316,74 +337,47 @@ class Selection(Tabulated):
         ]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Residual(Answer):
+class Residual(Tabulated):
     """Free-run errors of an estimate, compared with the sensor noise."""
 
     kind: ClassVar[str] = "residual"
-    table: ClassVar[str] = "logs"
-
-    data: DataSet
-    estimate: Estimate
-    residuals: Residuals
-    chosen: tuple[int, ...]  # numbers of the logs to show
 
     @classmethod
     def of(
         cls, data: DataSet, estimator: Estimator | None, found: Estimate, chosen: Sequence[int]
     ) -> Residual:
-        """Analyse the residuals of an estimate."""
-        from butterfly.report.residual import residual_sentences  # noqa: PLC0415 - slow to import
+        """Analyse the residuals of an estimate, and tabulate those of the chosen logs."""
+        from butterfly.report.residual import (  # noqa: PLC0415 - slow to import
+            residual_row,
+            residual_sentences,
+            with_residual_figures,
+        )
 
         verdict, residuals = estimate_verdict(found), residuals_of(data, found)
+        worst = max(chosen, key=lambda k: residuals.logs[k].relative)
         return cls(
             title=f"Residuals of {found.method} on {data.name!r}",
             summary=(*verdict.lines, *residual_sentences(residuals)),
             judged=verdict,
-            content={**residual_numbers(residuals, found), **rests_on(data, found, estimator)},
-            units=residual_units(data.joint, ""),
-            data=data,
-            estimate=found,
-            residuals=residuals,
-            chosen=tuple(chosen),
+            content={
+                **rests_on(data, found, estimator),
+                "rows": [about_log(data.logs[k]) | residual_row(residuals.logs[k]) for k in chosen],
+                "residuals": residual_numbers(residuals, found),
+            },
+            units=residual_units(data.joint),
+            live=partial(with_residual_figures, data, found, worst, residuals.logs[worst]),
         )
 
-    def shown_rows(self) -> list[dict[str, str]]:
-        """Return the errors of the chosen logs, and whether sensor noise explains them."""
-        from butterfly.report.residual import HEADERS, residual_table  # noqa: PLC0415 - slow to import
-
-        rows = residual_table(self.residuals.logs[k] for k in self.chosen).rows
-        return [dict(zip(HEADERS, map(str, row), strict=True)) for row in rows]
-
-    def torque(self, number: int) -> ResidualTorque:
-        """Return the residual torque of a log, by its number."""
-        setting = self.data.simulations.setting(number, self.estimate)
-        return ResidualTorque.of(self.data.logs[number], setting.parameters, setting.zero)
-
-    @property
-    def _worst(self) -> int:
-        """Number of the chosen log with the largest error."""
-        return max(self.chosen, key=lambda k: self.residuals.logs[k].relative)
-
     def figures(self) -> dict[str, Figure]:
-        """Return residual torque and correlations of the log with the largest error."""
-        from butterfly.report.residual import residual_figures  # noqa: PLC0415 - slow to import
-
-        worst = self._worst
-        return residual_figures(self.torque(worst), self.residuals.logs[worst], self.data.joint)
+        """Return none: all its figures need the logs."""
+        return {}
 
     def facts(self) -> list[Fact]:
         """Return the numbers that matter most: of the log with the largest error."""
-        worst = self.residuals.logs[self._worst]
+        worst = max(self.rows(), key=lambda row: math.inf if row[_ERROR] is None else row[_ERROR])
+        error, times = (cell_text(worst[key]) for key in (_ERROR, "residual over sensors"))
         return [
-            Fact("largest error", f"{100 * worst.relative:.2g} %", f"of the motion, {worst.label}"),
-            Fact("over sensor noise", f"{worst.times:.3g} ×", "encoder resolution and noise"),
-            Fact("correlations", "outside" if worst.outside else "inside", "bands"),
+            Fact("largest error", f"{error} %", f"of the motion, {label_of(worst)}"),
+            Fact("over sensor noise", f"{times} ×", "encoder resolution and noise"),
+            Fact("correlations", "outside" if worst["outside its bands"] else "inside", "bands"),
         ]
-
-    def page(self) -> Page:
-        """Return the page of `report`."""
-        from butterfly.report.residual import EXPLAINED  # noqa: PLC0415 - slow to import
-
-        page = super().page()
-        return replace(page, lead=page.lead and replace(page.lead, text=EXPLAINED))

@@ -10,9 +10,10 @@ from typing import Any
 
 from butterfly.api.changed import Changed
 from butterfly.api.compared import Compared, Leaderboard
+from butterfly.api.experiments import Run, Sweep
 from butterfly.api.identification import Identification
 from butterfly.api.predicted import Drawn, Predicted
-from butterfly.api.results import Designed, Selection, Validated
+from butterfly.api.results import Designed, Residual, Selection, Validated
 from butterfly.api.sources import root_of
 from butterfly.errors import InputError
 from butterfly.files import read_file, whole
@@ -22,7 +23,7 @@ from butterfly.result import Answer, Result
 
 _SAVED: tuple[type[Identification | Answer], ...] = (
     *(Identification, Validated, Designed, Selection, Compared, Leaderboard),
-    *(Predicted, Drawn, Separated, Changed),
+    *(Predicted, Drawn, Separated, Changed, Residual, Run, Sweep),
 )
 _KINDS = {f"butterfly.{each.kind}": each for each in _SAVED}
 
@@ -62,7 +63,7 @@ def load(path: str | PathLike[str], *, root: str | PathLike[str] | None = None) 
             manifest["root"] = str(root_of(file, manifest["root"], moved))
         with budget(math.inf):  # whatever else is searched for now, nothing of it is left out here
             result = kind.from_dict(content)
-        result.shown_rows()
+        result.shown_rows(), result.tables(), result.facts()
     except (LookupError, TypeError, ValueError, AttributeError) as error:
         expected = "an undamaged saved result"
         raise InputError(file, "content", f"{type(error).__name__}: {error}", expected) from None

@@ -144,6 +144,7 @@ class DataSet:
             "description": self.description,
             "input": str(self.input_kind),
             "logs": len(self.logs),
+            "added_masses": [str(mass) for mass in self.masses],
             "known": self.known.to_dict(),
             "joint": str(carrier.joint),
             "gravity": carrier.gravity,

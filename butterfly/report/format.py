@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from pathlib import PurePath
+from typing import Any
 
 from butterfly.model.terms import TERMS
 
@@ -33,6 +36,13 @@ def fit_text(fit: float | None) -> str:
     if fit is None or math.isnan(fit):
         return "–"
     return f"{fit:.1f}" if fit > _FAR_OFF else f"less than {_FAR_OFF:.0f}"
+
+
+def label_of(row: Mapping[str, Any]) -> str:
+    """Return the short name of a row's log (see `Log.label`)."""
+    mass, omega = row["added mass in kg"], row["frequency in rad/s"]
+    name = PurePath(row["log"]).name if omega is None else f"{omega:g} rad/s"
+    return f"{1e3 * mass:g} g, {name}"
 
 
 def times_text(times: float) -> str:

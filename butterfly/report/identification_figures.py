@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from html import escape
 
@@ -28,7 +29,7 @@ from butterfly.report.figures import (
     panel,
     panels,
 )
-from butterfly.report.forest import MOST, SPARE, forest
+from butterfly.report.forest import forest
 from butterfly.report.log_figures import first_stretch, time_figure
 from butterfly.signals.frequency_response import ResponsePoint
 from butterfly.signals.spectrum import rms_amplitude
@@ -55,48 +56,41 @@ class IdentificationPlots:
     identification: Identified
 
     def parameters(self, truth: LumpedParameters | None = None) -> Figure:
-        """Draw the estimates with their intervals on one axis, in per cent: a forest plot.
+        """Draw the half-widths of the intervals, in per cent on a logarithmic axis: a forest plot.
 
-        Thick: 95 %, in another colour where the value may be 0; thin: the estimates that leave one
-        added mass out; a diamond: the truth, where it is known. What lies beyond the axis, of 100 %
-        at most, ends at its end.
+        Thick: 95 %, in another colour where the value may be 0; thin: the farthest estimate that
+        leaves one added mass out; a diamond: the truth, where it is known.
         """
         rows = self.identification.estimate.table(truth)
-        whiskers, places = forest(rows), list(range(len(rows)))
-        figure = panel("% of the value", "", _ROW * len(rows) + 110)
-        for name, style, ends in (
-            ("95 % interval", (PALETTE[0], 7, 0.0), [w.limits_of(zero=False) for w in whiskers]),
-            ("may be 0", (PALETTE[1], 7, 0.0), [w.limits_of(zero=True) for w in whiskers]),
-            ("leave-one-mass-out", (GREY, 3, 0.3), [w.left_out for w in whiskers]),
+        bars, places = forest(rows), list(range(len(rows)))
+        halves = [bar.half_width for bar in bars]
+        zeros = [bar.half_width if bar.may_be_zero else None for bar in bars]
+        figure = panel("distance from the value, in % of it", "", _ROW * len(rows) + 110)
+        for name, (colour, width, below), sizes in (
+            ("95 % half-width", (PALETTE[0], 12, 0.0), halves),
+            ("may be 0", (PALETTE[1], 12, 0.0), zeros),
+            ("leave-one-mass-out", (GREY, 3, 0.3), [bar.left_out for bar in bars]),
         ):
-            colour, width, below = style
             x, y = [], []
-            for place, whisker, limits in zip(places, whiskers, ends, strict=True):
-                x += [*map(whisker.clipped, limits), None] if limits else []
-                y += [place + below, place + below, None] if limits else []
+            for place, bar, size in zip(places, bars, sizes, strict=True):
+                if size is not None:
+                    x += [bar.axis.decades[0], bar.axis.clipped(size), math.nan]
+                    y += [place + below, place + below, math.nan]
             line = {"color": colour, "width": width}
             if x:
                 figure.add_scatter(x=x, y=y, mode="lines", name=name, line=line, hoverinfo="x")
-        for name, look_of, true in (
-            ("estimate", (PALETTE[5], "circle"), [0.0] * len(rows)),
-            ("truth", (PALETTE[2], "diamond"), [whisker.true for whisker in whiskers]),
-        ):
-            known = [place for place in places if true[place] is not None]
-            marker = {"color": look_of[0], "symbol": look_of[1], "size": 9}
-            if known:
-                figure.add_scatter(
-                    x=[whiskers[place].clipped(true[place] or 0.0) for place in known],
-                    y=known,
-                    customdata=[rows[place].value for place in known],
-                    mode="markers",
-                    name=name,
-                    marker=marker,
-                )
-        reach = SPARE * max((whisker.reach for whisker in whiskers), default=MOST)
-        figure.update_xaxes(range=[-reach, reach])
+        known = [place for place in places if bars[place].true is not None]
+        if known:
+            figure.add_scatter(
+                x=[bars[place].axis.clipped(bars[place].true or 0.0) for place in known],
+                y=known,
+                mode="markers",
+                name="truth",
+                marker={"color": PALETTE[2], "symbol": "diamond", "size": 9},
+            )
         names = [row.name for row in rows]
-        figure.update_yaxes(tickvals=places, ticktext=names, range=[len(rows) - 0.4, -0.6])
-        return figure
+        figure.update_xaxes(log_ticks(1))
+        return figure.update_yaxes(tickvals=places, ticktext=names, range=[len(rows) - 0.4, -0.6])
 
     def correlations(self) -> Figure | None:
         """Draw the correlation of the parameters' errors; None without a covariance."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -17,8 +16,8 @@ from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import JointKind, LumpedParameters
 from butterfly.report.figures import middle
 from butterfly.report.finding_texts import estimate_verdict
-from butterfly.report.forest import Axis, Whisker, forest, forest_caption
-from butterfly.report.format import counted, fit_text, times_text
+from butterfly.report.forest import Bar, forest, forest_caption
+from butterfly.report.format import counted, fit_text
 from butterfly.report.identification_figures import IdentificationPlots
 from butterfly.report.inspection import STATES, conditions_text
 from butterfly.report.live import live_section
@@ -30,7 +29,12 @@ from butterfly.report.log_figures import (
     time_series,
 )
 from butterfly.report.page import Fact, Marked, Page, PageTable, Section, tabulated
-from butterfly.report.parameter_table import parameter_texts, physical_sentences, physical_table
+from butterfly.report.parameter_table import (
+    badge_of,
+    parameter_texts,
+    physical_sentences,
+    physical_table,
+)
 from butterfly.report.residual import residual_sentences, residual_table
 from butterfly.report.summary import LOOP_HEADERS, loop_rows
 
@@ -66,6 +70,7 @@ _COMPARED = ("p1", "p2", "p3", "p4", "coulomb")
 def identification_page(
     identification: Identified,
     notes: Sequence[str],
+    facts: Sequence[Fact],
     numbers: dict[str, Any],
     truth: LumpedParameters | None = None,
 ) -> Page:
@@ -117,7 +122,7 @@ def identification_page(
         *tabulated("Held out", _held_out_table(identification)),
     ]
     return replace(
-        first_screen(identification, truth),
+        first_screen(identification, facts, truth),
         summary=notes,
         sections=sections,
         numbers=numbers,
@@ -133,7 +138,9 @@ def identification_page(
     )
 
 
-def first_screen(identification: Identified, truth: LumpedParameters | None = None) -> Page:
+def first_screen(
+    identification: Identified, facts: Sequence[Fact], truth: LumpedParameters | None = None
+) -> Page:
     """Put together what is seen first: verdict, tiles and parameters."""
     origin, parameters = identification.origin, identification.estimate.table(truth)
     return Page(
@@ -141,7 +148,7 @@ def first_screen(identification: Identified, truth: LumpedParameters | None = No
         description=origin.get("description", ""),
         kind="identification",
         verdict=estimate_verdict(identification.estimate),
-        facts=_facts(identification),
+        facts=facts,
         lead=_lead(parameters, identification.estimate.joint, with_truth=truth is not None),
         summary=(),
         sections=(),
@@ -155,55 +162,22 @@ def _place(identification: Identified) -> str:
     return "" if root is None else str(root)
 
 
-def _facts(identification: Identified) -> list[Fact]:
-    fit, fits = identification.fit, identification.fits
-    worst = min(fits, key=lambda name: fits[name])
-    return [
-        Fact("FIT, median of all logs", f"{fit_text(fit.median)} %", f"100 % is perfect{fit.over}"),
-        Fact("FIT, worst log", f"{fit_text(fit.worst)} %", worst.rsplit("/", maxsplit=1)[-1]),
-        *_of_logs(identification),
-        Fact("logs", str(len(fits)), _added(identification)),
-        Fact("method", identification.estimate.method),
-    ]
-
-
-def _added(identification: Identified) -> str:
-    """Say which masses were added; nothing if none was, or of a result that was loaded."""
-    masses = [] if identification.logs is None else identification.logs.masses
-    if len(masses) > 1:
-        return f"{len(masses)} added masses"
-    return "".join(str(mass) for mass in masses if mass.mass)
-
-
-def _of_logs(identification: Identified) -> list[Fact]:
-    """Say how large the error is; nothing of a result that was loaded, without its logs."""
-    if identification.logs is None:
-        return []
-    servo, residuals = [], identification.residuals
-    if rows := loop_rows(identification):
-        (*_, error), (_, opened, *_), *_ = rows
-        off = f"in the loop {error} m{identification.estimate.joint.way} error"
-        servo = [Fact("FIT, by the drive alone", f"{opened} %", off)]
-    noise = f"of the motion; {times_text(residuals.times)} times the sensor noise"
-    fact = Fact("model error", f"{100 * residuals.left:.2g} %", noise)
-    return [*servo, *([fact] if math.isfinite(residuals.times) else [])]
-
-
 def _lead(parameters: Sequence[Parameter], joint: JointKind, *, with_truth: bool) -> Section:
     """Return the forest plot: each parameter a row, its interval drawn and in numbers."""
-    texts, whiskers = map(parameter_texts, parameters), forest(parameters)
+    texts, bars = map(parameter_texts, parameters), forest(parameters)
     headers = {"width": "±", "interval": "95 % interval", "error": "standard error"}
     headers |= {"true": "true", "deviation": "deviation"} if with_truth else {}
-    rows: list[tuple[str | Marked | Whisker, ...]] = []
-    for each, row, whisker in zip(parameters, texts, whiskers, strict=True):
+    rows: list[tuple[str | Marked | Bar, ...]] = []
+    for each, row, bar in zip(parameters, texts, bars, strict=True):
         name = Marked(each.name, meaning=row["meaning"])
-        rows.append((name, row["value"], row["unit"], whisker, *(row[key] for key in headers)))
+        cells = (row[key] for key in headers)
+        rows.append((name, row["value"], row["unit"], badge_of(each), bar, *cells))
     table = PageTable(
         name="parameters",
         words=(2,),
-        headers=("", "value", "unit", Axis.of(whiskers), *headers.values()),
+        headers=("", "value", "unit", "", bars[0].axis, *headers.values()),
         rows=rows,
-        caption=forest_caption(whiskers),
+        caption=forest_caption(bars),
     )
     further = ", with the further terms below" if len(rows) > len(_COMPARED) + 1 else ""
     heavy = any(each.name == "p3" and (each.value or not each.known) for each in parameters)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from html import escape
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -23,13 +24,12 @@ from butterfly.report.figures import (
     GREY,
     PALETTE,
     add,
-    logs_panel,
     look,
     panel,
     panels,
     seen_samples,
 )
-from butterfly.report.page import Series
+from butterfly.report.page import Page, Section, Series
 from butterfly.signals.spectrum import periodogram, resample
 
 _STEP = 0.02  # s between drawn points
@@ -206,31 +206,29 @@ def _band_and_curve(curve: Curve | None) -> list[NDArray[np.float32]]:
     return [each.astype(np.float32) for each in (curve.lag, *limits, curve.value)]
 
 
-def share_figure(predictions: Sequence[Prediction]) -> Figure:
-    """Draw the share of measured samples inside each band, a row for each log."""
-    names = [each.run.log.label for each in predictions]
-    figure = logs_panel(names, "measured samples inside the band, in %")
-    for name, (colour, _) in _BANDS.items():
-        if name in predictions[0].bands:
-            figure.add_scatter(
-                x=[100 * each.bands[name].share(each.measured) for each in predictions],
-                y=list(range(len(predictions))),
-                text=[*map(escape, names)],
-                name=f"band of {name}",
-                mode="markers",
-                marker={"color": colour, "size": 8},
-                hovertemplate="%{text}: %{x:.1f} %",
-            )
-    figure.add_vline(x=95, line={"color": GREY, "width": 1, "dash": "dash"})
-    figure.update_layout(showlegend=True).update_xaxes(range=[-2, 102])
-    return figure
-
-
-def drawn_predictions(predictions: Sequence[Prediction]) -> list[Prediction]:
-    """Return those that a page draws in time: all, or some from all over the list."""
+def with_bands(predictions: Sequence[Prediction], measured: bool, page: Page) -> Page:
+    """Return the page of predictions with the courses of all logs, or of some all over the list."""
     count = len(predictions)
     picked = np.unique(np.linspace(0, count - 1, min(count, _DRAWN)).round().astype(int))
-    return [predictions[number] for number in picked]
+    drawn = [predictions[number] for number in picked]
+    some = f"{len(drawn)} of {count} logs. " if len(drawn) < count else ""
+    courses = Section(
+        title="In time",
+        text=f"{some}95 % bands. Blue: a new log, with the model error. Orange: the model, "
+        "with the uncertainty of its parameters. Below: difference to the free run.",
+        series={
+            "bands": Series.of_figures(
+                [band_figure(each, measured=measured) for each in drawn],
+                [first_stretch(each.run.log) for each in drawn],
+            )
+        },
+    )
+    return replace(
+        page,
+        sections=[courses, *page.sections],
+        logs=[each.run.log.label for each in drawn],
+        pictures={"bands": partial(band_figure, drawn[0], measured=measured)},
+    )
 
 
 def band_figure(prediction: Prediction, *, measured: bool) -> Figure:

@@ -11,16 +11,16 @@ from plotly.graph_objects import Figure
 
 from butterfly.arrays import Samples
 from butterfly.experiment.record import OrbitRecord
-from butterfly.identification.parameter import lumped_numbers
+from butterfly.identification.parameter import Parameter, lumped_numbers
 from butterfly.model.energy import Orbit, energy
 from butterfly.model.parameters import LumpedParameters
 from butterfly.orbit.loop import PERIODS, OrbitStudy, Round
 from butterfly.report.figures import PALETTE, panel
 from butterfly.report.finding_texts import estimate_notes, estimate_verdict
-from butterfly.report.forest import Axis, Marks, forest, forest_caption
-from butterfly.report.format import interval, with_error
+from butterfly.report.forest import forest, forest_caption
 from butterfly.report.numbers import estimate_numbers
 from butterfly.report.page import Fact, Page, PageTable, Section
+from butterfly.report.parameter_table import parameter_texts
 from butterfly.result import document
 
 _RATIOS = {name: f"{name}/p1" for name in ("p2", "p3", "p4", "coulomb")}
@@ -165,26 +165,23 @@ def _rounds_table(rounds: tuple[Round, ...]) -> PageTable:
 def _parameters_table(study: OrbitStudy, truth: LumpedParameters | None) -> PageTable:
     rounds = study.calibration.rounds
     found, generic = rounds[-1].recalibration, rounds[0].believed
-    estimate, texts, marks = found.estimate, [], []
+    estimate, rows, before = found.estimate, [], []
     columns = (estimate.values, estimate.standard_errors, estimate.lower, estimate.upper)
-    lines = np.column_stack(columns).tolist()
-    for name, (value, error, *limits) in zip(estimate.names, lines, strict=True):
+    for name, line in zip(estimate.names, np.column_stack(columns).tolist(), strict=True):
         ratio = found.is_ratio(name)
         shown = _RATIOS.get(name, f"{name}/p1") if ratio else name
         true = None if truth is None else getattr(truth, name) / (truth.p1 if ratio else 1.0)
-        before = f"{getattr(generic, name) / generic.p1:.5g}" if ratio else "–"
-        marks.append(Marks(value=value, lower=limits[0], upper=limits[1], true=true))
-        cells = (interval(*limits), f"{error:#.2g}", before, "" if true is None else f"{true:.6g}")
-        texts.append((shown, with_error(value, error), cells))
-    whiskers = forest(marks)
-    axis = Axis.of(whiskers)
+        before.append(f"{getattr(generic, name) / generic.p1:.5g}" if ratio else "–")
+        numbers = dict(zip(("value", "standard_error", "lower", "upper"), line, strict=True))
+        rows.append(Parameter(name=shown, meaning="", unit="", true=true, **numbers))
+    bars, texts = forest(rows), [*map(parameter_texts, rows)]
     return PageTable(
-        headers=("", "value", axis, "95 % interval", "standard error", "at first", "true"),
+        headers=("", "value", bars[0].axis, "95 % interval", "standard error", "at first", "true"),
         rows=[
-            (name, value, whisker, *cells)
-            for (name, value, cells), whisker in zip(texts, whiskers, strict=True)
+            (row["name"], row["value"], bar, row["interval"], row["error"], first, row["true"])
+            for row, bar, first in zip(texts, bars, before, strict=True)
         ],
-        caption=f"{forest_caption(whiskers)} SI units; ratios if the added mass was not changed. "
+        caption=f"{forest_caption(bars)} SI units; ratios if the added mass was not changed. "
         "Intervals include the leave-one-run-out estimates.",
     )
 

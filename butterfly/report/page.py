@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from butterfly.files import write_document, write_file
 from butterfly.outputs import mark_of, require_endings, require_free
-from butterfly.report.forest import Axis, Whisker
+from butterfly.report.forest import Axis, Bar
 from butterfly.verdict import Level, Verdict
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ class PageTable:
     """Rows of cells under headers, units in the headers."""
 
     headers: tuple[str | Axis, ...]
-    rows: Sequence[tuple[str | Marked | Whisker, ...]]
+    rows: Sequence[tuple[str | Marked | Bar, ...]]
     caption: str = ""
     name: str = ""  # by which a page's links and programs find it
     words: tuple[int, ...] = ()  # columns of text: on the left, broken into lines; so is the first

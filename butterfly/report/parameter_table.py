@@ -5,14 +5,15 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 from butterfly.identification.derived_quantities import SYMBOLS
+from butterfly.identification.levels import CLEARLY, PRECISE
 from butterfly.identification.parameter import Parameter, or_nan, or_none
 from butterfly.identification.physical import Missing, PhysicalParameters
 from butterfly.model.prior import plain
 from butterfly.report.format import interval, upwards, with_error
+from butterfly.report.page import Marked
 from butterfly.result import Answer, TextTable
-from butterfly.verdict import Verdict
+from butterfly.verdict import Level, Verdict
 
-_MARKS = {"known": "known", "rough": "poor", "not-from-zero": "may be 0"}
 _TITLE = "Physical parameters and derived quantities"
 
 
@@ -42,7 +43,7 @@ def parameter_texts(row: Parameter) -> dict[str, str]:
         "unit": row.unit,
         "value": with_error(row.value, or_nan(row.standard_error)),
         "estimate": with_limit(row.value, None if row.known else row.farther),
-        "mark": "at its bound" if row.on_bound else _MARKS.get(row.claim, ""),
+        "mark": str(badge_of(row)),
         "error": error,
         "interval": limits,
         "width": width,
@@ -50,6 +51,25 @@ def parameter_texts(row: Parameter) -> dict[str, str]:
         "true": "" if row.true is None else f"{row.true:.5g}",
         "deviation": "" if row.deviation is None else f"{100 * row.deviation:+z.2f} %",
     }
+
+
+def badge_of(row: Parameter) -> Marked:
+    """Return how well a parameter is known, as console and page mark it; "" where that is unknown.
+
+    Good as in the verdict: its farther limit is within 10 %; poor: it is hardly told from 0.
+    """
+    if row.known:
+        return Marked("known", level=Level.NOTE)
+    if row.on_bound:
+        return Marked("at its bound", level=Level.CARE)
+    if row.claim == "not-from-zero":
+        return Marked("may be 0", level=Level.CARE)
+    half, size = or_nan(row.farther), abs(row.value)
+    if half <= PRECISE * size:
+        return Marked("good", level=Level.GOOD)
+    if CLEARLY * half <= size:
+        return Marked("use with care", level=Level.CARE)
+    return Marked("poor", level=Level.WARNING) if row.claim else Marked("")
 
 
 def with_limit(value: float, farther: float | None) -> str:

@@ -1,21 +1,40 @@
-"""Figures of tables: FITs of logs, methods and sets of terms, and ranked experiments."""
+"""Figures of tables: FITs of logs, methods and sets of terms, ranked experiments, draws."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
+from itertools import product
 from textwrap import wrap
+from typing import Any
 
+import numpy as np
 from plotly.graph_objects import Figure
+from plotly.subplots import make_subplots
 
+from butterfly.arrays import Samples
 from butterfly.identification.parameter import or_nan
-from butterfly.report.figures import PALETTE, log_ticks, logs_panel, look, panel
-from butterfly.report.format import fit_text
+from butterfly.report.figures import (
+    GREY,
+    PALETTE,
+    add,
+    log_ticks,
+    logs_panel,
+    look,
+    panel,
+    panels,
+)
+from butterfly.report.format import fit_text, label_of, with_error
 from butterfly.report.summary import medians_of
 from butterfly.result import Result
 
 _ROW = 52  # pixels of an estimator
+_SIMULATORS = {"MuJoCo": ("-open", 12), "grey box": ("", 5)}  # symbol and size of their marks
+_MOST = 6  # parameters against each other
+_CELL = 140  # pixels of a panel of two parameters
+_BINS = 24  # of a histogram
 _BROAD = 32  # letters of a line that names an experiment
 _LEAST = 1e-3  # % that a FIT lacks at least, to be drawn
 
@@ -28,10 +47,24 @@ class TablePlots:
 
     def fits(self) -> Figure:
         """Draw every column of FITs, a point for each log."""
+        return self._by_log("FIT in %", [name for name in self._columns if name[:4] == "FIT "])
+
+    def shares(self) -> Figure:
+        """Draw the share of measured samples inside each band, a point for each log."""
+        names = [name for name in self._columns if name.endswith(": inside in %")]
+        figure = self._by_log("measured samples inside the band, in %", names[::-1])
+        figure.add_vline(x=95, line={"color": GREY, "width": 1, "dash": "dash"})
+        return figure.update_layout(showlegend=True).update_xaxes(range=[-2, 102])
+
+    @property
+    def _columns(self) -> list[str]:
+        return [*next(iter(self.result.rows()), {})]
+
+    def _by_log(self, title: str, columns: Sequence[str]) -> Figure:
+        """Draw columns in per cent, a row for each log."""
         rows = self.result.rows()
-        columns = [name for name in (rows[0] if rows else ()) if name.startswith("FIT")]
-        labels = [str(row.get("log", number)) for number, row in enumerate(rows, start=1)]
-        figure = logs_panel([label.rsplit("/", maxsplit=1)[-1] for label in labels], "FIT in %")
+        labels = [*map(label_of, rows)]
+        figure = logs_panel(labels, title)
         for number, name in enumerate(columns):
             colour, symbol = look(number)
             marker = {"color": colour, "symbol": symbol + "-open" * (number % 2)}
@@ -45,6 +78,52 @@ class TablePlots:
                 hovertemplate="%{text}: %{x:.1f} %",
             )
         return figure
+
+    def frequencies(self) -> Figure:
+        """Draw how the simulators' steady responses differ from the logs', by added mass."""
+        figure = panels("frequency in rad/s", ("amplitude error in %", "phase error in °"), 480)
+        rows = [row for row in self.result.rows() if row["phase error MuJoCo in °"] is not None]
+        masses = sorted({row["added mass in kg"] for row in rows})
+        for (number, mass), name in product(enumerate(masses), _SIMULATORS):
+            (colour, symbol), (mark, size) = look(number), _SIMULATORS[name]
+            own = [row for row in rows if row["added mass in kg"] == mass]
+            style: dict[str, Any] = {
+                "name": f"{1e3 * mass:g} g, {name}",
+                "mode": "markers",
+                "marker": {"color": colour, "symbol": symbol + mark, "size": size},
+            }
+            omega = [row["frequency in rad/s"] for row in own]
+            for row, (what, unit) in enumerate((("amplitude", " %"), ("phase", "°")), start=1):
+                errors = [log[f"{what} error {name} in {unit.strip()}"] for log in own]
+                hover = f"%{{x:.3g}} rad/s: %{{y:.4g}}{unit}"
+                style |= {"showlegend": row == 1, "hovertemplate": hover}
+                add(figure, row, omega, errors, **style)
+        return figure
+
+    def corner(self) -> Figure | None:
+        """Draw the first parameters that vary: each alone, and below against each other."""
+        rows, units = self.result.rows(), self.result.to_dict()["units"]
+        columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+        names = [name for name, values in columns.items() if np.ptp(values) > 0][:_MOST]
+        if not names:
+            return None
+        size = len(names)
+        figure = make_subplots(size, size, horizontal_spacing=0.02, vertical_spacing=0.02)
+        looks = {name: _axis(columns[name], f"{name} in {units[f'rows.{name}']}") for name in names}
+        for row, up in enumerate(names, start=1):
+            for column, across in enumerate(names[:row], start=1):
+                place, x, y = {"row": row, "col": column}, columns[across], columns[up]
+                style = {"mode": "markers", "marker": {"color": PALETTE[0], "size": 3}}
+                own = looks[up] if column == 1 else {}
+                if row == column:
+                    counts, edges = np.histogram(x, _BINS)
+                    x, y = np.repeat(edges, 2), np.concatenate([[0], np.repeat(counts, 2), [0]])
+                    style, own = {"mode": "lines", "line": {"color": PALETTE[0], "width": 1.4}}, {}
+                figure.add_scatter(x=x, y=y, **style, **place)
+                figure.update_xaxes(showticklabels=row == size, **place)
+                figure.update_xaxes(looks[across] if row == size else {}, **place)
+                figure.update_yaxes({"showticklabels": bool(own), **own}, **place)
+        return figure.update_layout(height=_CELL * size + 110, showlegend=False)
 
     def leaderboard(self) -> Figure:
         """Draw what each estimator lacks of a FIT of 100 %, so that good ones are told apart."""
@@ -95,14 +174,21 @@ class TablePlots:
         short = [wrap(name, _BROAD, max_lines=2, placeholder=" …") for name in names]
         across = "standard errors after this run<br>in % of the present ones"
         figure = logs_panel(["\n".join(lines) for lines in short], across)
-        ends = [min(0.0, *(100 * row["mean"] for row in rows)), 105.0]
-        return figure.update_xaxes(range=ends).add_scatter(
-            x=[100 * row["mean"] for row in rows],
+        means = [100 * or_nan(row["mean"]) for row in rows]
+        return figure.update_xaxes(range=[min(0.0, *means), 105.0]).add_scatter(
+            x=means,
             y=list(range(len(rows))),
-            text=[f"{100 * row['mean']:.3g} %" for row in rows],
+            text=[f"{mean:.3g} %" for mean in means],
             textposition="middle left",
             mode="markers+text",
             hovertext=[*map(escape, names)],
             hovertemplate="%{hovertext}: %{x:.3g} %<extra></extra>",
             marker={"color": PALETTE[0], "size": 9},
         )
+
+
+def _axis(values: Samples, title: str) -> dict[str, Any]:
+    """Return the look of an axis, which names the mean and the standard deviation."""
+    mean, spread = float(np.mean(values)), float(np.std(values))
+    text = f"{with_error(mean, spread)}<br>± {spread:.2g}"
+    return {"title": {"text": title}, "tickvals": [mean], "ticktext": [text]}

@@ -2,31 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from plotly.graph_objects import Figure
 from plotly.subplots import make_subplots
 
+from butterfly.files import finite
+from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.residuals import LogResiduals, Residuals
+from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.test_functions import ResidualTorque
 from butterfly.model.parameters import JointKind
 from butterfly.report.figures import add, look, seen_samples
 from butterfly.report.finding_texts import finding_text
 from butterfly.report.log_figures import correlation_figure
-from butterfly.report.page import PageTable
-
-HEADERS = (
-    *(
-        "log",
-        "error in % of motion",
-        "after small changes",
-        "sensor noise in %",
-        "times noise",
-        "bands",
-    ),
-    "missing terms explain in %",
-)
+from butterfly.report.page import Page, PageTable, Section
+from butterfly.result import cell_text
 
 _CAPTION = (
     "Error: rms of measured minus simulated motion, in % of the rms motion, averaged over steps of "
@@ -36,14 +30,12 @@ _CAPTION = (
     "twenty does not. A misfit of 0.1 % of the motion counts for nothing: where the error is no "
     "larger, the bands are as wide as the curves can be, and nothing is tested."
 )
-EXPLAINED = (
+_EXPLAINED = (
     "The log with the largest error. Residual torque, averaged over short intervals in which the "
     "joint moves: a missing term that depends on time, angle or velocity shows as a curve. "
     "Autocorrelation of the free run's error, and its cross-correlation with past input: if sensor "
     "noise explains it, both stay within the bands."
 )
-"""What `residual_figures` shows."""
-
 _MOST = 6000  # instants of a panel
 
 
@@ -64,16 +56,39 @@ def residual_sentences(residuals: Residuals) -> list[str]:
     ]
 
 
-def residual_table(logs: Iterable[LogResiduals], picks: Sequence[int] = ()) -> PageTable:
-    """Make a table with a row per log, each of which may choose a log by its number."""
-    rows = []
-    for log in logs:
-        shares = [100 * each / log.motion for each in (log.error, log.left, log.explained)]
-        numbers = [f"{share:.2g}" if np.isfinite(share) else "–" for share in shares]
-        times = f"{log.times:.1f}" if np.isfinite(log.times) else "–"
-        missing = f"{100 * log.share:.0f}" if log.share else "–"
-        rows.append((log.label, *numbers, times, "outside" if log.outside else "inside", missing))
-    return PageTable(name="residuals", headers=HEADERS, rows=rows, caption=_CAPTION, picks=picks)
+def residual_row(log: LogResiduals) -> dict[str, Any]:
+    """Return the residuals of a log as cells of a result's row."""
+    motion = log.motion or np.nan
+    return {
+        "error in % of the motion": 100 * log.error / motion,
+        "after small changes in %": 100 * log.left / motion,
+        "sensor noise in %": 100 * log.explained / motion,
+        "residual over sensors": log.times,
+        "outside its bands": bool(log.outside),
+        "missing terms explain in %": 100 * log.share,
+    }
+
+
+def residual_table(logs: Sequence[LogResiduals], picks: Sequence[int]) -> PageTable:
+    """Make a table with a row per log, each of which chooses a log by its number."""
+    rows = [{"log": log.label} | residual_row(log) for log in logs]
+    return PageTable(
+        name="residuals",
+        headers=tuple(rows[0]),
+        rows=[(*map(cell_text, finite([*row.values()])),) for row in rows],
+        caption=_CAPTION,
+        picks=picks,
+    )
+
+
+def with_residual_figures(
+    data: DataSet, estimate: Estimate, number: int, residuals: LogResiduals, page: Page
+) -> Page:
+    """Return a page with the residual torque and the correlations of a log, by its number."""
+    setting = data.simulations.setting(number, estimate)
+    torque = ResidualTorque.of(data.logs[number], setting.parameters, setting.zero)
+    figures = residual_figures(torque, residuals, data.joint)
+    return replace(page, lead=Section(title="At a glance", text=_EXPLAINED, figures=figures))
 
 
 def residual_figures(

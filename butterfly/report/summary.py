@@ -26,8 +26,9 @@ from butterfly.model.prior import Prior
 from butterfly.model.terms import PARAMETERS, TERMS, offered
 from butterfly.report.agreement_texts import agreement_table
 from butterfly.report.finding_texts import REMEDY, estimate_verdict, grave_notes, minor_notes
-from butterfly.report.format import counted, fit_text
+from butterfly.report.format import counted, fit_text, times_text
 from butterfly.report.inspection import conditions_text
+from butterfly.report.page import Fact
 from butterfly.report.parameter_table import parameter_texts, physical_table
 from butterfly.result import TextTable
 from butterfly.signals.frequency_response import ResponsePoint, response_point
@@ -134,6 +135,38 @@ def tables(identification: Identified, truth: LumpedParameters | None) -> list[T
         title = f"FIT in %{fit.over} on the same logs"
         found.append(TextTable(title, ("parameters", "median", "mean", "worst"), lines))
     return found
+
+
+def facts(identification: Identified, numbers: Mapping[str, Any]) -> list[Fact]:
+    """Return the numbers that matter most, of an identification and its document."""
+    fit, fits = identification.fit, identification.fits
+    worst = min(fits, key=lambda name: fits[name])
+    masses = numbers["data"].get("added_masses", [])
+    return [
+        Fact("FIT, median of all logs", f"{fit_text(fit.median)} %", f"100 % is perfect{fit.over}"),
+        Fact("FIT, worst log", f"{fit_text(fit.worst)} %", worst.rsplit("/", maxsplit=1)[-1]),
+        *_of_logs(identification, numbers.get("residuals") or {}),
+        Fact(
+            "logs",
+            str(len(fits)),
+            f"{len(masses)} added masses" if len(masses) > 1 else "".join(masses),
+        ),
+        Fact("method", identification.estimate.method),
+    ]
+
+
+def _of_logs(identification: Identified, residuals: Mapping[str, Any]) -> list[Fact]:
+    """Say how large the error is."""
+    servo = []
+    if rows := loop_rows(identification):
+        (*_, error), (_, opened, *_), *_ = rows
+        off = f"in the loop {error} m{identification.estimate.joint.way} error"
+        servo = [Fact("FIT, by the drive alone", f"{opened} %", off)]
+    if residuals.get("times_sensors") is None:
+        return servo
+    noise = f"of the motion; {times_text(residuals['times_sensors'])} times the sensor noise"
+    error = f"{100 * residuals['after_small_changes']:.2g} %"
+    return [*servo, Fact("model error", error, noise)]
 
 
 def _columns(

@@ -1,12 +1,10 @@
-"""The report of MuJoCo against grey box against log."""
+"""Courses of logs in the report of MuJoCo against grey box against log."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from html import escape
-from typing import Any
 
 import numpy as np
 from plotly.graph_objects import Figure
@@ -14,26 +12,12 @@ from plotly.subplots import make_subplots
 
 from butterfly.arrays import Samples
 from butterfly.comparison.three_way import ThreeWay
-from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.residuals import Residuals
-from butterfly.model.parameters import AddedMass, JointKind
-from butterfly.report.figures import (
-    PALETTE,
-    add,
-    grams,
-    logs_panel,
-    mass_looks,
-    middle,
-    panel,
-    panels,
-    seen_samples,
-)
+from butterfly.identification.diagnostics.residuals import LogResiduals
+from butterfly.model.parameters import JointKind
+from butterfly.report.figures import PALETTE, add, middle, panel, panels, seen_samples
 from butterfly.report.log_figures import correlation_figure, correlation_series, first_stretch
-from butterfly.report.page import Fact, Page, PageTable, Section, Series
-from butterfly.report.residual import residual_table
-from butterfly.result import Result
+from butterfly.report.page import Page, Section, Series
 
-_SIMULATORS = {"MuJoCo": ("-open", 12), "grey box": ("", 5)}  # symbol and size of their marks
 _LINES = {  # the later ones above, and thinner, so that all are seen
     "MuJoCo": {"color": PALETTE[1], "width": 8},
     "grey box": {"color": PALETTE[2], "width": 5},
@@ -45,19 +29,17 @@ _PERIODS = 4  # of the drawn motion in the phase plane
 _DOTS = 800  # of a residual torque
 
 
-def three_way_page(
-    data: DataSet, compared: Sequence[ThreeWay], residuals: Residuals, result: Result
-) -> Page:
-    """Put together the report of a comparison, with the `residuals` of the whole data set."""
-    judged = {log.name: log for log in residuals.logs}
-    own = [judged[each.log.name] for each in compared]
+def with_courses(compared: Sequence[ThreeWay], own: Sequence[LogResiduals], page: Page) -> Page:
+    """Return the page of a comparison with the course of each log, and its residuals."""
     chosen = middle([each.fits["grey box"] for each in compared])
     of_log = {"time": _time_figure, "phase": _phase_figure, "residual": _residual_figure}
     series = {name: Series.of_figures([*map(draw, compared)]) for name, draw in of_log.items()}
     stretches = [first_stretch(each.log) for each in compared]
     series["time"] = replace(series["time"], stretches=stretches)
+    *others, rows = page.sections
+    picked = replace(rows, tables=(replace(rows.tables[0], picks=range(len(own))),))
     sections = [
-        *_frequencies([each for each in compared if each.gains], data.masses),
+        *others,
         Section(
             title="Measured against simulated",
             text="Free run: the simulators get the recorded input and the initial angle only. The "
@@ -69,120 +51,17 @@ def three_way_page(
             text="Correlations of the grey box's errors: sensor noise alone stays inside the "
             "bands. Below: the residual torque, averaged over short intervals.",
             series={"left-over": correlation_series(own), "residual": series["residual"]},
-            tables=(residual_table(own, picks=range(len(own))),),
         ),
-        Section(title="Every log", tables=(_table(compared),)),
+        picked,
     ]
-    return Page(
-        name=data.name,
-        description=data.description,
-        kind="comparison",
-        facts=_facts(compared, len(data.logs)),
-        lead=Section(
-            title="FIT log by log",
-            text="The worst on top. Large marks: MuJoCo; small ones: the grey box.",
-            figures={"fit": _fit_figure(compared, data.masses)},
-        ),
-        summary=result.notes,
+    return replace(
+        page,
         sections=sections,
         logs=[f"{each.log.label} – FIT {each.fits['grey box']:.1f} %" for each in compared],
         chosen=chosen,
         pictures={name: partial(draw, compared[chosen]) for name, draw in of_log.items()}
         | {"left-over": partial(correlation_figure, own[chosen])},
-        numbers=result.to_dict(),
-        verdict=result.judged,
     )
-
-
-def _facts(compared: Sequence[ThreeWay], count: int) -> list[Fact]:
-    way = compared[0].log.added_mass.joint.way
-    apart = max(each.difference for each in compared)
-    medians = [
-        Fact(f"FIT of {key}", f"{np.median([each.fits[key] for each in compared]):.2f} %", "median")
-        for key in _SIMULATORS
-    ]
-    return [
-        *medians,
-        Fact("MuJoCo − grey box", f"{apart:.2g} {way}", "largest difference"),
-        Fact("logs compared", str(len(compared)), f"of {count}"),
-    ]
-
-
-def _table(compared: Sequence[ThreeWay]) -> PageTable:
-    rows, way = [], compared[0].log.added_mass.joint.way
-    for each in compared:
-        errors = [
-            f"{100 * (abs(gain) - 1):+z.2f} %, {np.degrees(np.angle(gain)):+z.2f}°"
-            for gain in each.gains.values()
-        ] or ["–", "–"]
-        fits = [f"{fit:.2f}" for fit in each.fits.values()]
-        rows.append((each.log.label, *fits, *errors, f"{each.difference:.2g}"))
-    headers = (
-        "log",
-        *(f"{name}: FIT in %" for name in _SIMULATORS),
-        *(f"{name}: amplitude, phase error" for name in _SIMULATORS),
-        f"simulators apart in {way}",
-    )
-    return PageTable(headers=headers, rows=rows, picks=range(len(rows)))
-
-
-def _fit_figure(compared: Sequence[ThreeWay], masses: Sequence[AddedMass]) -> Figure:
-    ranked = sorted(compared, key=lambda each: each.fits["grey box"])
-    figure = logs_panel([each.log.label for each in ranked], "FIT in %")
-    for mass, own, style in _by_mass(ranked, masses):
-        for name, look_of in style.items():
-            x, y = [ranked[k].fits[name] for k in own], own
-            texts = [escape(ranked[k].log.label) for k in own]
-            hover = f"%{{text}}, {name}: %{{x:.4g}} %<extra></extra>"
-            label = f"{grams(mass)}, {name}"
-            figure.add_scatter(x=x, y=y, text=texts, name=label, hovertemplate=hover, **look_of)
-    return figure
-
-
-def _by_mass(
-    compared: Sequence[ThreeWay], masses: Sequence[AddedMass]
-) -> Iterator[tuple[AddedMass, list[int], dict[str, dict[str, Any]]]]:
-    """Yield each added mass, the numbers of its logs, and the look of each simulator's points."""
-    for mass, (colour, symbol) in mass_looks(masses).items():
-        own = [k for k, each in enumerate(compared) if each.log.added_mass == mass]
-        if own:
-            yield (
-                mass,
-                own,
-                {
-                    name: {
-                        "mode": "markers",
-                        "marker": {"color": colour, "symbol": symbol + mark, "size": size},
-                    }
-                    for name, (mark, size) in _SIMULATORS.items()
-                },
-            )
-
-
-def _frequencies(sines: Sequence[ThreeWay], masses: Sequence[AddedMass]) -> list[Section]:
-    """Show how the simulators' steady responses differ from the logs', if there are any."""
-    if not sines:
-        return []
-    omegas = [each.log.excitation.omega for each in sines if each.log.excitation]
-    gains = {name: np.array([each.gains[name] for each in sines]) for name in _SIMULATORS}
-    sizes = {name: 100 * (np.abs(gain) - 1) for name, gain in gains.items()}
-    phases = {name: np.degrees(np.angle(gain)) for name, gain in gains.items()}
-    titles = ("amplitude error in %", "phase error in °")
-    figure = panels("frequency in rad/s", titles, 480, spacing=0.06)
-    for row, (values, unit) in enumerate(((sizes, " %"), (phases, "°")), start=1):
-        for mass, own, style in _by_mass(sines, masses):
-            for name, look_of in style.items():
-                x, y = [omegas[k] for k in own], values[name][own]
-                label = f"{grams(mass)}, {name}"
-                more = {"legendgroup": label, "showlegend": row == 1, **look_of}
-                more["hovertemplate"] = f"%{{x:.3g}} rad/s: %{{y:.4g}}{unit}"
-                add(figure, row, x, y, name=label, **more)
-    text = (
-        "Steady response of each simulator against the log's. Large marks: MuJoCo; small ones: the "
-        "grey box; one colour for each added mass."
-    )
-    title = "Amplitude and phase error per frequency"
-    return [Section(title=title, text=text, figures={"frequency": figure})]
 
 
 def _angles(each: ThreeWay) -> dict[str, Samples]:

@@ -114,7 +114,9 @@ def test_a_run_that_is_done_is_found_and_anything_else_is_done_anew(
     assert all(line in " ".join(whole.split()) for line in lines)
     again = bf.run(path, out=out)
     assert again.to_dict() == run[0].to_dict()
-    assert again.tables() == run[0].tables()
+    again.save(tmp_path / "again.json")
+    for each in (again, bf.load(tmp_path / "again.json")):
+        assert (str(each), each.tables()) == (str(run[0]), run[0].tables())
     assert list(again.identifications) == list(run[0].identifications)
     changed(path, estimators=ESTIMATORS[:1], validation=None, keep_signals=False)
 

@@ -114,13 +114,6 @@ def pages(data, found, residuals, tmp_path_factory):
     }
 
 
-def test_a_comparison_says_what_the_model_leaves_over(pages, residuals):
-    page = pages["three-way"]
-    assert page.numbers["residuals"]["logs_outside"] == residuals.outside
-    assert len(page.numbers["residuals"]["logs"]) == len(residuals.logs) == 6
-    assert not any("p₁..p₄" in section.text for section in page.sections)
-
-
 def test_the_report_of_a_sweep_counts_verdicts_and_lists_what_went_wrong(pages):
     page = pages["sweep"]
     assert page.summary[0].startswith("60 runs, 58 ")

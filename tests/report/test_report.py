@@ -19,7 +19,7 @@ from butterfly.logs.manifest import read_manifest
 from butterfly.model.linear import quasi_linear_response
 from butterfly.report.figures import grams, mass_looks, seen_samples
 from butterfly.report.finding_texts import estimate_verdict
-from butterfly.report.forest import Marks, forest
+from butterfly.report.forest import forest
 from butterfly.report.identification_figures import swings_between
 from butterfly.report.inspection import health_rows, inspection_page
 from butterfly.report.log_figures import (
@@ -74,18 +74,14 @@ def test_the_page_holds_every_parameter_log_and_sentence_and_asks_nothing_of_the
     for sentence in (*said.reasons, *summary(result)[2:], *residual_sentences(result.residuals)):
         assert sentence in text
     assert text.count('<tr class="pick"') == 2 * len(result.data.logs) == 18
-    for row in residual_table(result.residuals.logs).rows:
-        for cell in row:
-            assert cell in text
+    cells = [cell for row in residual_table(result.residuals.logs, []).rows for cell in row]
+    assert all(cell in text for cell in cells)
 
 
 def test_the_numbers_beside_the_page_say_what_is_left_over(page, simulated):
     residuals = simulated[0].residuals
     numbers = json.loads(page.with_suffix(".json").read_text(encoding="utf-8"))
     assert numbers["residuals"]["times_sensors"] == pytest.approx(residuals.times)
-    assert [each["log"] for each in numbers["residuals"]["logs"]] == [
-        log.name for log in residuals.logs
-    ]
     assert numbers["residuals"]["findings"][0]["kind"] == "followed"
 
 
@@ -198,25 +194,43 @@ def test_a_long_curve_keeps_its_peaks_when_it_is_thinned():
     assert seen_samples(curves, 1000, every=200).tolist() == list(range(0, 100_000, 200))
 
 
-def test_all_parameters_are_on_one_axis_in_per_cent_of_their_values():
-    sure = Marks(value=2.0, lower=1.98, upper=2.04, true=2.05)
-    wide = Marks(
-        value=1e-3, lower=0.7e-3, upper=1.2e-3, least_left_out=0.9e-3, largest_left_out=1e-3
-    )
-    idle = Marks(value=0.1, lower=-0.3, upper=0.5)
-    rows = forest([sure, wide, idle, Marks(value=1.0, lower=1.0, upper=1.0, known=True)])
-    assert {each.reach for each in rows} == {50.0}  # the widest that cannot be 0 is 30 %
-    assert rows[0].limits == pytest.approx((-1.0, 2.0))
-    assert rows[0].true == pytest.approx(2.5)
-    assert rows[1].left_out == pytest.approx((-10.0, 0.0))
+def _row(**numbers):
+    """A parameter of a table."""
+    about = {"name": "p2", "meaning": "friction", "unit": "N m s/rad", "standard_error": 0.1}
+    return Parameter(**about | numbers)
+
+
+def test_all_half_widths_are_on_one_logarithmic_axis_in_per_cent_of_their_values():
+    sure = _row(value=2.0, lower=1.9998, upper=2.0004, true=2.0001)
+    wide = _row(value=1.0, lower=0.7, upper=1.2, least_left_out=0.9, largest_left_out=1.0)
+    idle = _row(value=0.1, lower=-0.3, upper=0.5)
+    rows = forest([sure, wide, idle, _row(value=1.0, lower=1.0, upper=1.0, known=True)])
+    (axis,) = {each.axis for each in rows}
+    assert axis.decades == [0.01, 0.1, 1.0, 10.0, 100.0]
+    assert (rows[0].half_width, rows[0].true) == pytest.approx((0.02, 0.005))
+    assert rows[1].left_out == pytest.approx(10.0)
     assert [each.may_be_zero for each in rows] == [False, False, True, False]
-    assert [rows[2].place(each) for each in rows[2].limits] == [0.0, 100.0]  # at the edges
-    assert [rows[1].place(each) for each in (-50.0, 0.0, 25.0)] == [0.0, 50.0, 75.0]
-    assert not rows[3].drawn
-    # but it ends at 100 %
-    rows = forest([Marks(value=1.0, lower=0.5, upper=9.0), Marks(value=0.0, lower=-1.0, upper=1.0)])
-    assert {each.reach for each in rows} == {100.0}
-    assert forest([Marks(value=0.0, lower=-np.inf, upper=1.0)])[0].limits is None
+    places = [axis.place(each.half_width) for each in rows[:3]]
+    assert places == pytest.approx([7.5, 86.9, 100.0], abs=0.1)  # each is seen
+    assert axis.place(rows[0].true) == 0.0  # at the edge
+    unknown = [_row(value=value, lower=-np.inf, upper=1.0) for value in (0.0, np.nan)]
+    assert {each.half_width for each in (rows[3], *forest(unknown))} == {None}
+    assert forest([_row(value=0.0, lower=-1.0, upper=1.0)])[0].axis.decades == [10.0, 100.0]
+
+
+def test_a_badge_says_how_well_a_parameter_is_known():
+    plain = {"value": 1.0, "lower": 0.95, "upper": 1.05, "claim": "rough"}
+    for badge, about in {
+        "good": {"upper": 1.09},
+        "use with care": {"upper": 1.2},
+        "poor": {"upper": 1.5},
+        "may be 0": {"lower": -0.1, "claim": "not-from-zero"},
+        "at its bound": {"on_bound": True},
+        "known": {"known": True},
+        "": {"lower": None, "claim": ""},
+    }.items():
+        assert parameter_texts(_row(**plain | about))["mark"] == badge
+    assert parameter_texts(_row(value=0.0, lower=0.0, upper=0.2))["width"] == "may be 0"
 
 
 def test_the_first_screen_says_verdict_fit_and_every_parameter_with_its_interval_and_truth(
@@ -227,16 +241,16 @@ def test_the_first_screen_says_verdict_fit_and_every_parameter_with_its_interval
     assert f"{result.fit.median:.1f} %" in [fact.value for fact in told.facts]
     (table,) = told.lead.tables
     assert [str(row[0]) for row in table.rows] == [row.name for row in result.estimate.table()]
-    assert len({row[3].reach for row in table.rows} | {table.headers[3].reach}) == 1
+    assert {row[4].axis for row in table.rows} == {table.headers[4]}
     for row, each in zip(table.rows, result.estimate.table(truth), strict=True):
         if each.true:
-            assert row[3].true == pytest.approx(100 * (each.true / each.value - 1))
-        assert row[3].limits[0] <= 0.0 <= row[3].limits[1]
+            assert row[4].true == pytest.approx(100 * abs(each.true / each.value - 1))
+        assert row[4].half_width == pytest.approx(100 * each.farther / abs(each.value))
 
 
 def test_the_first_screen_repeats_the_numbers_of_its_verdict(told):
     values, model = told.headed.reasons
-    widths = {str(row[0]): row[4] for row in told.lead.tables[0].rows}
+    widths = {str(row[0]): row[5] for row in told.lead.tables[0].rows}
     assert widths.pop("delay") == "may be 0"
     for name, width in widths.items():
         assert f"{name} {width.replace(' ', '', 1)}" in values
@@ -317,17 +331,11 @@ def test_labels_of_logs_are_no_markup_in_figures(simulated):
     assert {text.partition(", ")[2] for text in texts} == {"&lt;b&gt;x.csv"}
 
 
-def test_a_value_of_0_inside_its_interval_may_be_0():
-    about = {"name": "p2", "meaning": "friction", "unit": "N m s/rad"}
-    parameter = Parameter(**about, value=0.0, standard_error=0.1, lower=0.0, upper=0.2)
-    assert parameter_texts(parameter)["width"] == "may be 0"
-
-
 def test_the_forest_plot_has_every_parameter(simulated):
     result, truth = simulated
     figure, rows = result.plot.parameters(truth), result.estimate.table(truth)
-    (estimates,) = [trace for trace in figure.data if trace.name == "estimate"]
-    assert list(estimates.customdata) == [row.value for row in rows]
+    (bars,) = [trace for trace in figure.data if trace.name == "95 % half-width"]
+    assert (len(bars.x), figure.layout.xaxis.type) == (3 * len(rows), "log")
     assert list(figure.layout.yaxis.ticktext) == [row.name for row in rows]
     assert {trace.xaxis for trace in figure.data} == {None}  # one axis
     assert "may be 0" in [trace.name for trace in figure.data]  # of the delay
