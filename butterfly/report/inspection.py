@@ -1,25 +1,32 @@
-"""Texts, tables and page of `butterfly inspect`."""
+"""What `butterfly inspect` finds on logs: result, texts, tables and page."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from butterfly.errors import InputError, listed
+from butterfly.identification.diagnostics.before_fit import Forecast, Told
 from butterfly.logs.health import Health, Remark, examine
 from butterfly.logs.log import Log
 from butterfly.logs.manifest import LogEntry, Manifest
 from butterfly.logs.reading import piece_name, read_pieces
 from butterfly.logs.thinning import thinned
 from butterfly.progress import Track, untracked
-from butterfly.report.page import Badge, Page, PageTable, Section
+from butterfly.report.format import upwards
+from butterfly.report.page import Badge, Page, PageTable, Section, tabulated
+from butterfly.result import Answer, TextTable, cell_text
 from butterfly.signals.spectrum import periodogram, resample, rms_amplitude, uniform_grid
 from butterfly.verdict import Level
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
 
 STATES = {Level.GOOD: "ok", Level.NOTE: "note", Level.CARE: "care", Level.WARNING: "do not use"}
 """Condition of a log, in a word or two."""
@@ -36,6 +43,9 @@ _ADVICE = {
     Level.CARE: "Check the findings before you use this log.",
 }
 _ENOUGH = 1_000_000  # samples that a periodogram is taken of
+_FORECAST = "What these logs can tell"
+_HEADERS = ("", "meaning", "before the fit", "expected", "what would mend it")
+_FORECASTS = TypeAdapter(tuple[Forecast, ...])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,6 +66,171 @@ class Inspected:
     def findings(self) -> str:
         """The remarks in words."""
         return "; ".join(remark.text for remark in self.remarks)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Inspection(Answer):
+    """The condition of logs, worst first, and which parameters they can tell."""
+
+    kind: ClassVar[str] = "inspection"
+    table: ClassVar[str] = "logs"
+
+    source: str = ""
+    """Name of the data."""
+
+    logs: tuple[Inspected, ...] = ()
+    """The findings of each log; none if loaded."""
+
+    before_fit: tuple[Forecast, ...] = ()
+    """What can be expected of each parameter's identification."""
+
+    @classmethod
+    def of(
+        cls,
+        source: str,
+        part: Manifest,
+        seen: Sequence[Inspected],
+        forecasts: Sequence[Forecast],
+        more: Sequence[str],
+    ) -> Inspection:
+        """Tabulate findings on logs of a manifest, and forecasts; ``more`` ends the summary."""
+        way = part.joint.way
+        return cls(
+            title=f"Logs of {part.name!r}",
+            summary=(
+                *([conditions_text([each.condition for each in seen])] if len(seen) > 1 else []),
+                *forecast_sentences(forecasts),
+                *hints(seen),
+                *more,
+            ),
+            content={
+                "data": {
+                    "name": part.name,
+                    "description": part.description,
+                    "input": str(part.input),
+                    "logs": len(seen),
+                    "joint": str(part.joint),
+                },
+                "logs": [_looked_at(each) for each in seen],
+                "before_fit": [asdict(each) for each in forecasts],
+            },
+            units={
+                **{f"logs.{name}": "s" for name in ("duration", "step", "jitter", "longest_gap")},
+                "logs.angle": way,
+                "logs.velocity": f"{way}/s",
+                "logs.turns": "turns",
+                "logs.middle": way,
+                "before_fit.half_width": "the row's unit",
+                "before_fit.expected": "1",
+            },
+            source=source,
+            logs=tuple(seen),
+            before_fit=tuple(forecasts),
+        )
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any], **more: Any) -> Self:  # noqa: ANN401 - own fields
+        """Return the result of `to_dict`'s values (see `Answer.from_dict`)."""
+        source, told = str(content["data"]["name"]), content["before_fit"]
+        found = _FORECASTS.validate_python(told)
+        return super().from_dict(content, source=source, before_fit=found, **more)
+
+    @property
+    def unusable(self) -> int:
+        """Number of unusable logs."""
+        return sum(row["condition"] == STATES[Level.WARNING] for row in self.rows())
+
+    def require_usable(self) -> None:
+        """Raise InputError if some logs are unusable."""
+        if self.unusable:
+            expected = "usable logs; repair or exclude these (see the findings)"
+            raise InputError(self.source, "logs", f"{self.unusable} unusable", expected)
+
+    def shown_rows(self) -> list[dict[str, str]]:
+        """Return a row for each log, formatted for reading."""
+        return [
+            {
+                "log": row["log"],
+                "state": row["condition"],
+                "samples": cell_text(row.get("samples")),
+                "s": f"{row['duration']:.3f}" if "duration" in row else "–",
+                "ms": f"{1e3 * row['step']:.3f}" if "step" in row else "–",
+                "findings": "; ".join(each["text"] for each in row["findings"]),
+            }
+            for row in self.rows()
+        ]
+
+    def tables(self) -> list[TextTable]:
+        """Return the logs, of a single one all that is known of it, and the forecasts."""
+        rows = self.shown_rows()
+        table = TextTable(self.source, tuple(rows[0]), [tuple(row.values()) for row in rows])
+        first, *others = self.logs or (None,)
+        if first and not others and first.log is not None and first.health is not None:
+            table = TextTable(self.source, (), health_rows(first.log, first.health))
+        told = forecast_rows(self.before_fit)
+        return [table, *([TextTable(_FORECAST, _HEADERS, told)] if told else [])]
+
+    def figures(self) -> dict[str, Figure]:
+        """Return the recording of the first, and worst, log that can be read."""
+        from butterfly.report.log_figures import recorded_figure  # noqa: PLC0415 - slow to import
+
+        drawn = [each.log for each in self.logs if each.log is not None]
+        return {"log": recorded_figure(drawn[0])} if drawn else {}
+
+    def page(self) -> Page:
+        """Return the page of `report`: of a single log all that is known of it."""
+        page, told = super().page(), forecast_rows(self.before_fit)
+        first, *others = self.logs or (None,)
+        if first and not others and first.log is not None and first.health is not None:
+            page = inspection_page(first.log, first.health, self.to_dict())
+        table = PageTable(headers=_HEADERS, rows=told, words=(1, 2, 4))
+        return replace(page, sections=[*tabulated(_FORECAST, table), *page.sections])
+
+
+def _looked_at(seen: Inspected) -> dict[str, Any]:
+    known: dict[str, Any] = {"log": seen.name, "condition": STATES[seen.condition]}
+    if seen.health is not None and seen.log is not None:
+        log, health = seen.log, asdict(seen.health)
+        first = {name: health.pop(name) for name in ("samples", "duration", "step")}
+        health["regimes"] = [each._asdict() for each in seen.health.regimes]
+        known |= {
+            **first,
+            "added_mass": {"mass": log.added_mass.mass, "arm": log.added_mass.arm},
+            "input": [float(log.input.min()), float(log.input.max())],
+            log.measures: [float(log.measured.min()), float(log.measured.max())],
+            **health,
+        }
+    findings = [{**each._asdict(), "condition": STATES[each.condition]} for each in seen.remarks]
+    return {**known, "findings": findings}
+
+
+def forecast_sentences(forecasts: Sequence[Forecast]) -> list[str]:
+    """Say which parameters can be told, and what those lack of which nothing can be said."""
+    words, refused = dict[str, list[str]](), dict[str, list[str]]()
+    for each in forecasts:
+        words.setdefault(each.word, []).append(each.name)
+        if each.half_width is None:
+            refused.setdefault(": ".join(filter(None, (each.why, each.mend))), []).append(each.name)
+    told = "; ".join(f"{', '.join(words[word])} {word}" for word in Told if word in words)
+    return [
+        *([f"Before the fit: {told}."] if told else []),
+        *(f"Not {', '.join(names)}: {why}." for why, names in refused.items()),
+    ]
+
+
+def forecast_rows(forecasts: Iterable[Forecast]) -> list[tuple[str, ...]]:
+    """Format forecasts; what is refused has its reasons in `forecast_sentences`."""
+    rows: list[tuple[str, ...]] = []
+    for each in forecasts:
+        width, mend = "over 100 %" if each.word is Told.NOT else "", each.mend
+        if each.half_width is None:
+            width, mend = "", ""
+        elif each.name == "delay" and each.word is not Told.KNOWN:
+            width = f"± {1e3 * each.half_width:.2g} ms"
+        elif each.word in {Told.IDENTIFIABLE, Told.WEAK}:
+            width = f"± {upwards(each.expected or 0.0)}"
+        rows.append((each.name, each.meaning, str(each.word), width, mend))
+    return rows
 
 
 def inspect_logs(manifest: Manifest, track: Track = untracked) -> list[Inspected]:
