@@ -95,10 +95,11 @@ class Inspection(Answer):
     ) -> Inspection:
         """Tabulate findings on logs of a manifest, and forecasts; ``more`` ends the summary."""
         way = part.joint.way
+        single = len(seen) == 1
         return cls(
             title=f"Logs of {part.name!r}",
             summary=(
-                *([conditions_text([each.condition for each in seen])] if len(seen) > 1 else []),
+                *([] if single else [conditions_text([each.condition for each in seen])]),
                 *forecast_sentences(forecasts),
                 *hints(seen),
                 *more,
@@ -123,7 +124,7 @@ class Inspection(Answer):
                 "before_fit.half_width": "the row's unit",
                 "before_fit.expected": "1",
             },
-            source=source,
+            source=str(Path(part.root) / seen[0].name) if single else source,
             logs=tuple(seen),
             before_fit=tuple(forecasts),
         )
@@ -139,6 +140,13 @@ class Inspection(Answer):
     def unusable(self) -> int:
         """Number of unusable logs."""
         return sum(row["condition"] == STATES[Level.WARNING] for row in self.rows())
+
+    @property
+    def _single(self) -> tuple[Log, Health] | None:
+        """A single log and its record; None if there are others, or it was loaded."""
+        pairs = [(each.log, each.health) for each in self.logs]
+        (log, health), *others = pairs or [(None, None)]
+        return None if others or log is None or health is None else (log, health)
 
     def require_usable(self) -> None:
         """Raise InputError if some logs are unusable."""
@@ -164,9 +172,8 @@ class Inspection(Answer):
         """Return the logs, of a single one all that is known of it, and the forecasts."""
         rows = self.shown_rows()
         table = TextTable(self.source, tuple(rows[0]), [tuple(row.values()) for row in rows])
-        first, *others = self.logs or (None,)
-        if first and not others and first.log is not None and first.health is not None:
-            table = TextTable(self.source, (), health_rows(first.log, first.health))
+        if self._single is not None:
+            table = TextTable(self.source, (), health_rows(*self._single))
         told = forecast_rows(self.before_fit)
         return [table, *([TextTable(_FORECAST, _HEADERS, told)] if told else [])]
 
@@ -180,9 +187,8 @@ class Inspection(Answer):
     def page(self) -> Page:
         """Return the page of `report`: of a single log all that is known of it."""
         page, told = super().page(), forecast_rows(self.before_fit)
-        first, *others = self.logs or (None,)
-        if first and not others and first.log is not None and first.health is not None:
-            page = inspection_page(first.log, first.health, self.to_dict())
+        if self._single is not None:
+            page = inspection_page(*self._single, self.to_dict())
         table = PageTable(headers=_HEADERS, rows=told, words=(1, 2, 4))
         return replace(page, sections=[*tabulated(_FORECAST, table), *page.sections])
 
@@ -205,21 +211,25 @@ def _looked_at(seen: Inspected) -> dict[str, Any]:
 
 
 def forecast_sentences(forecasts: Sequence[Forecast]) -> list[str]:
-    """Say which parameters can be told, and what those lack of which nothing can be said."""
-    words, refused = dict[str, list[str]](), dict[str, list[str]]()
+    """Say which parameters can be told, and what those lack of which nothing is known yet."""
+    words, refused = dict[str, list[str]](), dict[tuple[str, str], list[str]]()
     for each in forecasts:
-        words.setdefault(each.word, []).append(each.name)
         if each.half_width is None:
-            refused.setdefault(": ".join(filter(None, (each.why, each.mend))), []).append(each.name)
+            refused.setdefault((each.why, each.mend), []).append(each.name)
+        else:
+            words.setdefault(each.word, []).append(each.name)
     told = "; ".join(f"{', '.join(words[word])} {word}" for word in Told if word in words)
     return [
         *([f"Before the fit: {told}."] if told else []),
-        *(f"Not {', '.join(names)}: {why}." for why, names in refused.items()),
+        *(
+            f"Not identifiable: {', '.join(names)}, as {why}{': ' * bool(mend)}{mend}."
+            for (why, mend), names in refused.items()
+        ),
     ]
 
 
-def forecast_rows(forecasts: Iterable[Forecast]) -> list[tuple[str, ...]]:
-    """Format forecasts; what is refused has its reasons in `forecast_sentences`."""
+def forecast_rows(forecasts: Sequence[Forecast]) -> list[tuple[str, ...]]:
+    """Format forecasts; none if all are refused, as `forecast_sentences` say."""
     rows: list[tuple[str, ...]] = []
     for each in forecasts:
         width, mend = "over 100 %" if each.word is Told.NOT else "", each.mend
@@ -230,7 +240,7 @@ def forecast_rows(forecasts: Iterable[Forecast]) -> list[tuple[str, ...]]:
         elif each.word in {Told.IDENTIFIABLE, Told.WEAK}:
             width = f"± {upwards(each.expected or 0.0)}"
         rows.append((each.name, each.meaning, str(each.word), width, mend))
-    return rows
+    return rows if any(each.half_width is not None for each in forecasts) else []
 
 
 def inspect_logs(manifest: Manifest, track: Track = untracked) -> list[Inspected]:

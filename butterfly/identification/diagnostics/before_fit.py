@@ -21,7 +21,7 @@ from enum import StrEnum
 import numpy as np
 
 from butterfly.arrays import unit_diagonal
-from butterfly.errors import ButterflyError
+from butterfly.errors import ButterflyError, InputError
 from butterfly.identification.blocks import Condition, Conditions
 from butterfly.identification.chosen_terms import Fitted
 from butterfly.identification.data import DataSet
@@ -85,6 +85,8 @@ def forecast(logs: Sequence[Log], known: Prior) -> tuple[Forecast, ...]:
             known = data.known if is_driven(logs) else data.known.within({*known.values, "p3"})
             squares = Conditions.of(data.logs, 1).values[Condition.FREQUENCY]
             found, fastest = expected(data), float(squares.max()) ** 0.5
+    except InputError as error:
+        why, mend = f"{error.field} is {error.value}", f"expected: {error.expected}"
     except (ButterflyError, np.linalg.LinAlgError) as error:
         why, _, mend = str(error).partition(": ")
         if not known.scale() and not any(log.added_mass.mass for log in logs):
