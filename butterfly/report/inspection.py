@@ -21,7 +21,7 @@ from butterfly.logs.thinning import thinned
 from butterfly.progress import Track, untracked
 from butterfly.report.format import upwards
 from butterfly.report.page import Badge, Page, PageTable, Section, tabulated
-from butterfly.result import Answer, TextTable, cell_text
+from butterfly.result import Answer, TextTable, cell_text, text
 from butterfly.signals.spectrum import periodogram, resample, rms_amplitude, uniform_grid
 from butterfly.verdict import Level
 
@@ -158,8 +158,8 @@ class Inspection(Answer):
         """Return a row for each log, formatted for reading."""
         return [
             {
-                "log": row["log"],
-                "state": row["condition"],
+                "log": text(row["log"]),
+                "state": text(row["condition"]),
                 "samples": cell_text(row.get("samples")),
                 "s": f"{row['duration']:.3f}" if "duration" in row else "–",
                 "ms": f"{1e3 * row['step']:.3f}" if "step" in row else "–",
@@ -170,12 +170,14 @@ class Inspection(Answer):
 
     def tables(self) -> list[TextTable]:
         """Return the logs, of a single one all that is known of it, and the forecasts."""
-        rows = self.shown_rows()
-        table = TextTable(self.source, tuple(rows[0]), [tuple(row.values()) for row in rows])
+        rows, told = self.shown_rows(), forecast_rows(self.before_fit)
+        tables = [
+            TextTable(self.source, tuple(rows[0]), [tuple(row.values()) for row in rows])
+            for _ in rows[:1]
+        ]
         if self._single is not None:
-            table = TextTable(self.source, (), health_rows(*self._single))
-        told = forecast_rows(self.before_fit)
-        return [table, *([TextTable(_FORECAST, _HEADERS, told)] if told else [])]
+            tables = [TextTable(self.source, (), health_rows(*self._single))]
+        return [*tables, *([TextTable(_FORECAST, _HEADERS, told)] if told else [])]
 
     def figures(self) -> dict[str, Figure]:
         """Return the recording of the first, and worst, log that can be read."""
