@@ -12,15 +12,15 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from butterfly.errors import InputError, listed
-from butterfly.identification.diagnostics.before_fit import Forecast, Told
+from butterfly.identification.diagnostics.before_fit import Forecast
 from butterfly.logs.health import Health, Remark, examine
 from butterfly.logs.log import Log
 from butterfly.logs.manifest import LogEntry, Manifest
 from butterfly.logs.reading import piece_name, read_pieces
 from butterfly.logs.thinning import thinned
 from butterfly.progress import Track, untracked
-from butterfly.report.format import upwards
 from butterfly.report.page import Badge, Page, PageTable, Section, tabulated
+from butterfly.report.parameter_table import FORECAST_HEADERS, forecast_rows, forecast_sentences
 from butterfly.result import Answer, TextTable, cell_text, text
 from butterfly.signals.spectrum import periodogram, resample, rms_amplitude, uniform_grid
 from butterfly.verdict import Level
@@ -44,7 +44,6 @@ _ADVICE = {
 }
 _ENOUGH = 1_000_000  # samples that a periodogram is taken of
 _FORECAST = "What these logs can tell"
-_HEADERS = ("", "meaning", "before the fit", "expected", "what would mend it")
 _FORECASTS = TypeAdapter(tuple[Forecast, ...])
 
 
@@ -177,7 +176,7 @@ class Inspection(Answer):
         ]
         if self._single is not None:
             tables = [TextTable(self.source, (), health_rows(*self._single))]
-        return [*tables, *([TextTable(_FORECAST, _HEADERS, told)] if told else [])]
+        return [*tables, *([TextTable(_FORECAST, FORECAST_HEADERS, told)] if told else [])]
 
     def figures(self) -> dict[str, Figure]:
         """Return the recording of the first, and worst, log that can be read."""
@@ -191,7 +190,7 @@ class Inspection(Answer):
         page, told = super().page(), forecast_rows(self.before_fit)
         if self._single is not None:
             page = inspection_page(*self._single, self.to_dict())
-        table = PageTable(headers=_HEADERS, rows=told, words=(1, 2, 4))
+        table = PageTable(headers=FORECAST_HEADERS, rows=told, words=(1, 2, 4))
         return replace(page, sections=[*tabulated(_FORECAST, table), *page.sections])
 
 
@@ -210,39 +209,6 @@ def _looked_at(seen: Inspected) -> dict[str, Any]:
         }
     findings = [{**each._asdict(), "condition": STATES[each.condition]} for each in seen.remarks]
     return {**known, "findings": findings}
-
-
-def forecast_sentences(forecasts: Sequence[Forecast]) -> list[str]:
-    """Say which parameters can be told, and what those lack of which nothing is known yet."""
-    words, refused = dict[str, list[str]](), dict[tuple[str, str], list[str]]()
-    for each in forecasts:
-        if each.half_width is None:
-            refused.setdefault((each.why, each.mend), []).append(each.name)
-        else:
-            words.setdefault(each.word, []).append(each.name)
-    told = "; ".join(f"{', '.join(words[word])} {word}" for word in Told if word in words)
-    return [
-        *([f"Before the fit: {told}."] if told else []),
-        *(
-            f"Not identifiable: {', '.join(names)}, as {why}{': ' * bool(mend)}{mend}."
-            for (why, mend), names in refused.items()
-        ),
-    ]
-
-
-def forecast_rows(forecasts: Sequence[Forecast]) -> list[tuple[str, ...]]:
-    """Format forecasts; none if all are refused, as `forecast_sentences` say."""
-    rows: list[tuple[str, ...]] = []
-    for each in forecasts:
-        width, mend = "over 100 %" if each.word is Told.NOT else "", each.mend
-        if each.half_width is None:
-            width, mend = "", ""
-        elif each.name == "delay" and each.word is not Told.KNOWN:
-            width = f"± {1e3 * each.half_width:.2g} ms"
-        elif each.word in {Told.IDENTIFIABLE, Told.WEAK}:
-            width = f"± {upwards(each.expected or 0.0)}"
-        rows.append((each.name, each.meaning, str(each.word), width, mend))
-    return rows if any(each.half_width is not None for each in forecasts) else []
 
 
 def inspect_logs(manifest: Manifest, track: Track = untracked) -> list[Inspected]:

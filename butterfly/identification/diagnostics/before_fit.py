@@ -28,11 +28,7 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import OutputError
 from butterfly.identification.estimators.start import starts
-from butterfly.identification.inference.identifiability import (
-    OTHER_LOGS,
-    is_driven,
-    prior_of_fit,
-)
+from butterfly.identification.inference.identifiability import OTHER_LOGS, is_driven, prior_of_fit
 from butterfly.identification.levels import PASSES, PRECISE, SHOWS
 from butterfly.identification.parameter import meaning_of, or_none, unit_of
 from butterfly.logs.log import Log
