@@ -32,6 +32,7 @@ from butterfly.identification.inference.identifiability import OTHER_LOGS, is_dr
 from butterfly.identification.levels import PASSES, PRECISE, SHOWS
 from butterfly.identification.parameter import meaning_of, or_none, unit_of
 from butterfly.logs.log import Log
+from butterfly.logs.thinning import GLANCE, thinned
 from butterfly.model.prior import Prior
 from butterfly.model.terms import COMMON, PARAMETERS
 from butterfly.progress import counted
@@ -77,7 +78,7 @@ def forecast(logs: Sequence[Log], known: Prior) -> tuple[Forecast, ...]:
     found, fastest, why, mend = None, 0.0, "", ""
     try:
         with counted(), np.errstate(all="ignore"):
-            data = DataSet.of(logs, known=known)
+            data = DataSet.of([thinned(log, GLANCE) for log in logs], known=known)
             known = data.known if is_driven(logs) else data.known.within({*known.values, "p3"})
             squares = Conditions.of(data.logs, 1).values[Condition.FREQUENCY]
             found, fastest = expected(data), float(squares.max()) ** 0.5
