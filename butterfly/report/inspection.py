@@ -112,7 +112,7 @@ class Inspection(Answer):
                     "joint": str(part.joint),
                 },
                 "logs": [_looked_at(each) for each in seen],
-                "before_fit": [asdict(each) for each in forecasts],
+                "before_fit": [{**asdict(each), "word": str(each.word)} for each in forecasts],
             },
             units={
                 **{f"logs.{name}": "s" for name in ("duration", "step", "jitter", "longest_gap")},

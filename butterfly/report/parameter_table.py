@@ -14,7 +14,7 @@ from butterfly.report.format import interval, upwards, with_error
 from butterfly.result import Answer, TextTable
 from butterfly.verdict import Verdict
 
-FORECAST_HEADERS = ("", "meaning", "before the fit", "expected", "what would mend it")
+FORECAST_HEADERS = ("parameter", "meaning", "before the fit", "expected", "what would mend it")
 """Headers of `forecast_rows`."""
 
 _MARKS = {"known": "known", "rough": "poor", "not-from-zero": "may be 0"}
