@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from butterfly.api.sources import Named, is_data, manifest_of, names_result, read
 from butterfly.api.verbs import identify, numbers_of_logs, saved_identification
@@ -15,154 +16,27 @@ from butterfly.experiment.schema import Experiment
 from butterfly.experiment.simulate import planned_logs
 from butterfly.experiment.source import read_experiment
 from butterfly.files import locate
+from butterfly.identification.diagnostics.before_fit import forecast
 from butterfly.identification.estimators import OutputError
 from butterfly.identification.free_run import Setting
 from butterfly.identification.parameter import lumped_numbers, unit_of
 from butterfly.logs.health import examine
-from butterfly.logs.manifest import Manifest
-from butterfly.logs.reading import read_pieces, with_parts
+from butterfly.logs.reading import numbers_named, read_pieces, with_parts
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import DRIVE, TERMS
 from butterfly.plant.robot import HAND_MASS, PARTS
-from butterfly.progress import Track, untracked
+from butterfly.progress import Track, tracked, untracked
 from butterfly.report.finding_texts import require_possible
 from butterfly.report.format import field_unit
-from butterfly.report.inspection import (
-    STATES,
-    Inspected,
-    conditions_text,
-    health_rows,
-    hints,
-    inspect_logs,
-    inspection_page,
-)
+from butterfly.report.inspection import Inspection, inspect_logs
 from butterfly.report.numbers import estimate_numbers
-from butterfly.report.page import Page
 from butterfly.report.summary import zero_sentences
 from butterfly.result import Answer, TextTable
 from butterfly.twin.twin import Twin
-from butterfly.verdict import Level, Verdict
-
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure
+from butterfly.verdict import Verdict
 
 ARM = 0.104  # m
-
-
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Inspection(Answer):
-    """The condition of logs, worst first."""
-
-    kind: ClassVar[str] = "inspection"
-    table: ClassVar[str] = "logs"
-
-    source: str
-    """Name of the data."""
-
-    logs: tuple[Inspected, ...]
-    """The findings of each log."""
-
-    @classmethod
-    def of(
-        cls, source: str, whole: Manifest, part: Manifest, seen: Sequence[Inspected]
-    ) -> Inspection:
-        """Tabulate the findings of some logs of a manifest."""
-        logs = [each.log for each in seen if each.log is not None]
-        states = [each.condition for each in seen]
-        way = part.joint.way
-        return cls(
-            title=f"Logs of {part.name!r}",
-            summary=(
-                *([conditions_text(states)] if len(seen) > 1 else []),
-                *hints(seen),
-                *zero_sentences(logs, whole.prior),
-            ),
-            content={
-                "data": {
-                    "name": part.name,
-                    "description": part.description,
-                    "input": str(part.input),
-                    "logs": len(seen),
-                    "joint": str(part.joint),
-                },
-                "logs": [_looked_at(each) for each in seen],
-            },
-            units={
-                **{f"logs.{name}": "s" for name in ("duration", "step", "jitter", "longest_gap")},
-                "logs.angle": way,
-                "logs.velocity": f"{way}/s",
-                "logs.turns": "turns",
-                "logs.middle": way,
-            },
-            printed=(_table(source, part, seen),),
-            source=source,
-            logs=tuple(seen),
-        )
-
-    @property
-    def unusable(self) -> int:
-        """Number of unusable logs."""
-        return sum(each.condition is Level.WARNING for each in self.logs)
-
-    def require_usable(self) -> None:
-        """Raise InputError if some logs are unusable."""
-        if self.unusable:
-            expected = "usable logs; repair or exclude these (see the findings)"
-            raise InputError(self.source, "logs", f"{self.unusable} unusable", expected)
-
-    def shown_rows(self) -> list[dict[str, str]]:
-        """Return a row for each log, formatted for reading."""
-        (table,) = self.printed
-        if not table.headers:  # pairs of a single log
-            return [{str(name): str(value) for name, value in table.rows}]
-        return [dict(zip(table.headers, map(str, row), strict=True)) for row in table.rows]
-
-    def figures(self) -> dict[str, Figure]:
-        """Return the recording of the first, and worst, log that can be read."""
-        from butterfly.report.log_figures import recorded_figure  # noqa: PLC0415 - slow to import
-
-        drawn = [each.log for each in self.logs if each.log is not None]
-        return {"log": recorded_figure(drawn[0])} if drawn else {}
-
-    def page(self) -> Page:
-        """Return the page of `report`: of a single log all that is known of it."""
-        first, *others = self.logs
-        if others or first.log is None or first.health is None:
-            return super().page()
-        return inspection_page(first.log, first.health, self.to_dict())
-
-
-def _looked_at(seen: Inspected) -> dict[str, Any]:
-    known: dict[str, Any] = {"log": seen.name, "condition": STATES[seen.condition]}
-    if seen.health is not None and seen.log is not None:
-        log, health = seen.log, asdict(seen.health)
-        first = {name: health.pop(name) for name in ("samples", "duration", "step")}
-        health["regimes"] = [each._asdict() for each in seen.health.regimes]
-        known |= {
-            **first,
-            "added_mass": {"mass": log.added_mass.mass, "arm": log.added_mass.arm},
-            "input": [float(log.input.min()), float(log.input.max())],
-            log.measures: [float(log.measured.min()), float(log.measured.max())],
-            **health,
-        }
-    findings = [{**each._asdict(), "condition": STATES[each.condition]} for each in seen.remarks]
-    return {**known, "findings": findings}
-
-
-def _table(source: str, manifest: Manifest, seen: Sequence[Inspected]) -> TextTable:
-    """Return all details of one log, or one line for each of several."""
-    if len(seen) == 1:
-        log, health = seen[0].log, seen[0].health
-        assert log is not None and health is not None  # noqa: S101, PT018 - it can be used
-        return TextTable(str(Path(manifest.root) / seen[0].name), (), health_rows(log, health))
-    rows = []
-    for each in seen:
-        numbers = ("–", "–", "–")
-        if (health := each.health) is not None:
-            numbers = (f"{health.samples}", f"{health.duration:.3f}", f"{1e3 * health.step:.3f}")
-        rows.append((each.name, STATES[each.condition], *numbers, each.findings))
-    return TextTable(source, ("log", "state", "samples", "s", "ms", "findings"), rows)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -287,7 +161,14 @@ def inspect(
     if len(seen) == 1 and seen[0].log is None:
         ((_, recorded),) = read_pieces(part, part.logs[0])
         examine(recorded, part.repair)  # raises with the reason
-    return Inspection.of(str(source), manifest, part, seen)
+    usable = [each.log for each in seen if each.log is not None]
+    held = list[int]()
+    with suppress(InputError):  # a log that is held out is not among these
+        held = numbers_named(usable, part.holdout, part.name)
+    trained = [log for k, log in enumerate(usable) if k not in held]
+    forecasts = tracked(track, "Looking ahead", forecast, trained, part.prior)
+    zeros = zero_sentences(usable, manifest.prior)
+    return Inspection.of(str(source), part, seen, forecasts, zeros)
 
 
 def robot_of(

@@ -18,12 +18,13 @@ from butterfly.api.sources import root_of
 from butterfly.errors import InputError
 from butterfly.files import read_file, whole
 from butterfly.progress import budget
+from butterfly.report.inspection import Inspection
 from butterfly.report.parameter_table import Separated
 from butterfly.result import Answer, Result
 
 _SAVED: tuple[type[Identification | Answer], ...] = (
     *(Identification, Validated, Designed, Selection, Compared, Leaderboard),
-    *(Predicted, Drawn, Separated, Changed, Residual, Run, Sweep),
+    *(Predicted, Drawn, Separated, Changed, Residual, Run, Sweep, Inspection),
 )
 _KINDS = {f"butterfly.{each.kind}": each for each in _SAVED}
 

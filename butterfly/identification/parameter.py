@@ -54,6 +54,15 @@ class Parameter:
         return self.value / self.true - 1 if self.true else None
 
 
+def meaning_of(name: str, joint: JointKind = JointKind.HINGE) -> str:
+    """Return what a parameter is, in a few words; on a slide a force for a torque."""
+    term = TERMS[name]
+    meaning = (term.looks_like or term.meaning).removeprefix("a ").removeprefix("an ")
+    if joint is JointKind.SLIDE:
+        meaning = meaning.replace("inertia", "mass that moves").replace("torque", "force")
+    return meaning
+
+
 def unit_of(
     parameter: str, input_kind: InputKind | None = None, joint: JointKind = JointKind.HINGE
 ) -> str:

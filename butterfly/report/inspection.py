@@ -1,25 +1,32 @@
-"""Texts, tables and page of `butterfly inspect`."""
+"""What `butterfly inspect` finds on logs: result, texts, tables and page."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from butterfly.errors import InputError, listed
+from butterfly.identification.diagnostics.before_fit import Forecast
 from butterfly.logs.health import Health, Remark, examine
 from butterfly.logs.log import Log
 from butterfly.logs.manifest import LogEntry, Manifest
 from butterfly.logs.reading import piece_name, read_pieces
 from butterfly.logs.thinning import thinned
 from butterfly.progress import Track, untracked
-from butterfly.report.page import Badge, Page, PageTable, Section
+from butterfly.report.page import Badge, Page, PageTable, Section, tabulated
+from butterfly.report.parameter_table import FORECAST_HEADERS, forecast_rows, forecast_sentences
+from butterfly.result import Answer, TextTable, cell_text, text
 from butterfly.signals.spectrum import periodogram, resample, rms_amplitude, uniform_grid
 from butterfly.verdict import Level
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
 
 STATES = {Level.GOOD: "ok", Level.NOTE: "note", Level.CARE: "care", Level.WARNING: "do not use"}
 """Condition of a log, in a word or two."""
@@ -36,6 +43,8 @@ _ADVICE = {
     Level.CARE: "Check the findings before you use this log.",
 }
 _ENOUGH = 1_000_000  # samples that a periodogram is taken of
+_FORECAST = "What these logs can tell"
+_FORECASTS = TypeAdapter(tuple[Forecast, ...])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,6 +65,150 @@ class Inspected:
     def findings(self) -> str:
         """The remarks in words."""
         return "; ".join(remark.text for remark in self.remarks)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Inspection(Answer):
+    """The condition of logs, worst first, and which parameters they can tell."""
+
+    kind: ClassVar[str] = "inspection"
+    table: ClassVar[str] = "logs"
+
+    source: str = ""
+    """Name of the data."""
+
+    logs: tuple[Inspected, ...] = ()
+    """The findings of each log; none if loaded."""
+
+    before_fit: tuple[Forecast, ...] = ()
+    """What can be expected of each parameter's identification."""
+
+    @classmethod
+    def of(
+        cls,
+        source: str,
+        part: Manifest,
+        seen: Sequence[Inspected],
+        forecasts: Sequence[Forecast],
+        more: Sequence[str],
+    ) -> Inspection:
+        """Tabulate findings on logs of a manifest, and forecasts; ``more`` ends the summary."""
+        way = part.joint.way
+        single = len(seen) == 1
+        return cls(
+            title=f"Logs of {part.name!r}",
+            summary=(
+                *([] if single else [conditions_text([each.condition for each in seen])]),
+                *forecast_sentences(forecasts),
+                *hints(seen),
+                *more,
+            ),
+            content={
+                "data": {
+                    "name": part.name,
+                    "description": part.description,
+                    "input": str(part.input),
+                    "logs": len(seen),
+                    "joint": str(part.joint),
+                },
+                "logs": [_looked_at(each) for each in seen],
+                "before_fit": [{**asdict(each), "word": str(each.word)} for each in forecasts],
+            },
+            units={
+                **{f"logs.{name}": "s" for name in ("duration", "step", "jitter", "longest_gap")},
+                "logs.angle": way,
+                "logs.velocity": f"{way}/s",
+                "logs.turns": "turns",
+                "logs.middle": way,
+                "before_fit.half_width": "the row's unit",
+                "before_fit.expected": "1",
+            },
+            source=str(Path(part.root) / seen[0].name) if single else source,
+            logs=tuple(seen),
+            before_fit=tuple(forecasts),
+        )
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any], **more: Any) -> Self:  # noqa: ANN401 - own fields
+        """Return the result of `to_dict`'s values (see `Answer.from_dict`)."""
+        source, told = str(content["data"]["name"]), content["before_fit"]
+        found = _FORECASTS.validate_python(told)
+        return super().from_dict(content, source=source, before_fit=found, **more)
+
+    @property
+    def unusable(self) -> int:
+        """Number of unusable logs."""
+        return sum(row["condition"] == STATES[Level.WARNING] for row in self.rows())
+
+    @property
+    def _single(self) -> tuple[Log, Health] | None:
+        """A single log and its record; None if there are others, or it was loaded."""
+        pairs = [(each.log, each.health) for each in self.logs]
+        (log, health), *others = pairs or [(None, None)]
+        return None if others or log is None or health is None else (log, health)
+
+    def require_usable(self) -> None:
+        """Raise InputError if some logs are unusable."""
+        if self.unusable:
+            expected = "usable logs; repair or exclude these (see the findings)"
+            raise InputError(self.source, "logs", f"{self.unusable} unusable", expected)
+
+    def shown_rows(self) -> list[dict[str, str]]:
+        """Return a row for each log, formatted for reading."""
+        return [
+            {
+                "log": text(row["log"]),
+                "state": text(row["condition"]),
+                "samples": cell_text(row.get("samples")),
+                "s": f"{row['duration']:.3f}" if "duration" in row else "–",
+                "ms": f"{1e3 * row['step']:.3f}" if "step" in row else "–",
+                "findings": "; ".join(each["text"] for each in row["findings"]),
+            }
+            for row in self.rows()
+        ]
+
+    def tables(self) -> list[TextTable]:
+        """Return the logs, of a single one all that is known of it, and the forecasts."""
+        rows, told = self.shown_rows(), forecast_rows(self.before_fit)
+        tables = [
+            TextTable(self.source, tuple(rows[0]), [tuple(row.values()) for row in rows])
+            for _ in rows[:1]
+        ]
+        if self._single is not None:
+            tables = [TextTable(self.source, (), health_rows(*self._single))]
+        return [*tables, *([TextTable(_FORECAST, FORECAST_HEADERS, told)] if told else [])]
+
+    def figures(self) -> dict[str, Figure]:
+        """Return the recording of the first, and worst, log that can be read."""
+        from butterfly.report.log_figures import recorded_figure  # noqa: PLC0415 - slow to import
+
+        drawn = [each.log for each in self.logs if each.log is not None]
+        return {"log": recorded_figure(drawn[0])} if drawn else {}
+
+    def page(self) -> Page:
+        """Return the page of `report`: of a single log all that is known of it."""
+        page, told = super().page(), forecast_rows(self.before_fit)
+        if self._single is not None:
+            page = inspection_page(*self._single, self.to_dict())
+        table = PageTable(headers=FORECAST_HEADERS, rows=told, words=(1, 2, 4))
+        return replace(page, sections=[*tabulated(_FORECAST, table), *page.sections])
+
+
+def _looked_at(seen: Inspected) -> dict[str, Any]:
+    known: dict[str, Any] = {"log": seen.name, "condition": STATES[seen.condition]}
+    if seen.health is not None and seen.log is not None:
+        log, health = seen.log, asdict(seen.health)
+        first = {name: health.pop(name) for name in ("samples", "duration", "step")}
+        health["regimes"] = [each._asdict() for each in seen.health.regimes]
+        known |= {
+            **first,
+            "added_mass": {"mass": log.added_mass.mass, "arm": log.added_mass.arm},
+            "input": [float(log.input.min()), float(log.input.max())],
+            log.measures: [float(log.measured.min()), float(log.measured.max())],
+            **health,
+        }
+    findings = [{**each._asdict(), "condition": STATES[each.condition]} for each in seen.remarks]
+    return {**known, "findings": findings}
 
 
 def inspect_logs(manifest: Manifest, track: Track = untracked) -> list[Inspected]:

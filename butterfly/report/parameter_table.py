@@ -1,10 +1,12 @@
-"""The tables of parameters as texts, and what is left open of physical ones in words."""
+"""The tables of parameters and of forecasts as texts, and what is left open in words."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, ClassVar
 
 from butterfly.identification.derived_quantities import SYMBOLS
+from butterfly.identification.diagnostics.before_fit import Forecast, Told
 from butterfly.identification.levels import CLEARLY, PRECISE
 from butterfly.identification.parameter import Parameter, or_nan, or_none
 from butterfly.identification.physical import Missing, PhysicalParameters
@@ -13,6 +15,9 @@ from butterfly.report.format import interval, upwards, with_error
 from butterfly.report.page import Marked
 from butterfly.result import Answer, TextTable
 from butterfly.verdict import Level, Verdict
+
+FORECAST_HEADERS = ("parameter", "meaning", "before the fit", "expected", "what would mend it")
+"""Headers of `forecast_rows`."""
 
 _TITLE = "Physical parameters and derived quantities"
 
@@ -78,6 +83,39 @@ def with_limit(value: float, farther: float | None) -> str:
     if not half > 0:
         return f"{value:.5g}"
     return f"{with_error(value, half)} ± " + f"{half:#.2g}".rstrip(".")
+
+
+def forecast_sentences(forecasts: Sequence[Forecast]) -> list[str]:
+    """Say which parameters can be told, and what those lack of which nothing is known yet."""
+    words, refused = dict[str, list[str]](), dict[tuple[str, str], list[str]]()
+    for each in forecasts:
+        if each.half_width is None:
+            refused.setdefault((each.why, each.mend), []).append(each.name)
+        else:
+            words.setdefault(each.word, []).append(each.name)
+    told = "; ".join(f"{', '.join(words[word])} {word}" for word in Told if word in words)
+    return [
+        *([f"Before the fit: {told}."] if told else []),
+        *(
+            f"Not identifiable: {', '.join(names)}, as {why}{': ' * bool(mend)}{mend}."
+            for (why, mend), names in refused.items()
+        ),
+    ]
+
+
+def forecast_rows(forecasts: Sequence[Forecast]) -> list[tuple[str, ...]]:
+    """Format forecasts; none if all are refused, as `forecast_sentences` say."""
+    rows: list[tuple[str, ...]] = []
+    for each in forecasts:
+        width, mend = "over 100 %" if each.word is Told.NOT else "", each.mend
+        if each.half_width is None:
+            width, mend = "", ""
+        elif each.name == "delay" and each.word is not Told.KNOWN:
+            width = f"± {1e3 * each.half_width:.2g} ms"
+        elif each.word in {Told.IDENTIFIABLE, Told.WEAK}:
+            width = f"± {upwards(each.expected or 0.0)}"
+        rows.append((each.name, each.meaning, str(each.word), width, mend))
+    return rows if any(each.half_width is not None for each in forecasts) else []
 
 
 def physical_table(parameters: PhysicalParameters) -> TextTable:

@@ -367,3 +367,21 @@ def test_model_and_measured_response_meet_in_python_control(result, data):
     assert gain == pytest.approx(1, abs=0.1)  # Coulomb friction matters least there
     with pytest.raises(bf.InputError, match="added mass"):
         result.measured(bf.AddedMass(mass=1.0, arm=1.0))
+
+
+def test_an_inspection_has_its_rows_from_its_data_and_is_loaded_as_it_was_saved(
+    quick_data, tmp_path
+):
+    for numbers in (None, [2]):
+        found = bf.inspect(quick_data, logs=numbers)
+        found.save(tmp_path / "seen.json")
+        again = bf.load(tmp_path / "seen.json")
+        assert again.to_dict() == found.to_dict()
+        assert (again.before_fit, again.unusable) == (found.before_fit, 0)
+        assert again.shown_rows() == found.shown_rows()
+        assert [row["state"] for row in again.shown_rows()] == ["ok"] * len(found.logs)
+        assert again.tables()[1:] == found.tables()[1:]
+        again.report(tmp_path / "seen.html")
+    content = bf.inspect(quick_data).to_dict()
+    assert [row["word"] for row in content["before_fit"]] == ["identifiable"] * 6
+    assert "identifiable" in bf.inspect(quick_data)._repr_html_()

@@ -19,7 +19,7 @@ from butterfly.identification.inference.blocks import Condition
 from butterfly.identification.inference.covariance import half_widths
 from butterfly.identification.inference.identifiability import precision
 from butterfly.identification.levels import PRECISE
-from butterfly.identification.parameter import Parameter, or_none, unit_of
+from butterfly.identification.parameter import Parameter, meaning_of, or_none, unit_of
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
 from butterfly.model.prior import NO_PRIOR, Prior
@@ -139,9 +139,7 @@ class Estimate:
         unit = unit_of(name, self.input_kind, self.joint)
         if self.ratios and not term.of_gain:
             unit = f"{unit}/({unit_of('p1', self.input_kind, self.joint)})"
-        meaning = (term.looks_like or term.meaning).removeprefix("a ").removeprefix("an ")
-        if self.joint is JointKind.SLIDE:
-            meaning = meaning.replace("inertia", "mass that moves").replace("torque", "force")
+        meaning = meaning_of(name, self.joint)
         true = None if truth is None else float(truth[name])
         return Parameter(name=name, meaning=meaning, unit=unit, true=true, **numbers)
 

@@ -1,0 +1,139 @@
+"""Which parameters some logs can tell, before they are identified, and what would mend it.
+
+The free runs of the logs are fitted from the values of the weak form on, with the terms that it
+chose and no others. What the equations there determine has the interval of a fit: cluster-robust
+over logs, with the estimates without each added mass and rivals by conditions. Other terms, and all
+that is checked afterwards, may widen it, so that it is a lower limit.
+
+With h the half-width of that interval over the value, a parameter is *identifiable* if h is at most
+`PRECISE`; *not* if h is 1 or more, so that it may be 0, or if the equations are singular; *weak*
+between. A delay d turns a share w d of a torque at the frequency w by a quarter of its period, as
+an error of p4 enlarges it by its own share: so its h is w times the half-width, with w of the
+fastest log.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+
+from butterfly.arrays import unit_diagonal
+from butterfly.errors import ButterflyError, InputError
+from butterfly.identification.chosen_terms import Fitted
+from butterfly.identification.data import DataSet
+from butterfly.identification.estimators import OutputError
+from butterfly.identification.estimators.start import starts
+from butterfly.identification.inference.blocks import Condition, Conditions
+from butterfly.identification.inference.estimate import Estimate
+from butterfly.identification.inference.identifiability import OTHER_LOGS, is_driven, prior_of_fit
+from butterfly.identification.levels import PASSES, PRECISE, SHOWS
+from butterfly.identification.parameter import meaning_of, or_none, unit_of
+from butterfly.logs.log import Log
+from butterfly.logs.thinning import GLANCE, thinned
+from butterfly.model.prior import Prior
+from butterfly.model.terms import COMMON, PARAMETERS
+from butterfly.progress import counted
+
+_APART = {
+    frozenset(pair.split()): text
+    for text, pairs in {
+        "a heavier added mass, or a known value": ("p1 p4", "p2 p4", "p3 p4", "coulomb p4"),
+        "logs at other frequencies": ("p1 p3",),
+        "logs at other speeds": ("p2 coulomb",),
+        "motion in both directions": ("p3 coulomb",),
+        "faster motion, faster sampling": ("p1 delay", "p2 delay", "coulomb delay", "p4 delay"),
+    }.items()
+    for pair in pairs
+}
+
+
+class Told(StrEnum):
+    """Whether logs can tell a parameter."""
+
+    KNOWN = "known"
+    IDENTIFIABLE = "identifiable"
+    WEAK = "weak"
+    NOT = "not"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Forecast:
+    """What identification can be expected to say of a parameter; None where that is nothing."""
+
+    name: str
+    meaning: str
+    unit: str
+    word: Told
+    half_width: float | None = None  # of its 95 % interval, at least
+    expected: float | None = None  # the same relative to the value, of a delay to 1/w (see above)
+    why: str = ""  # why it is weak, or not identifiable
+    mend: str = ""  # what would mend it
+
+
+def forecast(logs: Sequence[Log], known: Prior) -> tuple[Forecast, ...]:
+    """Return a forecast of each parameter that every joint has; none without logs."""
+    found, fastest, why, mend = None, 0.0, "", ""
+    try:
+        with counted(), np.errstate(all="ignore"):
+            data = DataSet.of([thinned(log, GLANCE) for log in logs], known=known)
+            known = data.known if is_driven(logs) else data.known.within({*known.values, "p3"})
+            squares = Conditions.of(data.logs, 1).values[Condition.FREQUENCY]
+            found, fastest = expected(data), float(squares.max()) ** 0.5
+    except InputError as error:
+        why, mend = f"{error.field} is {error.value}", f"expected: {error.expected}"
+    except (ButterflyError, np.linalg.LinAlgError) as error:
+        why, _, mend = str(error).partition(": ")
+        if not known.scale() and not any(log.added_mass.mass for log in logs):
+            mend = f"say in a manifest which masses the logs carried, or {mend}"
+    rows = []
+    for name in PARAMETERS if logs else ():
+        kind, joint = logs[0].input_kind, logs[0].added_mass.joint
+        meaning, unit = meaning_of(name, joint), unit_of(name, kind, joint)
+        row = Forecast(name=name, meaning=meaning, unit=unit, word=Told.NOT, why=why, mend=mend)
+        if name in known.fixed:
+            row = replace(row, word=Told.KNOWN, half_width=0.0, expected=0.0, why="", mend="")
+        elif found is not None and name in found.names:
+            row = _told(row, found, fastest)
+        elif found is not None:
+            row = replace(row, why="the input is always zero", mend="add logs of the driven joint")
+        rows.append(row)
+    return tuple(rows)
+
+
+def expected(data: DataSet) -> Estimate:
+    """Return a fit from a closed form's values on, with the terms that it chose."""
+    first, *_ = starts(data, None)
+    terms = tuple(name for name in COMMON if getattr(first.parameters, name))
+    estimator, logs = OutputError(terms=terms).settled(data.logs, [first])
+    known = prior_of_fit(logs, data.known)
+    problem = estimator.problem(logs, first, known)
+    end = problem.descend(most=PASSES, enough=SHOWS)
+    return estimator.inferred(Fitted(problem=problem, end=end), None, known)
+
+
+def _told(row: Forecast, found: Estimate, fastest: float) -> Forecast:
+    """Add to a row its word, its half-widths, and what would mend it."""
+    place = found.names.index(row.name)
+    half, value = float(found.farther[place]), abs(float(found.values[place]))
+    share = fastest if row.name == "delay" else 1 / value if value else np.inf
+    row = replace(row, half_width=or_none(half), expected=or_none(share * half))
+    if share * half <= PRECISE:
+        return replace(row, word=Told.IDENTIFIABLE)
+    word = Told.WEAK if share * half < 1 else Told.NOT
+    common = abs(unit_diagonal(found.covariance)[0][place])
+    common[[name == row.name or name not in PARAMETERS for name in found.names]] = 0.0
+    other = found.names[int(common.argmax())]
+    alone = share * half * (max(1 - float(common.max()) ** 2, 0.0)) ** 0.5
+    if row.name in found.on_bound:
+        why, mend = "it may be 0", "nothing, if it is 0"
+    elif alone <= PRECISE:
+        why = f"{row.name} and {other} are hard to tell apart"
+        mend = _APART.get(frozenset((row.name, other)), OTHER_LOGS)
+    else:
+        why, mend = "the motion shows little of it", "a larger motion"
+        if alone < 1:
+            mend = f"{(alone / PRECISE) ** 2:.0f} times as many such logs, or {mend}"
+    return replace(row, word=word, why=why, mend=mend)

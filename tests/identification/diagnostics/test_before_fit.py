@@ -1,0 +1,74 @@
+"""What `inspect` says before a fit of the parameters that logs can tell."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from butterfly.identification.diagnostics.before_fit import Told, forecast
+from butterfly.logs.log import InputKind
+from butterfly.model.prior import NO_PRIOR, Prior
+from butterfly.model.terms import PARAMETERS
+from tests.benchmarks.before_fit import Row, report, scored
+from tests.independent.defects import draw
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return draw("control", 2)
+
+
+def _words(rows):
+    return {each.name: each.word for each in rows}
+
+
+def test_logs_with_three_masses_tell_every_parameter(robot):
+    rows = forecast(robot.logs, NO_PRIOR)
+    assert [each.name for each in rows] == [*PARAMETERS]
+    assert {*_words(rows).values()} == {Told.IDENTIFIABLE}
+    for each in rows:
+        assert 0 < each.expected <= 0.1
+        assert (each.why, each.mend) == ("", "")
+    assert rows[0].half_width / robot.truth["p1"] == pytest.approx(rows[0].expected, rel=0.2)
+
+
+def test_logs_with_one_mass_ask_for_another_or_a_known_value_and_use_it(robot):
+    bare = [log for log in robot.logs if not log.added_mass.mass]
+    rows = forecast(bare, NO_PRIOR)
+    assert {*_words(rows).values()} == {Told.NOT}
+    assert all("no log has an added mass" in each.why for each in rows)
+    assert all("manifest" in each.mend and "--known p4=" in each.mend for each in rows)
+    told = forecast(bare, Prior.of({"p4": robot.truth["p4"]}))
+    assert _words(told) == dict.fromkeys(PARAMETERS, Told.IDENTIFIABLE) | {"p4": Told.KNOWN}
+
+
+def test_noise_as_large_as_the_motion_hides_parameters_and_says_that_the_motion_is_small(robot):
+    rng = np.random.default_rng(3)
+    hidden = [
+        replace(log, angle=log.angle + 3 * np.std(log.angle) * rng.standard_normal(log.angle.size))
+        for log in robot.logs
+    ]
+    rows = forecast(hidden, NO_PRIOR)
+    assert Told.IDENTIFIABLE not in {each.word for each in rows if each.name != "delay"}
+    assert all(each.why and each.mend for each in rows if each.name != "delay")
+
+
+def test_joints_that_only_fall_say_what_no_input_tells(robot):
+    idle = [
+        replace(log, input=np.zeros_like(log.input), input_kind=InputKind.NONE, excitation=None)
+        for log in robot.logs
+    ]
+    rows = {each.name: each for each in forecast(idle, NO_PRIOR)}
+    for name in ("p4", "delay"):
+        assert rows[name].word is Told.NOT
+    assert forecast([], NO_PRIOR) == ()
+
+
+def test_the_count_of_forecasts_that_came_true_scores_a_set_and_lists_what_was_wrong():
+    rows = scored("one mass, gain known", 0, 5)
+    assert {each.word for each in rows} == {Told.IDENTIFIABLE}
+    assert all(each.below and each.error < 0.1 for each in rows)
+    wrong = Row("p2", "some 1", Told.NOT, 0.02, 0.01)
+    text = report([*rows, wrong])
+    assert "some 1: p2 not, ends ± 2 %, off by 1 %" in text
+    assert "| all | 5 (0) | 0 (0) | 0 (0) | 0 (0) | 1 (0) | 0 (0) |" in text
