@@ -328,10 +328,7 @@ def test_logs_whose_inputs_are_next_to_their_omega_are_named_and_no_other(logs):
 
 @pytest.mark.parametrize(
     ("wrong", "kind", "estimator"),
-    [
-        ("clock", FindingKind.CLOCK_SET, SIMULATED),
-        ("omega", FindingKind.OMEGA_SET, SIMULATED),
-    ],
+    [("clock", FindingKind.CLOCK_SET, SIMULATED), ("omega", FindingKind.OMEGA_SET, SIMULATED)],
 )
 def test_known_masses_tell_which_is_wrong_and_logs_held_out_are_corrected_too(
     logs, wrong, kind, estimator
