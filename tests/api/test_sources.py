@@ -108,16 +108,6 @@ def test_what_is_no_data_is_told_apart(tmp_path):
             read(source)
 
 
-@pytest.mark.parametrize("arm", [-0.1, float("nan"), "x"])
-def test_an_arm_that_is_none_is_refused(sine_log, tmp_path, arm):
-    write_mat(sine_log, tmp_path / THESIS)
-    for source in (tmp_path, tmp_path / THESIS):
-        with pytest.raises(InputError, match="arm: got"):
-            read(source, arm=arm)
-    with pytest.raises(InputError, match="columns: got"):
-        read(tmp_path / THESIS, columns="time=t")
-
-
 def test_what_is_told_of_columns_units_and_repairs_goes_before_what_a_manifest_says(
     quick_data, tmp_path
 ):
@@ -228,8 +218,8 @@ def test_a_log_of_a_manifest_is_used_even_if_its_neighbours_are_held_out(quick_d
         ("joint", "ball"),
         ("gravity", -1.0),
         ("sign", 2),
-        ("arm", "long"),
-        ("columns", 3),
+        *(("arm", arm) for arm in ("long", -0.1, float("nan"))),
+        *(("columns", columns) for columns in (3, "time=t")),
         ("units", {"angle": ["deg"]}),
         ("units", {"angel": "deg"}),
         ("repair", ["turn"]),

@@ -50,14 +50,8 @@ def test_the_band_of_the_parameters_is_the_closed_form_s_where_the_model_is_line
     data = _noisy(steady(ROBOT, SWINGS, duration=40.0), 0)
     found = HarmonicBalance(terms=())(data)
     reach = 0.196 * found.standard_errors
-    found = replace(
-        found,
-        covariance=1e-2 * found.covariance,
-        lower=found.values - reach,
-        upper=found.values + reach,
-        left_out={},
-        freedom=None,
-    )
+    found = replace(found, lower=found.values - reach, upper=found.values + reach)
+    found = replace(found, covariance=1e-2 * found.covariance, left_out={}, freedom=None)
     (prediction,) = _predicted(data.take([4]), found, predict.draw_parameters(found, 4000))
     log, samples = data.logs[4], prediction.samples
     setting = Setting(parameters=found.parameters, zero=data.equilibria[log.added_mass])

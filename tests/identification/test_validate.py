@@ -330,13 +330,10 @@ def test_the_piece_after_a_stretch_begins_in_motion_with_what_was_commanded():
     np.testing.assert_allclose(after.lead.input, np.cos(after.lead.time))
     assert (before.name, after.name) == ("swing, before", "swing, after")
     # What is too short, or holds no whole period of a sine, is left out.
+    sine = _swinging(excitation=Sine(omega=2.0, amplitude=1.0))
     for log, stretch, names in (
         (_swinging(), slice(0, 1000), ["swing, after"]),
         (_swinging(), slice(1990, 2000), ["swing, before"]),
-        (
-            _swinging(excitation=Sine(omega=2.0, amplitude=1.0)),
-            slice(1400, 1500),
-            ["swing, before"],
-        ),
+        (sine, slice(1400, 1500), ["swing, before"]),
     ):
         assert [piece.name for piece in excluding_interval(log, stretch)] == names

@@ -136,12 +136,9 @@ def _knowledge(**known):
     values = np.array([0.00325, 0.00145, 0.04905, 0.025])
     told, errors = Prior.of(known), 0.01 * values
     estimate = estimate_of(values, np.diag(errors**2), reach=2)
-    data = SimpleNamespace(
-        given=told,
-        known=implied(told, InputKind.VOLTAGE),
-        input_kind=InputKind.VOLTAGE,
-        logs=[SimpleNamespace(added_mass=NO_ADDED_MASS)],
-    )
+    kind = InputKind.VOLTAGE
+    about = {"given": told, "known": implied(told, kind), "input_kind": kind}
+    data = SimpleNamespace(**about, logs=[SimpleNamespace(added_mass=NO_ADDED_MASS)])
     return plausibility.judge_knowledge(estimate, data)
 
 
