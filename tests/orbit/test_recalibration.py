@@ -68,15 +68,9 @@ def test_terms_that_are_not_there_are_rejected_and_intervals_hold_the_truth(draw
 
 
 def test_with_a_known_mass_all_of_p1_to_p4_are_absolute():
-    rms = _rms(
-        [
-            recalibrate(
-                setting.runs(ROUGH, rng, masses=(setting.NO_ADDED_MASS, setting.KNOWN)), 0.0
-            )
-            for rng in map(np.random.default_rng, range(2))
-        ],
-        1.0,
-    )
+    draws = map(np.random.default_rng, range(2))
+    masses = setting.NO_ADDED_MASS, setting.KNOWN
+    rms = _rms([recalibrate(setting.runs(ROUGH, rng, masses=masses), 0.0) for rng in draws], 1.0)
     assert all(rms[name] < 0.05 for name in ("p1", "p2", "p3", "p4")), rms
 
 
@@ -124,14 +118,9 @@ def test_the_recalibrated_model_predicts_a_hundred_times_better():
     """With a compressed drive, by the grey box; the benchmarks do all effects, in MuJoCo."""
     spec, amplitudes, told = setting.EFFECTS["gain compression"]
     rng = np.random.default_rng(1)
-    study = study_orbit(
-        setting.grey_rig(spec, rng),
-        setting.generic(spec, amplitudes, simulator=Simulator.GREY_BOX),
-        0.0,
-        setting.sixty_degrees(),
-        RecalibrationOptions(**told),
-        rng=rng,
-    )
+    small = setting.generic(spec, amplitudes, simulator=Simulator.GREY_BOX)
+    plan, options = setting.sixty_degrees(), RecalibrationOptions(**told)
+    study = study_orbit(setting.grey_rig(spec, rng), small, 0.0, plan, options, rng=rng)
     assert study.errors["generic"] > 100 * study.errors["re-calibrated"]
     assert study.cross.shape == (0, 0)
 
@@ -166,16 +155,9 @@ def test_on_line_the_ratios_are_known_and_the_orbit_held_after_ten_periods(dithe
     orbit = Orbit.of_amplitude(believed, setting.SIXTY)
     online = OnlineRecalibration(memory=30.0)
     shaping = EnergyShaping(orbit, gain_for(orbit, 0.5))
-    law = SelfTuning(
-        shaping,
-        online,
-        lambda p: Orbit.of_amplitude(p, setting.SIXTY),
-        multiplier=0.5,
-        inertia=TRUE.p1,
-        every=1.0,
-        commands=Dithered(shaping, dither, 3.6, rng),
-        path=CommandPath(limit=limit),
-    )
+    how = {"commands": Dithered(shaping, dither, 3.6, rng), "path": CommandPath(limit=limit)}
+    how |= {"multiplier": 0.5, "inertia": TRUE.p1, "every": 1.0}
+    law = SelfTuning(shaping, online, lambda p: Orbit.of_amplitude(p, setting.SIXTY), **how)
     period = Orbit.of_amplitude(TRUE, setting.SIXTY).period
     spec = ROUGH.model_copy(update={"path": CommandPath(limit=limit)})
     log = setting.grey_rig(spec, rng)(law, 1.4, 10 * period, setting.NO_ADDED_MASS)
