@@ -4,6 +4,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -144,16 +145,14 @@ def test_a_name_that_no_file_can_have_is_one_line(tmp_path, name, said, ending):
 
 
 _AS_NOBODY = (
-    lambda: read_log(Path("closed/a.csv")),
-    lambda: read_log(Path("closed.csv")),
-    lambda: read_log(Path("closed.mat")),
-    lambda: read_log(Path("closed.parquet")),
-    lambda: bf.read("closed/a.csv", input="torque"),
-    lambda: bf.read("closed.yaml"),
-    lambda: bf.read("closed", input="torque"),
-    lambda: bf.read("open", input="torque"),
-    lambda: files.write_file(Path("closed/new.csv"), "a"),
-    lambda: files.write_file(Path("closed/new/new.csv"), "a"),
+    *(partial(read_log, Path(path)) for path in ("closed/a.csv", "closed.csv", "closed.mat")),
+    partial(read_log, Path("closed.parquet")),
+    *(partial(bf.read, path, input="torque") for path in ("closed/a.csv", "closed", "open")),
+    partial(bf.read, "closed.yaml"),
+    *(
+        partial(files.write_file, Path(path), "a")
+        for path in ("closed/new.csv", "closed/new/b.csv")
+    ),
 )
 
 

@@ -2,6 +2,8 @@
 
 import json
 import re
+from functools import partial
+from operator import attrgetter
 
 import pytest
 import yaml
@@ -98,15 +100,10 @@ def test_nothing_is_made_of_values_that_no_joint_has(
 
 def test_from_python_nothing_is_made_of_values_that_no_joint_has(impossible, quick_data):
     found = bf.load(impossible)
-    for asked in (
-        lambda: bf.design(found),
-        lambda: bf.compare(found),
-        lambda: bf.predict(quick_data, found),
-        lambda: bf.draws(found),
-        lambda: found.model,
-    ):
+    predict = partial(bf.predict, quick_data)
+    for make in (bf.design, bf.compare, predict, bf.draws, attrgetter("model")):
         with pytest.raises(bf.UnusableError, match=r"^Do not use: No joint has these values"):
-            asked()
+            make(found)
 
 
 @pytest.mark.slow

@@ -27,12 +27,8 @@ LIMITS = {"lower": np.array([0.0, 0.0498]), "upper": np.array([0.0, 0.0502])}
 VALUES = {"values": np.array([0.0, 0.05]), "covariance": np.diag([0.0, 1e-8])}
 VALUES |= {"left_out": {AddedMass(mass=0.1, arm=0.1): np.array([0.0, 0.06])}}
 FOUND = Estimate(method="output error", names=("p2", "p3"), **VALUES, **LIMITS, **ABOUT)
-ESTIMATE = EstimateRecord(
-    estimator="output-error(drag)",
-    estimate=FOUND,
-    truth={"p2": 0.0, "p3": 0.04},
-    fit=FitSummary(99.0, -math.inf, -3e4),
-)
+FITTED = {"truth": {"p2": 0.0, "p3": 0.04}, "fit": FitSummary(99.0, -math.inf, -3e4)}
+ESTIMATE = EstimateRecord(estimator="output-error(drag)", estimate=FOUND, **FITTED)
 ORBIT = OrbitRecord(
     target_rad=1.0,
     amplitudes_rad=(None, 0.99),
