@@ -17,7 +17,7 @@ from butterfly.experiment.simulate import simulate, write_logs
 from butterfly.experiment.source import read_experiment
 from butterfly.files import shipped
 from butterfly.identification.data import read_data_set
-from butterfly.logs.log import InputKind, Intersample, Log, Sine
+from butterfly.logs.log import Intersample, Log, Sine
 from butterfly.logs.manifest import read_manifest
 from butterfly.logs.thesis_logs import found_folder
 from butterfly.model.parameters import AddedMass, LumpedParameters
@@ -26,16 +26,9 @@ from butterfly.twin.accuracy import Yardstick
 
 # Compilation and file systems make the first example slow. The draws are the same every time, so
 # that a change fails only by what it changes; `pytest --hypothesis-profile explore` draws anew.
-settings.register_profile(
-    "project",
-    deadline=None,
-    derandomize=True,
-    database=None,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
-settings.register_profile(
-    "explore", settings.get_profile("project"), derandomize=False, max_examples=1_000
-)
+_HOW = {"deadline": None, "suppress_health_check": [HealthCheck.function_scoped_fixture]}
+settings.register_profile("project", **_HOW, database=None, derandomize=True)
+settings.register_profile("explore", **_HOW, database=None, max_examples=1_000)
 settings.load_profile("project")
 
 _CHECKOUT = Path(__file__).parents[1]
@@ -73,17 +66,10 @@ def real(real_data):
 def sine_log() -> Log:
     """A healthy 40 s log at 1 kHz of a joint that follows 5 rad/s with some lag."""
     time = np.arange(40_000) * 1e-3
-    return Log(
-        time=time,
-        input=0.2 * np.sin(5 * time),
-        angle=0.1 * np.sin(5 * time - 0.4),
-        velocity=0.5 * np.cos(5 * time - 0.4),
-        input_kind=InputKind.VOLTAGE,
-        intersample=Intersample.FIRST_ORDER_HOLD,
-        added_mass=MASSES[1],
-        excitation=Sine(omega=5.0, amplitude=0.2),
-        source="sine",
-    )
+    swing = {"angle": 0.1 * np.sin(5 * time - 0.4), "velocity": 0.5 * np.cos(5 * time - 0.4)}
+    about = {"excitation": Sine(omega=5.0, amplitude=0.2), "added_mass": MASSES[1]}
+    about |= {"intersample": Intersample.FIRST_ORDER_HOLD, "source": "sine"}
+    return Log(time, 0.2 * np.sin(5 * time), **swing, **about)
 
 
 @pytest.fixture

@@ -57,11 +57,7 @@ def pytest_configure():
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_protocol(item):
     begun, _COMPILING.names = (cpu_time(), _COMPILING.seconds), []
-    item.spent = lambda: [
-        cpu_time() - begun[0],
-        _COMPILING.seconds - begun[1],
-        _COMPILING.names,
-    ]
+    item.spent = lambda: [cpu_time() - begun[0], _COMPILING.seconds - begun[1], _COMPILING.names]
     return (yield)
 
 

@@ -4,31 +4,24 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 import butterfly as bf
+from butterfly import files
 from butterfly.errors import InputError
-from butterfly.files import (
-    DRAFT,
-    locate,
-    replacing,
-    shipped,
-    shipped_experiments,
-    whole,
-    write_file,
-)
 from butterfly.logs.formats import read_log
 from butterfly.yaml_files import load_yaml
 
 
 def test_a_file_appears_whole_and_its_folder_with_it(tmp_path):
     path = tmp_path / "new/folder/a.mat"
-    with replacing(path) as draft:
+    with files.replacing(path) as draft:
         draft.write_text("whole")
         assert not path.exists()
-        assert draft.name.startswith(DRAFT)
+        assert draft.name.startswith(files.DRAFT)
         assert draft.suffix == ".mat"
     assert path.read_text() == "whole"
     assert list(path.parent.iterdir()) == [path]
@@ -39,7 +32,7 @@ def test_what_fails_halfway_leaves_the_old_file_and_no_litter(tmp_path):
     path.write_text("old")
 
     def fail_halfway():
-        with replacing(path, own=True) as draft:
+        with files.replacing(path, own=True) as draft:
             draft.write_text("ne")
             raise RuntimeError
 
@@ -50,7 +43,7 @@ def test_what_fails_halfway_leaves_the_old_file_and_no_litter(tmp_path):
 
 
 def test_a_reader_without_memory_has_not_met_damage(tmp_path):
-    with pytest.raises(MemoryError), whole(tmp_path / "a.json", "complete JSON"):
+    with pytest.raises(MemoryError), files.whole(tmp_path / "a.json", "complete JSON"):
         raise MemoryError
 
 
@@ -58,7 +51,7 @@ def test_a_place_that_cannot_be_written_is_named(tmp_path):
     (tmp_path / "file").touch()
     with (
         pytest.raises(InputError, match="a writable file"),
-        replacing(tmp_path / "file/a") as draft,
+        files.replacing(tmp_path / "file/a") as draft,
     ):
         draft.write_text("x")
 
@@ -94,7 +87,7 @@ def test_a_file_has_the_permissions_of_any_new_file(tmp_path, mask):
     before = os.umask(mask)
     try:
         (tmp_path / "plain").write_text("")
-        with replacing(tmp_path / "ours") as draft:
+        with files.replacing(tmp_path / "ours") as draft:
             draft.write_text("")
     finally:
         os.umask(before)
@@ -106,22 +99,22 @@ def test_a_shipped_experiment_is_found_by_any_of_its_names_from_anywhere(
     name, tmp_path, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)
-    assert locate(Path(name)) == shipped("experiments/quickstart.yaml")
-    assert "experiments/quickstart.yaml" in shipped_experiments()
-    assert shipped("models/butterfly_hand/hand.xml").is_file()
+    assert files.locate(Path(name)) == files.shipped("experiments/quickstart.yaml")
+    assert "experiments/quickstart.yaml" in files.shipped_experiments()
+    assert files.shipped("models/butterfly_hand/hand.xml").is_file()
 
 
 def test_a_file_of_the_user_s_own_comes_first(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("quickstart.yaml").touch()
-    assert locate(Path("quickstart.yaml")) == Path("quickstart.yaml")
+    assert files.locate(Path("quickstart.yaml")) == Path("quickstart.yaml")
 
 
 def test_an_unknown_name_is_answered_with_the_known_ones(tmp_path):
     with pytest.raises(InputError, match=r"a shipped file: .*quickstart"):
-        locate(tmp_path / "nowhere.yaml")
+        files.locate(tmp_path / "nowhere.yaml")
     with pytest.raises(InputError, match="no such shipped file"):
-        shipped("models/nowhere.xml")
+        files.shipped("models/nowhere.xml")
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such files")
@@ -152,16 +145,14 @@ def test_a_name_that_no_file_can_have_is_one_line(tmp_path, name, said, ending):
 
 
 _AS_NOBODY = (
-    lambda: read_log(Path("closed/a.csv")),
-    lambda: read_log(Path("closed.csv")),
-    lambda: read_log(Path("closed.mat")),
-    lambda: read_log(Path("closed.parquet")),
-    lambda: bf.read("closed/a.csv", input="torque"),
-    lambda: bf.read("closed.yaml"),
-    lambda: bf.read("closed", input="torque"),
-    lambda: bf.read("open", input="torque"),
-    lambda: write_file(Path("closed/new.csv"), "a"),
-    lambda: write_file(Path("closed/new/new.csv"), "a"),
+    *(partial(read_log, Path(path)) for path in ("closed/a.csv", "closed.csv", "closed.mat")),
+    partial(read_log, Path("closed.parquet")),
+    *(partial(bf.read, path, input="torque") for path in ("closed/a.csv", "closed", "open")),
+    partial(bf.read, "closed.yaml"),
+    *(
+        partial(files.write_file, Path(path), "a")
+        for path in ("closed/new.csv", "closed/new/b.csv")
+    ),
 )
 
 

@@ -72,104 +72,76 @@ MANIFESTS = {
 """Logs and further keys of each manifest."""
 
 
+def _of(command, ending):
+    """Words of a command about each file that is named, without its ending, before options."""
+    return lambda *asked: tuple(
+        f"{command} {file}.{ending} {' '.join(options)}" for file, *options in map(str.split, asked)
+    )
+
+
+_identify, _inspect = _of("identify", "yaml"), _of("inspect", "csv")
 CASES = {
-    "nothing fixes the scale": (
-        "identify bare.yaml WEAK",
-        "identify two.yaml WEAK",
-        "identify bare.yaml WEAK GAIN",
-        "identify bare.yaml WEAK --known p3=0.04",
-        "identify bare.yaml WEAK --known p1=0.003",
-        "identify volts.yaml WEAK --known resistance=2,torque_constant=1",
+    "nothing fixes the scale": _identify(
+        "bare WEAK",
+        "two WEAK",
+        "bare WEAK GAIN",
+        "bare WEAK --known p3=0.04",
+        "bare WEAK --known p1=0.003",
+        "volts WEAK --known resistance=2,torque_constant=1",
     ),
-    "one added mass only": (
-        "identify one.yaml WEAK",
-        "identify two.yaml WEAK",
-        "identify one.yaml WEAK GAIN",
+    "one added mass only": _identify("one WEAK", "two WEAK", "one WEAK GAIN"),
+    "a slide whose motor has no gear ratio": _identify(
+        "slide WEAK --known resistance=2,torque_constant=1",
+        "slide WEAK --known resistance=2,torque_constant=1,gear_ratio=1",
     ),
-    "a slide whose motor has no gear ratio": (
-        "identify slide.yaml WEAK --known resistance=2,torque_constant=1",
-        "identify slide.yaml WEAK --known resistance=2,torque_constant=1,gear_ratio=1",
-    ),
-    "no input": (
-        "identify decays.yaml WEAK",
-        "identify driven.yaml WEAK",
-        "identify decays.yaml WEAK --known p4=0.5,delay=0",
-    ),
+    "no input": _identify("decays WEAK", "driven WEAK", "decays WEAK --known p4=0.5,delay=0"),
     "no input column": (
-        "identify free.yaml WEAK",
-        "identify free-none.yaml WEAK",
-        "identify free-and-driven.yaml WEAK",
+        *_identify("free WEAK", "free-none WEAK", "free-and-driven WEAK"),
         "inspect free0.csv --input none",
     ),
-    "a velocity without an angle": (
-        "identify speed.yaml WEAK GAIN",
-        "identify speed.yaml WEAK GAIN --gravity 0",
-        "identify speed.yaml WEAK GAIN --joint slide",
-        "identify speed.yaml WEAK --known p4=0.5,p3=0",
+    "a velocity without an angle": _identify(
+        "speed WEAK GAIN",
+        "speed WEAK GAIN --gravity 0",
+        "speed WEAK GAIN --joint slide",
+        "speed WEAK --known p4=0.5,p3=0",
     ),
-    "no sines, for a method that needs them": (
-        "identify unsaid-sines.yaml BALANCE GAIN",
-        "identify sines.yaml BALANCE GAIN",
-        "identify unsaid-sines.yaml WEAK GAIN",
+    "no sines, for a method that needs them": _identify(
+        "unsaid-sines BALANCE GAIN", "sines BALANCE GAIN", "unsaid-sines WEAK GAIN"
     ),
-    "too few sines": ("identify sine.yaml BALANCE GAIN", "identify sines.yaml BALANCE GAIN"),
-    "a mass without an arm": ("identify no-arm.yaml WEAK", "identify two.yaml WEAK"),
+    "too few sines": _identify("sine BALANCE GAIN", "sines BALANCE GAIN"),
+    "a mass without an arm": _identify("no-arm WEAK", "two WEAK"),
     "file names with masses, but no arm": (
         "identify folder BALANCE GAIN",
         "identify folder BALANCE GAIN --input torque --arm 0.104",
         "manifest folder --input torque --arm 0.104",
         "identify folder BALANCE GAIN",
     ),
-    "a wrapped angle": ("inspect wrapped.csv", "inspect wrapped.csv --repair unwrap"),
-    "a wrapped counter": (
-        "inspect counter.csv",
-        "inspect counter.csv --units angle=counts/400 --repair unwrap",
+    "a wrapped angle": _inspect("wrapped", "wrapped --repair unwrap"),
+    "a wrapped counter": _inspect("counter", "counter --units angle=counts/400 --repair unwrap"),
+    "brackets without a unit": _inspect("ticks", "ticks --units angle=counts/4096"),
+    "two different units": _inspect(
+        "deg --input torque --units angle=rad",
+        "deg --input torque",
+        "deg --input torque --units angle=1",
     ),
-    "brackets without a unit": ("inspect ticks.csv", "inspect ticks.csv --units angle=counts/4096"),
-    "two different units": (
-        "inspect deg.csv --input torque --units angle=rad",
-        "inspect deg.csv --input torque",
-        "inspect deg.csv --input torque --units angle=1",
-    ),
-    "a unit that does not fit the input": ("inspect deg.csv", "inspect deg.csv --input torque"),
-    "a header of another length": (
-        "inspect wide.csv",
-        "inspect wide.csv --columns time=0,input=1,angle=2",
-    ),
-    "thousands separators in timestamps": ("inspect thousands.csv", "inspect 0.csv"),
-    "degrees read as rad": (
-        "identify degrees.yaml WEAK GAIN",
-        "identify degrees.yaml WEAK GAIN --units angle=deg",
-    ),
-    "milliseconds read as s": (
-        "identify ms.yaml WEAK GAIN",
-        "identify ms.yaml WEAK GAIN --units time=ms",
-    ),
+    "a unit that does not fit the input": _inspect("deg", "deg --input torque"),
+    "a header of another length": _inspect("wide", "wide --columns time=0,input=1,angle=2"),
+    "thousands separators in timestamps": _inspect("thousands", "0"),
+    "degrees read as rad": _identify("degrees WEAK GAIN", "degrees WEAK GAIN --units angle=deg"),
+    "milliseconds read as s": _identify("ms WEAK GAIN", "ms WEAK GAIN --units time=ms"),
     "a clock that restarts": (
-        "inspect restarts.csv",
-        "inspect restarts.csv --restarts",
+        *_inspect("restarts", "restarts --restarts"),
         "inspect restarts.yaml",
         "inspect restarts.csv --repair backward",
     ),
-    "missing samples": ("inspect nan.csv", "inspect nan.csv --repair non_finite"),
-    "a joint that does not move": (
-        "identify rest.yaml WEAK GAIN",
-        "identify motion.yaml WEAK GAIN",
+    "missing samples": _inspect("nan", "nan --repair non_finite"),
+    "a joint that does not move": _identify("rest WEAK GAIN", "motion WEAK GAIN"),
+    "columns of other names": _inspect("named", "named --columns time=t_s,input=torque,angle=pos"),
+    "an unknown unit": _inspect(
+        "0 --units angle=furlong", "0 --units angle=mrad", "0 --units angle=201.168"
     ),
-    "columns of other names": (
-        "inspect named.csv",
-        "inspect named.csv --columns time=t_s,input=torque,angle=pos",
-    ),
-    "an unknown unit": (
-        "inspect 0.csv --units angle=furlong",
-        "inspect 0.csv --units angle=mrad",
-        "inspect 0.csv --units angle=201.168",
-    ),
-    "an unknown parameter": (
-        "identify bare.yaml WEAK --known p44=0.5",
-        "identify bare.yaml WEAK GAIN",
-    ),
-    "an unknown key": ("identify mixed-up.yaml WEAK", "identify named.yaml WEAK GAIN"),
+    "an unknown parameter": _identify("bare WEAK --known p44=0.5", "bare WEAK GAIN"),
+    "an unknown key": _identify("mixed-up WEAK", "named WEAK GAIN"),
     "no mass can be held out": (
         "validate bare-known.yaml --split mass --method weak-form --terms=",
         "validate bare-known.yaml --split time --method weak-form --terms=",
@@ -179,28 +151,24 @@ CASES = {
         "validate two.yaml --split time --method weak-form --terms=",
         "validate two-known.yaml --split mass --method weak-form --terms=",
     ),
-    "all logs held out": (
-        "identify two.yaml WEAK GAIN --holdout *",
-        "identify two.yaml WEAK GAIN --holdout 1.csv",
+    "all logs held out": _identify("two WEAK GAIN --holdout *", "two WEAK GAIN --holdout 1.csv"),
+    "a known value the method cannot use": _identify(
+        "bare WEAK --known p4=0.5,tilt=0.01",
+        "bare --method output-error --terms= --known p4=0.5,tilt=0.01",
     ),
-    "a known value the method cannot use": (
-        "identify bare.yaml WEAK --known p4=0.5,tilt=0.01",
-        "identify bare.yaml --method output-error --terms= --known p4=0.5,tilt=0.01",
+    "two exact values that differ": _identify(
+        "volts WEAK --known resistance=2,torque_constant=1,p4=0.4",
+        "volts WEAK --known resistance=2,torque_constant=1,p4=0.5",
+        "volts WEAK --known resistance=2,torque_constant=1,p4=0.4+-0.1",
     ),
-    "two exact values that differ": (
-        "identify volts.yaml WEAK --known resistance=2,torque_constant=1,p4=0.4",
-        "identify volts.yaml WEAK --known resistance=2,torque_constant=1,p4=0.5",
-        "identify volts.yaml WEAK --known resistance=2,torque_constant=1,p4=0.4+-0.1",
-    ),
-    "a known value that contradicts the logs": (
-        "identify bare.yaml WEAK --known p4=0.5,p1=0.3",
-        "identify bare.yaml WEAK --known p4=0.5,p1=0.003",
+    "a known value that contradicts the logs": _identify(
+        "bare WEAK --known p4=0.5,p1=0.3", "bare WEAK --known p4=0.5,p1=0.003"
     ),
     "given parameters without p4": (
         "predict bare.yaml --with p1=0.003,p2=0.001,p3=0.04,coulomb=0.0008",
         "predict bare.yaml --with p1=0.003,p2=0.001,p3=0.04,coulomb=0.0008,p4=0.5",
     ),
-    "a part outside the log": ("inspect 0.csv --from 20", "inspect 0.csv --from 2"),
+    "a part outside the log": _inspect("0 --from 20", "0 --from 2"),
     "a log too short for the weak form": (
         "identify 0.csv --input torque WEAK GAIN --from 11.6",
         "identify 0.csv --input torque WEAK GAIN --from 9",

@@ -14,19 +14,9 @@ from tests.comparison.test_change import ERRORS, TRUTH, estimate, of_scale
 def identified(factors=1.0, covariance=None, **properties):
     """Return an identification with values that are the true ones, times factors."""
     spread = np.diag(ERRORS**2) if covariance is None else covariance
-    about = {
-        "estimate": estimate(TRUTH * factors, spread),
-        "estimator": "any",
-        "origin": {
-            "name": "set",
-            "description": "",
-            "input": "torque",
-            "logs": 1,
-            "manifest": None,
-        },
-        "fits": {"log": 99.0},
-        "saved": {"summary": ()},
-    }
+    origin = {"name": "set", "description": "", "input": "torque", "logs": 1, "manifest": None}
+    about = {"estimate": estimate(TRUTH * factors, spread), "estimator": "any", "origin": origin}
+    about |= {"fits": {"log": 99.0}, "saved": {"summary": ()}}
     return Identification(**about | properties)
 
 

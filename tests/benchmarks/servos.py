@@ -26,11 +26,7 @@ GAINS = ("loop_kp", "loop_ki", "loop_kd")
 FRICTION = ("back_emf", "stribeck", "stribeck_velocity", "motor_friction", "load_friction")
 ASKED = (*PARAMETERS, *FRICTION, *GAINS)
 
-NAMED = {
-    "voltage": ("input: setpoint",),
-    "constant": ("gain",),
-    "gear": ("gear",),
-}
+NAMED = {"voltage": ("input: setpoint",), "constant": ("gain",), "gear": ("gear",)}
 """Words of an answer that names the slip."""
 
 

@@ -10,19 +10,10 @@ from butterfly.identification.test_functions import Balance
 from butterfly.orbit.loop import calibrate, study_orbit
 from butterfly.orbit.recalibration import RecalibrationOptions, recalibrate
 from tests.benchmarks.bars import SHORT
-from tests.orbit.setting import (
-    AGAINST_COULOMB,
-    EFFECTS,
-    KNOWN,
-    generic,
-    plant,
-    runs,
-    sixty_degrees,
-    wrong,
-)
+from tests.orbit import setting
 
 DRAWS = 4 if SHORT else 24
-ROUGH = plant({"coulomb": 4e-4})
+ROUGH = setting.plant({"coulomb": 4e-4})
 TRUE = ROUGH.robot.lumped
 EXPECTED = ("p1", "p2", "p3", "p4", "coulomb")
 
@@ -50,8 +41,8 @@ BETTER = {
 def _errors(seed):
     """Relative errors in per cent of one draw: ratios by both balances, and absolute values."""
     rng = np.random.default_rng(seed)
-    logs = runs(ROUGH, rng)
-    both = [*logs, *runs(ROUGH, rng, masses=(KNOWN,))]
+    logs = setting.runs(ROUGH, rng)
+    both = [*logs, *setting.runs(ROUGH, rng, masses=(setting.KNOWN,))]
     found = [recalibrate(logs, 0.0, RecalibrationOptions(balance=each)) for each in Balance]
     cases = [(found[0], TRUE.p1), (found[1], TRUE.p1), (recalibrate(both, 0.0), 1.0)]
     return [
@@ -77,11 +68,11 @@ def test_errors_over_random_draws():
 
 def _effect(name):
     """Free-run errors in degrees before and after, swings, and terms of the last round."""
-    spec, amplitudes, told = EFFECTS[name]
+    spec, amplitudes, told = setting.EFFECTS[name]
     rng = np.random.default_rng(0)
-    rig, small = partial(spec.rig.run, rng=rng), generic(spec, amplitudes)
+    rig, small = partial(spec.rig.run, rng=rng), setting.generic(spec, amplitudes)
     options = RecalibrationOptions(**told)
-    study = study_orbit(rig, small, 0.0, sixty_degrees(), options, rng=rng)
+    study = study_orbit(rig, small, 0.0, setting.sixty_degrees(), options, rng=rng)
     rounds = study.calibration.rounds
     swings = [round(math.degrees(each.amplitude), 2) for each in rounds]
     errors = map(math.degrees, study.errors.values())
@@ -89,7 +80,7 @@ def _effect(name):
 
 
 def test_free_run_errors_for_every_effect():
-    chosen = list(EFFECTS)[1:3] if SHORT else list(EFFECTS)
+    chosen = list(setting.EFFECTS)[1:3] if SHORT else list(setting.EFFECTS)
     with ProcessPoolExecutor() as pool:
         found = dict(zip(chosen, pool.map(_effect, chosen), strict=True))
     for name, (before, after, swings, terms) in found.items():
@@ -103,8 +94,8 @@ def _swings(seed):
     rng = np.random.default_rng(seed)
     rig = partial(ROUGH.rig.run, rng=rng)
     loops = [
-        calibrate(rig, believed, 0.0, sixty_degrees(duration=20.0), rng=rng)
-        for believed in (generic(ROUGH, AGAINST_COULOMB), wrong(TRUE, rng))
+        calibrate(rig, believed, 0.0, setting.sixty_degrees(duration=20.0), rng=rng)
+        for believed in (setting.generic(ROUGH, setting.AGAINST_COULOMB), setting.wrong(TRUE, rng))
     ]
     lowest = min(each.recalibration.estimate.values.min() for loop in loops for each in loop.rounds)
     assert lowest >= 0

@@ -15,20 +15,12 @@ OWN = {
     method: [each.name for each in fields(kind) if each.name != "method"]
     for method, kind in ESTIMATORS.items()
 }
-SAID = {
-    "cogging_periods": (3.0, 3.0),
-    "terms": ("drag, stribeck", ("drag", "stribeck")),
-    "fixed": ("p2,delay", ("p2", "delay")),
-    "per_mass": ("bias", ("bias",)),
-    "per_log": ("zero,velocity", ("zero", "velocity")),
-    "loss": ("cauchy", Loss.CAUCHY),
-    "servo_loop": ("open", "open"),
-    "window": (12.5, 12.5),
-    "horizon": (1.5, 1.5),
-    "half_width": (0.1, 0.1),
-    "workers": (2, 2),
-    "decimation": (5, 5),
-}
+SAID = {"cogging_periods": 3.0, "servo_loop": "open", "window": 12.5, "horizon": 1.5}
+SAID |= {"half_width": 0.1, "workers": 2, "decimation": 5}
+SAID = {name: (value, value) for name, value in SAID.items()}
+SAID |= {"terms": ("drag, stribeck", ("drag", "stribeck")), "fixed": ("p2,delay", ("p2", "delay"))}
+SAID |= {"per_mass": ("bias", ("bias",)), "per_log": ("zero,velocity", ("zero", "velocity"))}
+SAID |= {"loss": ("cauchy", Loss.CAUCHY)}
 """What is said of each option, and what the estimator is to make of it."""
 PAIRS = [(method, name) for method, own in OWN.items() for name in own]
 

@@ -160,7 +160,9 @@ def published(tmp_path, monkeypatch):
     return folder
 
 
-def test_logs_are_fetched_to_where_real_logs_finds_them(butterfly, published, tmp_path):
+def test_logs_are_fetched_to_where_real_logs_finds_them_or_to_a_folder_that_is_told(
+    butterfly, published, tmp_path
+):
     out = done(butterfly("fetch", "--from", published))
     assert out.splitlines() == [
         f"1 logs, 1 downloaded: {tmp_path / 'own'}",
@@ -168,17 +170,11 @@ def test_logs_are_fetched_to_where_real_logs_finds_them(butterfly, published, tm
     ]
     assert (tmp_path / "own/log.mat").read_bytes() == b"log"
     assert "1 logs, 0 downloaded" in butterfly("fetch", "--from", published)[1]
-
-
-def test_a_folder_of_ones_own_is_told_to_the_next_command(butterfly, published, tmp_path):
-    _, out, _ = butterfly("fetch", "--from", published, "--out", tmp_path / "my logs")
+    out = done(butterfly("fetch", "--from", published, "--out", tmp_path / "my logs"))
     assert out.endswith(f'identify real-logs --root "{tmp_path / "my logs"}"\n')
     assert (tmp_path / "my logs/log.mat").exists()
-
-
-def test_what_cannot_be_fetched_is_one_line_that_names_it(butterfly, published):
     (published / "log.mat").write_bytes(b"lug")
-    result = butterfly("fetch", "--from", published)
+    result = butterfly("fetch", "--from", published, "--out", tmp_path / "another")
     assert_one_line_error(result, published / "log.mat", "SHA-256")
     assert_one_line_error(butterfly("fetch", "--from", "nowhere"), "--from", "nowhere")
 

@@ -67,18 +67,10 @@ def test_a_text_is_folded_between_words_and_no_number_leaves_its_unit(monkeypatc
         assert not any(re.search(r"\d$|kg$|N$", line) for line in lines[:-1])
 
 
-TABLE = pa.table(
-    {
-        "number": [0, 1],
-        "key": ["ab12", "cd34"],
-        "plant.encoder.noise": [0.0, 3e-4],
-        "plant.clock.step": [0.001, 0.001],
-        "status": ["ok", "ok"],
-        "deviation": [0.01, -0.02],
-        "fit_median": [99.1, 98.2],
-        "orbit_rounds": pa.array([None, None], pa.int64()),
-    }
-)
+COLUMNS = {"number": [0, 1], "key": ["ab12", "cd34"], "plant.encoder.noise": [0.0, 3e-4]}
+COLUMNS |= {"plant.clock.step": [0.001, 0.001], "status": ["ok", "ok"], "deviation": [0.01, -0.02]}
+COLUMNS |= {"fit_median": [99.1, 98.2], "orbit_rounds": pa.array([None, None], pa.int64())}
+TABLE = pa.table(COLUMNS)
 
 
 def test_what_is_the_same_is_told_once_and_what_is_empty_or_long_not_at_all(capsys):

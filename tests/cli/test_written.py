@@ -13,28 +13,21 @@ from butterfly.cli.written import options_of
 from butterfly.logs.csv import write_csv
 from tests.cli.one_line import assert_one_line_error
 
-CALLS = {
-    "inspect": "inspect logs/run0.csv",
-    "manifest": "manifest logs",
-    "fetch": "fetch --from logs",
-    "identify": "identify logs",
-    "select": "select logs",
-    "design": "design result.json",
-    "validate": "validate logs result.json",
-    "residual": "residual result.json",
-    "predict": "predict logs/run0.csv --with result.json",
-    "compare": "compare result.json other.json",
-    "export": "export result.json",
-    "show": "show result.json",
-    "run": "run plan.yaml",
-    "simulate": "simulate plan.yaml",
-    "schema": "schema",
-    "reproduce": "reproduce thesis",
-    "results list": "results list results",
-    "results show": "results show results 0",
-    "results table": "results table results",
-    "results clean": "results clean results",
+OF_FOLDER = dict.fromkeys(("manifest", "identify", "select"), "logs")
+OF_RESULT = dict.fromkeys(("design", "residual", "export", "show"), "result.json")
+OF_SWEEP = dict.fromkeys(("results list", "results table", "results clean"), "results")
+ABOUT = {
+    **OF_FOLDER | OF_RESULT | OF_SWEEP | dict.fromkeys(("run", "simulate"), "plan.yaml"),
+    "inspect": "logs/run0.csv",
+    "fetch": "--from logs",
+    "validate": "logs result.json",
+    "predict": "logs/run0.csv --with result.json",
+    "compare": "result.json other.json",
+    "results show": "results 0",
+    "schema": "",
+    "reproduce": "thesis",
 }
+CALLS = {name: f"{name} {about}" for name, about in ABOUT.items()}
 """A call of each command, on files of the folder."""
 
 

@@ -6,17 +6,14 @@ from butterfly.experiment.source import Source
 from butterfly.experiment.sweep import plan_sweep
 from butterfly.experiment.sweep_tables import TABLES
 
+HAND = {"mass": 0.1, "com_distance": 0.05, "inertia": 0.003}
+PLANT = {"hand": HAND, "drive": {"torque": {"gain": 10.0}}, "clock": {"step": 0.004}}
+PLANT |= {"friction": {"viscous": 1e-3, "coulomb": 1e-4}, "simulator": "grey-box"}
+PLANT |= {"encoder": {"steps": 8192, "noise": 2e-4}}
 SINGLE = {
     "name": "small",
     "seed": 3,
-    "plant": {
-        "hand": {"mass": 0.1, "com_distance": 0.05, "inertia": 0.003},
-        "drive": {"torque": {"gain": 10.0}},
-        "friction": {"viscous": 1e-3, "coulomb": 1e-4},
-        "clock": {"step": 0.004},
-        "encoder": {"steps": 8192, "noise": 2e-4},
-        "simulator": "grey-box",
-    },
+    "plant": PLANT,
     "added_masses": [{"mass": 0.0, "arm": 0.1}, {"mass": 0.05, "arm": 0.1}],
     "signals": [{"multisine": {"base": 0.5, "harmonics": [4, 6, 8, 11], "peak": 1e-3, "seed": 0}}],
     "duration": 12.0,

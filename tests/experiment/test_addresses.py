@@ -55,15 +55,10 @@ def test_other_code_and_other_versions_give_other_addresses(key, monkeypatch):
     assert len(found | {key()}) == len(known) + 2
 
 
-ESTIMATORS = [
-    {"method": "weak-form", "terms": []},
-    {"method": "weak-form", "terms": ["drag"]},
-    {"method": "weak-form"},
-    {"method": "harmonic-balance", "terms": []},
-    {"method": "output-error", "terms": []},
-    {"method": "output-error", "terms": [], "loss": "huber"},
-    {"method": "output-error", "terms": [], "window": 15.0},
-]
+WEAK, OUTPUT = {"method": "weak-form"}, {"method": "output-error", "terms": []}
+ESTIMATORS = [WEAK | {"terms": []}, WEAK | {"terms": ["drag"]}, WEAK]
+ESTIMATORS += [{"method": "harmonic-balance", "terms": []}, OUTPUT]
+ESTIMATORS += [OUTPUT | {"loss": "huber"}, OUTPUT | {"window": 15.0}]
 
 
 def test_another_estimator_or_option_gives_another_address_and_its_workers_do_not(key, tmp_path):

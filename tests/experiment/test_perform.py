@@ -20,15 +20,7 @@ from butterfly.experiment.source import EXPERIMENT, read_experiment
 from butterfly.experiment.store import ResultStore
 from butterfly.experiment.sweep import run_sweep
 from tests.cli.one_line import assert_one_line_error
-from tests.experiment.setting import (
-    SINGLE,
-    THREE_MASSES,
-    HereEngine,
-    changed,
-    planned,
-    small_plan,
-    written,
-)
+from tests.experiment import setting
 
 ESTIMATORS = [{"method": "weak-form", "terms": terms} for terms in ([], ["load"])]
 ASKED = {"validation": {"split": "mass"}, "keep_signals": True, "estimators": ESTIMATORS}
@@ -38,7 +30,9 @@ ASKED = {"validation": {"split": "mass"}, "keep_signals": True, "estimators": ES
 def run(tmp_path_factory):
     """What a run gave of which much is asked, its file, and the folder of its results."""
     folder = tmp_path_factory.mktemp("run")
-    path = written(folder / "single.yaml", **SINGLE | ASKED | {"added_masses": THREE_MASSES})
+    path = setting.written(
+        folder / "single.yaml", **setting.SINGLE | ASKED | {"added_masses": setting.THREE_MASSES}
+    )
     return bf.run(path, out=folder / "out"), path, folder / "out"
 
 
@@ -47,7 +41,7 @@ def _json(path):
 
 
 def test_a_run_gives_the_same_in_a_worker_and_here(folder):
-    task = small_plan(folder).tasks[3]
+    task = setting.small_plan(folder).tasks[3]
     here = perform(Experiment.model_validate(task.content)).record
     there = execute(task, {}).record
     place = {"key": "", "overrides": {}, "repetition": 0, "seconds": {}}
@@ -118,7 +112,7 @@ def test_a_run_that_is_done_is_found_and_anything_else_is_done_anew(
     for each in (again, bf.load(tmp_path / "again.json")):
         assert (str(each), each.tables()) == (str(run[0]), run[0].tables())
     assert list(again.identifications) == list(run[0].identifications)
-    changed(path, estimators=ESTIMATORS[:1], validation=None, keep_signals=False)
+    setting.changed(path, estimators=ESTIMATORS[:1], validation=None, keep_signals=False)
 
     monkeypatch.setattr(Identification, "report", lambda _, path, **__: path.write_text(""))
 
@@ -130,7 +124,7 @@ def test_a_run_that_is_done_is_found_and_anything_else_is_done_anew(
     assert not is_found("--force")
     (out / "result.json").write_text("{}")
     assert not is_found()
-    run_sweep(planned(path), out, HereEngine(), only="0")
+    run_sweep(setting.planned(path), out, setting.HereEngine(), only="0")
     assert not is_found()
 
 
@@ -147,11 +141,11 @@ def test_an_option_that_says_nothing_of_a_single_run_is_refused(run, butterfly, 
 
 
 def _performed(**changes):
-    return perform(Experiment.model_validate(SINGLE | changes))
+    return perform(Experiment.model_validate(setting.SINGLE | changes))
 
 
 def test_a_run_in_which_every_estimator_refuses_its_masses_is_not_simulated():
-    result = _performed(added_masses=SINGLE["added_masses"][:1], estimators=ESTIMATORS)
+    result = _performed(added_masses=setting.SINGLE["added_masses"][:1], estimators=ESTIMATORS)
     assert result.record.status == REFUSED
     assert isinstance(result.error, IdentifiabilityError)
     assert len(result.record.estimates) == 2
@@ -166,7 +160,7 @@ def test_a_run_in_which_one_of_two_estimators_refused_has_a_result():
 
 
 def test_intervals_mean_the_same_whether_or_not_logs_are_held_out():
-    content = {"added_masses": THREE_MASSES, "duration": 6.0}
+    content = {"added_masses": setting.THREE_MASSES, "duration": 6.0}
     content["estimators"] = [{"method": "output-error", "terms": []}]
     (first,) = _performed(**content).record.estimates
     (second,) = _performed(**content, validation={"split": "mass"}).record.estimates
@@ -186,7 +180,7 @@ def test_the_orbit_draws_from_a_stream_of_its_own(monkeypatch):
     monkeypatch.setattr(performing, "study_orbit", stop)
     control = {"target": {"amplitude": 0.9}, "starts": [0.9]}
     control["believed"] = {"p1": 0.003, "p2": 0.0012, "p3": 0.045, "p4": 9.0}
-    experiment = Experiment.model_validate(SINGLE | {"control": control, "duration": 2.0})
+    experiment = Experiment.model_validate(setting.SINGLE | {"control": control, "duration": 2.0})
     perform(experiment)
     assert drawn == [np.random.default_rng(experiment.orbit_seed).random(8).tolist()]
 

@@ -22,25 +22,13 @@ from butterfly.identification.inference.estimate import Estimate
 from butterfly.model.parameters import AddedMass
 
 ON_BOUND = Finding(FindingKind.ON_BOUND, ("p2",), number=1.5)
-FOUND = Estimate(
-    method="output error",
-    names=("p2", "p3"),
-    values=np.array([0.0, 0.05]),
-    covariance=np.diag([0.0, 1e-8]),
-    lower=np.array([0.0, 0.0498]),
-    upper=np.array([0.0, 0.0502]),
-    left_out={AddedMass(mass=0.1, arm=0.1): np.array([0.0, 0.06])},
-    condition=3.0,
-    on_bound=("p2",),
-    ending=Ending.STOPPED,
-    findings=(ON_BOUND,),
-)
-ESTIMATE = EstimateRecord(
-    estimator="output-error(drag)",
-    estimate=FOUND,
-    truth={"p2": 0.0, "p3": 0.04},
-    fit=FitSummary(99.0, -math.inf, -3e4),
-)
+ABOUT = {"condition": 3.0, "on_bound": ("p2",), "ending": Ending.STOPPED, "findings": (ON_BOUND,)}
+LIMITS = {"lower": np.array([0.0, 0.0498]), "upper": np.array([0.0, 0.0502])}
+VALUES = {"values": np.array([0.0, 0.05]), "covariance": np.diag([0.0, 1e-8])}
+VALUES |= {"left_out": {AddedMass(mass=0.1, arm=0.1): np.array([0.0, 0.06])}}
+FOUND = Estimate(method="output error", names=("p2", "p3"), **VALUES, **LIMITS, **ABOUT)
+FITTED = {"truth": {"p2": 0.0, "p3": 0.04}, "fit": FitSummary(99.0, -math.inf, -3e4)}
+ESTIMATE = EstimateRecord(estimator="output-error(drag)", estimate=FOUND, **FITTED)
 ORBIT = OrbitRecord(
     target_rad=1.0,
     amplitudes_rad=(None, 0.99),
@@ -50,12 +38,9 @@ ORBIT = OrbitRecord(
     cross_orbit=CrossRecord(amplitudes_rad=(1.0,), rms_rad=((0.1,),)),
 )
 
+numbers = st.integers() | st.floats(allow_nan=False, allow_infinity=False)
 json_values = st.recursive(
-    st.none()
-    | st.booleans()
-    | st.integers()
-    | st.floats(allow_nan=False, allow_infinity=False)
-    | st.text(),
+    st.none() | st.booleans() | numbers | st.text(),
     lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner),
     max_leaves=5,
 )

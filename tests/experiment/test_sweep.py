@@ -261,13 +261,9 @@ def test_a_sweep_is_run_and_reported_from_the_command_line(butterfly, folder):
 
 @pytest.mark.slow
 def test_an_orbit_can_be_swept(folder):
-    control = {
-        "target": {"amplitude": 0.9},
-        "believed": {"p1": 0.003, "p2": 0.0012, "p3": 0.045, "p4": 9.0},
-        "duration": 12.0,
-        "starts": [0.9, 0.6, 1.1],
-        "rounds": 2,
-    }
+    control = {"target": {"amplitude": 0.9}, "duration": 12.0, "starts": [0.9, 0.6, 1.1]}
+    believed = {"p1": 0.003, "p2": 0.0012, "p3": 0.045, "p4": 9.0}
+    control |= {"believed": believed, "rounds": 2}
     base = {key: SINGLE[key] for key in SINGLE if key not in {"signals", "estimators"}}
     base |= {"plant": SINGLE["plant"] | {"clock": {}}, "control": control}
     grid = {"control.target.amplitude": [0.8, 1.0]}

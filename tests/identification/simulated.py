@@ -34,15 +34,9 @@ STEP = 2.5e-3
 def estimate_of(values, covariance, known=NO_PRIOR, names=("p1", "p2", "p3", "p4"), reach=4):
     """Return an estimate of given values, with intervals of some standard errors."""
     errors = np.sqrt(np.diag(covariance))
-    return Estimate(
-        method="",
-        names=names,
-        values=np.array(values),
-        covariance=np.array(covariance),
-        lower=values - reach * errors,
-        upper=values + reach * errors,
-        known=known,
-    )
+    limits = {"lower": values - reach * errors, "upper": values + reach * errors}
+    told = {"values": np.array(values), "covariance": np.array(covariance), "known": known}
+    return Estimate(method="", names=names, **told, **limits)
 
 
 def simulated(
@@ -55,16 +49,8 @@ def simulated(
     inputs = np.sign(inputs) * np.maximum(np.abs(inputs) - robot.dead_zone, 0.0)
     inputs /= 1 + robot.compression * np.abs(inputs)
     angle, _ = simulate(robot.with_added_mass(mass), time, inputs, start)
-    return Log(
-        time=time,
-        input=signal(time),
-        angle=zero + angle,
-        input_kind=InputKind.TORQUE,
-        intersample=Intersample.FIRST_ORDER_HOLD,
-        added_mass=mass,
-        excitation=sine,
-        **properties,
-    )
+    properties |= {"input_kind": InputKind.TORQUE, "intersample": Intersample.FIRST_ORDER_HOLD}
+    return Log(time, signal(time), zero + angle, added_mass=mass, excitation=sine, **properties)
 
 
 def noisy(logs, noise, rng):
@@ -86,27 +72,17 @@ def wild(robot, masses=MASSES, duration=12.0):
 
     def tones(seed):
         phases = np.random.default_rng(seed).uniform(0, 2 * math.pi, len(TONES))
-        return lambda t: (
-            0.02
-            * gentle
-            * sum(np.sin(w * t + p) - np.sin(p) for w, p in zip(TONES, phases, strict=True))
-        )
+        pairs, size = list(zip(TONES, phases, strict=True)), 0.02 * gentle
+        return lambda t: size * sum(np.sin(w * t + p) - np.sin(p) for w, p in pairs)
 
-    return [
-        simulated(robot, mass, tones(k), duration, start=0.5 * gentle)
-        for k, mass in enumerate(masses)
-    ]
+    start = 0.5 * gentle
+    return [simulated(robot, m, tones(k), duration, start=start) for k, m in enumerate(masses)]
 
 
-def response(mass, omega, phasor, *, input_=1.0, offset=0.0, error=1e-6):
+def response(mass, omega, phasor, *, input_=1.0, error=1e-6):
     """A steady response with an angle's phasor in rad, each component of which is uncertain."""
-    fit = SineFit(
-        omega=omega,
-        offset=offset,
-        phasors=np.array([phasor]),
-        covariance=np.eye(2) * error**2,
-        residual_rms=0.0,
-    )
+    about = {"omega": omega, "offset": 0.0, "residual_rms": 0.0}
+    fit = SineFit(**about, phasors=np.array([phasor]), covariance=np.eye(2) * error**2)
     return ResponsePoint(added_mass=mass, input=input_, angle=fit, drift=0.0, label="")
 
 

@@ -175,12 +175,8 @@ def test_a_servo_that_the_model_does_not_follow_to_the_noise_is_not_good(strange
     assert min(found.fits.values()) > 50  # no log is given up for the sake of the others' weights
 
 
-PENDULUM = {
-    "p1": (0.1775, 0.0014),
-    "p2": (0.0008, 0.0048),
-    "p3": (3.517, 0.031),
-    "coulomb": (0.170, 0.015),
-}
+PENDULUM = {"p1": (0.1775, 0.0014), "p2": (0.0008, 0.0048), "p3": (3.517, 0.031)}
+PENDULUM |= {"coulomb": (0.170, 0.015)}
 """Values and standard errors by SciPy's fit of the independent integrator to segments of 1 s, each
 from a start of its own: it shared nothing with the program."""
 

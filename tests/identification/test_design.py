@@ -87,10 +87,13 @@ def test_without_gravity_sines_lie_about_those_of_a_hand_that_resonates_at_2_rad
     assert omegas[0] == pytest.approx(omegas[1], rel=0.01)
 
 
-def test_an_estimate_without_covariance_cannot_be_improved_on(found):
+def test_without_a_covariance_or_with_a_swing_that_is_none_nothing_is_planned(found):
     unknown = replace(found, covariance=np.full_like(found.covariance, np.nan))
     with pytest.raises(IdentifiabilityError, match="no covariance"):
         rank_experiments(unknown, MASSES, 0.1)
+    for swing in (0.0, -1.0, float("nan"), "wide"):
+        with pytest.raises(InputError, match="swing"):
+            rank_experiments(found, [MASSES[1]], 0.05, largest_swing=swing)
 
 
 def test_progress_is_shown_while_candidates_are_judged(found, monkeypatch):
@@ -118,12 +121,6 @@ def test_every_proposed_input_can_be_run_as_it_is_proposed(found):
     seeds = np.random.SeedSequence(0).spawn(len(runs))
     for each, log in zip(ranked, simulate_runs(rig, runs, design.DURATION, seeds), strict=True):
         assert np.abs(log.angle).max() == pytest.approx(each.swing, rel=0.02), each.what
-
-
-def test_a_swing_that_is_none_is_refused(found):
-    for swing in (0.0, -1.0, float("nan"), "wide"):
-        with pytest.raises(InputError, match="swing"):
-            rank_experiments(found, [MASSES[1]], 0.05, largest_swing=swing)
 
 
 SERVO = LumpedParameters(
@@ -197,19 +194,11 @@ def test_a_loop_that_is_not_stable_is_planned_nothing_without_a_warning():
 
 def test_a_plan_tells_of_the_delay_of_a_slow_clock(found):
     """It takes the second half of a run: what nothing shows could not become better known."""
-    names = (*found.names, "slow_delay")
-    more = len(names)
-    covariance = np.zeros((more, more))
+    covariance = np.zeros((found.values.size + 1,) * 2)
     covariance[:-1, :-1], covariance[-1, -1] = found.covariance, 1e-6
-    slow = replace(
-        found,
-        names=names,
-        values=np.append(found.values, -1e-3),
-        covariance=covariance,
-        lower=np.append(found.lower, -3e-3),
-        upper=np.append(found.upper, 1e-3),
-        freedom=np.append(found.freedom, 10.0),
-        fixed={**found.fixed, "slow_interval": 2e-3},
-    )
+    own = {"values": -1e-3, "lower": -3e-3, "upper": 1e-3, "freedom": 10.0}
+    more = {name: np.append(getattr(found, name), value) for name, value in own.items()}
+    more |= {"names": (*found.names, "slow_delay"), "covariance": covariance}
+    slow = replace(found, **more, fixed={**found.fixed, "slow_interval": 2e-3})
     best = rank_experiments(slow, [MASSES[1]], 0.01)[0]
     assert best.errors[-1] < 0.9

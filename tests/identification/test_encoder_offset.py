@@ -12,13 +12,7 @@ from butterfly.identification.encoder_offset import OffsetKind, fitted_offset, n
 from butterfly.identification.estimators import OutputError, WeakForm
 from butterfly.identification.estimators.start import starts
 from butterfly.identification.findings import FindingKind
-from butterfly.identification.inference.blocks import (
-    CELLS,
-    cells_of,
-    edges_of,
-    independent_cells_of,
-    length_of,
-)
+from butterfly.identification.inference import blocks
 from butterfly.identification.problem import Start, columns_of
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import GRAVITY, NO_ADDED_MASS, AddedMass
@@ -260,18 +254,18 @@ def test_without_gravity_there_is_no_moment_to_be_known(sine_log):
 
 
 def test_a_log_has_ten_cells_and_few_logs_two_for_each_parameter():
-    assert [cells_of(logs, 9) for logs in (1, 2, 5)] == [18, CELLS, CELLS]
-    assert [independent_cells_of(logs, 9) for logs in (1, 3, 4)] == [18, CELLS, 1]
+    assert [blocks.cells_of(logs, 9) for logs in (1, 2, 5)] == [18, blocks.CELLS, blocks.CELLS]
+    assert [blocks.independent_cells_of(logs, 9) for logs in (1, 3, 4)] == [18, blocks.CELLS, 1]
 
 
 def test_blocks_are_as_long_as_each_other_whatever_the_clock():
     time = np.concatenate([np.arange(0, 5, 0.001), np.arange(5, 10, 0.005)])
-    edges = edges_of(time, 5)
+    edges = blocks.edges_of(time, 5)
     np.testing.assert_allclose(time[edges], [0, 2, 4, 6, 8], atol=0.01)
-    assert edges_of(time[:3], 5) == []
-    assert edges_of(time[:25], 5) == [0]
+    assert blocks.edges_of(time[:3], 5) == []
+    assert blocks.edges_of(time[:25], 5) == [0]
 
 
 def test_a_block_of_a_sine_holds_whole_periods(sine_log):
-    assert length_of(sine_log) == pytest.approx(4 * 2 * np.pi / 5)
-    assert length_of(replace(sine_log, excitation=None)) == pytest.approx(4.0, rel=1e-3)
+    assert blocks.length_of(sine_log) == pytest.approx(4 * 2 * np.pi / 5)
+    assert blocks.length_of(replace(sine_log, excitation=None)) == pytest.approx(4.0, rel=1e-3)

@@ -28,13 +28,8 @@ DRIVE = VoltageDrive(resistance=2.0, torque_constant=0.05, back_emf_constant=0.0
 TRUTH = Robot(hand=HAND, drive=DRIVE, friction=Friction(viscous=2e-4)).lumped
 NAMES = ("p1", "p2", "p3", "p4")
 VALUES = np.array([getattr(TRUTH, name) for name in NAMES])
-MOTOR = {
-    "hand_mass": (0.1, 0.002),
-    "resistance": (2.1, 0.06),
-    "torque_constant": (0.05, 0.001),
-    "back_emf_constant": (0.05, 0.002),
-    "rotor_inertia": (1e-4, 1e-5),
-}
+MOTOR = {"hand_mass": (0.1, 0.002), "resistance": (2.1, 0.06), "torque_constant": (0.05, 0.001)}
+MOTOR |= {"back_emf_constant": (0.05, 0.002), "rotor_inertia": (1e-4, 1e-5)}
 UPRIGHT = AddedMass(gravity=0.0)
 SLIDE = AddedMass(joint=JointKind.SLIDE)
 DERIVED = {way.name for way in WAYS if way.symbol}

@@ -5,18 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from butterfly.identification import predict
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import HarmonicBalance, OutputError
 from butterfly.identification.free_run import FreeRun, Setting
-from butterfly.identification.predict import (
-    OF_NEW_LOG,
-    OF_PARAMETERS,
-    Band,
-    donors,
-    draw_parameters,
-    expected_errors,
-    predict_logs,
-)
 from butterfly.identification.simulation import Simulation
 from butterfly.model.parameters import AddedMass
 from tests.identification.simulated import ROBOT, noisy, simulated, steady
@@ -47,7 +39,9 @@ def found(data):
 
 
 def _predicted(data, found, draws, errors=()):
-    return predict_logs(data.logs, found, data.simulations.setting, draws=draws, errors=errors)
+    return predict.predict_logs(
+        data.logs, found, data.simulations.setting, draws=draws, errors=errors
+    )
 
 
 @pytest.mark.slow
@@ -56,15 +50,9 @@ def test_the_band_of_the_parameters_is_the_closed_form_s_where_the_model_is_line
     data = _noisy(steady(ROBOT, SWINGS, duration=40.0), 0)
     found = HarmonicBalance(terms=())(data)
     reach = 0.196 * found.standard_errors
-    found = replace(
-        found,
-        covariance=1e-2 * found.covariance,
-        lower=found.values - reach,
-        upper=found.values + reach,
-        left_out={},
-        freedom=None,
-    )
-    (prediction,) = _predicted(data.take([4]), found, draw_parameters(found, 4000))
+    found = replace(found, lower=found.values - reach, upper=found.values + reach)
+    found = replace(found, covariance=1e-2 * found.covariance, left_out={}, freedom=None)
+    (prediction,) = _predicted(data.take([4]), found, predict.draw_parameters(found, 4000))
     log, samples = data.logs[4], prediction.samples
     setting = Setting(parameters=found.parameters, zero=data.equilibria[log.added_mass])
     trajectory = Simulation(log, found.parameters)
@@ -80,7 +68,7 @@ def test_the_band_of_the_parameters_is_the_closed_form_s_where_the_model_is_line
         rows.append((ends[1] - ends[0])[samples] / (2e-2 * error))
     jacobian = np.array(rows).T
     expected = 1.96 * np.sqrt(np.sum(jacobian @ found.covariance * jacobian, axis=1))
-    band = prediction.bands[OF_PARAMETERS]
+    band = prediction.bands[predict.OF_PARAMETERS]
     moving = expected > 0.2 * expected.max()
     ratio = (band.upper - band.lower)[moving] / (2 * expected[moving])
     assert np.median(ratio) == pytest.approx(1, abs=0.03)
@@ -105,19 +93,19 @@ def test_bands_hold_what_they_promise_of_a_new_mass_and_frequency(clean):
     for seed in range(6):
         data = _noisy_by_its_motion(clean, seed)
         found = HarmonicBalance(terms=())(data)
-        draws = draw_parameters(found, 100, seed=seed)
+        draws = predict.draw_parameters(found, 100, seed=seed)
         mass = AddedMass(mass=0.08, arm=0.104)
         new = simulated(ROBOT, mass, lambda t: 0.03 * np.sin(3.3 * t), 40.0)
-        (prediction,) = predict_logs(
+        (prediction,) = predict.predict_logs(
             _noisy_by_its_motion([new], 100 + seed).logs,
             found,
             lambda _, estimate: Setting(parameters=estimate.parameters, zero=0.0),
             draws=draws,
-            errors=expected_errors(data, found),
+            errors=predict.expected_errors(data, found),
         )
-        truth.append(prediction.bands[OF_PARAMETERS].share(new.angle[prediction.samples]))
-        recorded.append(prediction.bands[OF_NEW_LOG].share(prediction.measured))
-        widths.append(prediction.bands[OF_NEW_LOG].width / np.std(new.angle))
+        truth.append(prediction.bands[predict.OF_PARAMETERS].share(new.angle[prediction.samples]))
+        recorded.append(prediction.bands[predict.OF_NEW_LOG].share(prediction.measured))
+        widths.append(prediction.bands[predict.OF_NEW_LOG].width / np.std(new.angle))
     assert np.mean(truth) > 0.85
     assert 0.93 <= np.mean(recorded) <= 1
     assert np.mean(widths) < 1.5 * 2 * 1.96 * RELATIVE_NOISE
@@ -127,25 +115,25 @@ def test_the_band_of_a_new_log_is_no_wider_than_it_has_to_be(clean):
     """Of logs whose errors are those of the estimate's: half of it would hold clearly less."""
     data = _noisy_by_its_motion(clean, 0)
     found = HarmonicBalance(terms=())(data)
-    draws, errors = draw_parameters(found, 100), expected_errors(data, found)
+    draws, errors = predict.draw_parameters(found, 100), predict.expected_errors(data, found)
     again = _noisy_by_its_motion(clean, 1)
     whole, half = [], []
     for each in _predicted(again.take([0, 4, 8]), found, draws, errors):
-        band = each.bands[OF_NEW_LOG]
+        band = each.bands[predict.OF_NEW_LOG]
         middle, reach = (band.upper + band.lower) / 2, (band.upper - band.lower) / 4
         whole.append(band.share(each.measured))
-        half.append(Band(lower=middle - reach, upper=middle + reach).share(each.measured))
+        half.append(predict.Band(lower=middle - reach, upper=middle + reach).share(each.measured))
     assert 0.9 < np.mean(whole) < 0.99
     assert np.mean(half) < 0.8
 
 
 def test_a_band_of_forty_draws_goes_from_the_second_to_the_last_but_one(data, found):
-    few, drawn = data.take([0]), draw_parameters(found, 40)
+    few, drawn = data.take([0]), predict.draw_parameters(found, 40)
     (prediction,) = _predicted(few, found, drawn)
     settings = (few.simulations.setting(0, each) for each in drawn.estimates())
     runs = [FreeRun.of(few.logs[0], each).simulated for each in settings]
     ranked = np.sort(np.array(runs)[:, prediction.samples], axis=0)
-    band = prediction.bands[OF_PARAMETERS]
+    band = prediction.bands[predict.OF_PARAMETERS]
     np.testing.assert_allclose((band.lower, band.upper), ranked[[1, 38]], atol=1e-9)
     run = FreeRun.of(few.logs[0], few.simulations.setting(0, found))
     np.testing.assert_allclose(prediction.run.simulated, run.simulated, atol=1e-3)
@@ -153,31 +141,33 @@ def test_a_band_of_forty_draws_goes_from_the_second_to_the_last_but_one(data, fo
 
 
 def test_seeds_fix_bands_and_only_their_own_part(data, found):
-    draws, errors = draw_parameters(found, 40, seed=1), expected_errors(data, found)
+    draws, errors = predict.draw_parameters(found, 40, seed=1), predict.expected_errors(data, found)
     assert draws.seed == 1
     one, same, other = (
         _predicted(data.take([0]), found, replace(draws, seed=seed), errors)[0].bands
         for seed in (1, 1, 2)
     )
-    np.testing.assert_array_equal(one[OF_NEW_LOG].upper, same[OF_NEW_LOG].upper)
-    np.testing.assert_array_equal(one[OF_PARAMETERS].upper, other[OF_PARAMETERS].upper)
-    assert not np.array_equal(one[OF_NEW_LOG].upper, other[OF_NEW_LOG].upper)
+    np.testing.assert_array_equal(one[predict.OF_NEW_LOG].upper, same[predict.OF_NEW_LOG].upper)
+    np.testing.assert_array_equal(
+        one[predict.OF_PARAMETERS].upper, other[predict.OF_PARAMETERS].upper
+    )
+    assert not np.array_equal(one[predict.OF_NEW_LOG].upper, other[predict.OF_NEW_LOG].upper)
     (plain,) = _predicted(data.take([0]), found, None)
     assert plain.bands == {}
     assert plain.run.fit > 95
 
 
 def test_errors_are_those_of_logs_that_the_estimate_has_not_seen(data, found):
-    errors = expected_errors(data, found)
+    errors = predict.expected_errors(data, found)
     assert all(each.held_out for each in errors)
     mass = data.logs[0].added_mass
     unseen = replace(found, values=found.left_out[mass])
     np.testing.assert_allclose(errors[0].relative, _relative(data, unseen), atol=1e-12)
-    others = donors(errors, mass)
+    others = predict.donors(errors, mass)
     assert {each.log.added_mass for each in others} == {*data.masses} - {mass}
-    assert donors(others[:1], others[0].log.added_mass) == others[:1]
+    assert predict.donors(others[:1], others[0].log.added_mass) == others[:1]
     # Those in the sample stand for those unseen, but larger.
-    first, *_ = expected_errors(data, replace(found, left_out={}))
+    first, *_ = predict.expected_errors(data, replace(found, left_out={}))
     assert not first.held_out
     expected = np.sqrt(4 / 3) * _relative(data, found)
     np.testing.assert_allclose(first.relative, expected, atol=1e-12)
@@ -190,7 +180,7 @@ def _relative(data, estimate):
 
 
 def test_drawn_errors_keep_the_level_of_their_log_and_are_as_slow_and_as_loud(data, found):
-    first, *_ = expected_errors(data, found)
+    first, *_ = predict.expected_errors(data, found)
     slow = replace(first, relative=np.sin(2.0 * first.log.time))
     drawn = slow.drawn(np.arange(0, 300, 0.02), np.random.default_rng(0))
     assert np.std(drawn) == pytest.approx(np.sqrt(0.5), rel=0.1)
@@ -218,11 +208,11 @@ def test_left_out_masses_of_the_real_robot_lie_in_the_band_of_a_new_log(real, es
             for inside in (True, False)
         )
         found = estimator(rest)
-        draws = draw_parameters(found, 60, masses=data.masses)
-        predictions = _predicted(own, found, draws, expected_errors(rest, found))
-        bands = [each.bands[OF_NEW_LOG] for each in predictions]
+        draws = predict.draw_parameters(found, 60, masses=data.masses)
+        predictions = _predicted(own, found, draws, predict.expected_errors(rest, found))
+        bands = [each.bands[predict.OF_NEW_LOG] for each in predictions]
         narrow = [
-            Band(lower=(3 * b.lower + b.upper) / 4, upper=(b.lower + 3 * b.upper) / 4)
+            predict.Band(lower=(3 * b.lower + b.upper) / 4, upper=(b.lower + 3 * b.upper) / 4)
             for b in bands
         ]
         assert np.mean(_shares(bands, predictions)) >= 0.85

@@ -16,30 +16,16 @@ from butterfly.report.finding_texts import finding_text
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, SLOW, SWINGS, noisy, simulated, steady, wild
 
-PRESENT = {
-    "coulomb": {"coulomb": 1.2e-3},
-    "drag": {"drag": 8e-4},
-    "load": {"load": 1.5e-3},
-    "coulomb_slope": {"coulomb_slope": 1e-3, "coulomb": 2e-3},
-    "load_drag": {"load_drag": 8e-3},
-    "bias": {"bias": -2e-3},
-    "p3_offset": {"p3_offset": -3e-3},
-    "stribeck": {"stribeck": 5e-4, "coulomb": 2e-4},
-    "stribeck_velocity": {"stribeck": 5e-4, "coulomb": 2e-4, "stribeck_velocity": 0.25},
-    "motor_friction": {"motor_friction": 0.15},
-    "load_friction": {"load_friction": 0.15},
-    "motor_stribeck": {"motor_stribeck": 0.2},
-    "load_stribeck": {"load_stribeck": 0.2},
-    "lifting_stribeck": {"lifting_stribeck": 10.0},
-    "lowering_stribeck": {"lowering_stribeck": 10.0},
-    "tilt": {"tilt": -0.5},
-    "cogging": {"cogging": -2e-3, "cogging_periods": 3.0},
-    "cogging_cosine": {"cogging_cosine": 2e-3, "cogging_periods": 3.0},
-    "mass_inertia": {"mass_inertia": 0.06},
-    "spring": {"spring": 4e-3},
-    "dead_zone": {"dead_zone": 2e-3},
-    "compression": {"compression": 4.0},
-}
+SIZES = {"coulomb": 1.2e-3, "drag": 8e-4, "load": 1.5e-3, "coulomb_slope": 1e-3, "load_drag": 8e-3}
+SIZES |= {"bias": -2e-3, "p3_offset": -3e-3, "stribeck": 5e-4, "stribeck_velocity": 0.25}
+SIZES |= {"motor_friction": 0.15, "load_friction": 0.15, "motor_stribeck": 0.2}
+SIZES |= {"load_stribeck": 0.2, "lifting_stribeck": 10.0, "lowering_stribeck": 10.0, "tilt": -0.5}
+SIZES |= {"cogging": -2e-3, "cogging_cosine": 2e-3, "mass_inertia": 0.06, "spring": 4e-3}
+SIZES |= {"dead_zone": 2e-3, "compression": 4.0}
+BESIDE = {"coulomb_slope": {"coulomb": 2e-3}, "stribeck": {"coulomb": 2e-4}}
+BESIDE |= {"stribeck_velocity": {"stribeck": 5e-4, "coulomb": 2e-4}}
+BESIDE |= {key: {"cogging_periods": 3.0} for key in ("cogging", "cogging_cosine")}
+PRESENT = {name: {name: size} | BESIDE.get(name, {}) for name, size in SIZES.items()}
 """What the robot has of each term: several per cent of the torque of its motor."""
 
 SCANNED = 0.06

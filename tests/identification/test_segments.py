@@ -15,7 +15,7 @@ from butterfly.identification.identify import identify
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.problem import Start
 from butterfly.identification.simulation import Simulation
-from butterfly.logs.log import InputKind, Intersample, Log
+from butterfly.logs.log import Log
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, JointKind, LumpedParameters
 from butterfly.model.prior import Prior
 from butterfly.report.summary import summary
@@ -214,15 +214,7 @@ def _followed(ripple, noise, seconds=20.0):
             held = TICK / SUB * (FRICTION + uneven) / MASS
             v = np.sign(free) * max(abs(free) - held, 0.0)
             x += TICK / SUB * v
-    return Log(
-        time=np.arange(wanted.size) * TICK,
-        input=commands,
-        angle=positions,
-        input_kind=InputKind.VOLTAGE,
-        intersample=Intersample.ZERO_ORDER_HOLD,
-        added_mass=SLIDE,
-        source="slide",
-    )
+    return Log(np.arange(wanted.size) * TICK, commands, positions, added_mass=SLIDE, source="slide")
 
 
 def test_friction_that_changes_along_the_way_is_not_taken_for_mass_or_delay():

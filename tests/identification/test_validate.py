@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from butterfly.errors import IdentifiabilityError, InputError
+from butterfly.identification import validate
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import (
     Estimator,
@@ -19,13 +20,6 @@ from butterfly.identification.estimators import (
 from butterfly.identification.estimators.start import starts
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.splits import Split, divide, excluding_interval, remedy
-from butterfly.identification.validate import (
-    CrossValidation,
-    bootstrap,
-    cross_validate,
-    cross_validate_choice,
-    select_terms,
-)
 from butterfly.logs.log import Log, Sine
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Prior
@@ -60,34 +54,34 @@ def test_every_log_is_predicted_once_by_an_estimate_that_has_not_seen_it(
         seen.append({log.name for log in part.logs})
         return chosen
 
-    result = cross_validate(data, spy, split)
+    result = validate.cross_validate(data, spy, split)
     assert len(result.estimates) == len(seen) == parts
     assert all(sum(log.name not in part for part in seen) == 1 for log in data.logs)
     np.testing.assert_allclose(result.fits, data.simulations.fits(chosen))
 
 
 def test_a_mass_is_predicted_that_no_fit_has_seen(data):
-    assert cross_validate(data, OutputError(), Split.MASS).summary.worst > 98
+    assert validate.cross_validate(data, OutputError(), Split.MASS).summary.worst > 98
 
 
 @pytest.mark.slow
 def test_output_error_predicts_masses_and_frequencies_it_has_not_seen(real):
     """With the terms that `butterfly select` chooses."""
     estimator = OutputError(terms=("p3_offset", "drag", "bias"))
-    masses = cross_validate(real.data, estimator, Split.MASS)
+    masses = validate.cross_validate(real.data, estimator, Split.MASS)
     assert masses.summary.median >= 94
     assert masses.summary.mean >= 92
     assert (masses.fits > 90).sum() >= 34
-    default = cross_validate(real.data, OutputError(), Split.MASS).summary
+    default = validate.cross_validate(real.data, OutputError(), Split.MASS).summary
     assert default.median >= 94.7
     assert default.mean >= 93.2
     half = real.data.take(range(0, 41, 2))
-    omegas = cross_validate(half, estimator, Split.FREQUENCY)
+    omegas = validate.cross_validate(half, estimator, Split.FREQUENCY)
     assert omegas.summary.median >= 96
 
 
 def test_a_term_is_chosen_only_if_it_helps_to_predict(data):
-    passed = select_terms(data, BALANCE, ("drag", "load"))
+    passed = validate.select_terms(data, BALANCE, ("drag", "load"))
     means = [structure.held_out[Split.MASS].mean for structure in passed]
     assert means == sorted(means)
     assert [structure.terms for structure in passed] == [(), ("drag",)]
@@ -105,15 +99,15 @@ def test_a_gain_counts_where_it_is_more_than_its_own_standard_error():
 
 
 def _validated(fits):
-    return CrossValidation(division=None, fits=fits, estimates={})
+    return validate.CrossValidation(division=None, fits=fits, estimates={})
 
 
 @pytest.mark.slow
 def test_a_choice_is_judged_by_what_it_has_not_seen(data):
     terms = ("drag", "load_drag")
-    nested = cross_validate_choice(data, BALANCE, terms)
+    nested = validate.cross_validate_choice(data, BALANCE, terms)
     assert len(nested.estimates) == 3
-    chosen = select_terms(data, BALANCE, terms)[-1].held_out[Split.MASS]
+    chosen = validate.select_terms(data, BALANCE, terms)[-1].held_out[Split.MASS]
     assert nested.mean.mean == pytest.approx(chosen.mean, abs=2 * nested.mean.error)
     assert 0 < nested.mean.error < 3
 
@@ -122,7 +116,7 @@ def test_a_choice_is_judged_by_what_it_has_not_seen(data):
 def test_the_bootstrap_agrees_with_the_sandwich(real):
     estimator = HarmonicBalance(terms=())
     whole = estimator(real.data)
-    drawn = bootstrap(real.data, estimator, whole, repetitions=100, seed=1)
+    drawn = validate.bootstrap(real.data, estimator, whole, repetitions=100, seed=1)
     spread = np.std(drawn.values, axis=0)
     np.testing.assert_allclose(spread / whole.standard_errors, 1.0, atol=0.35)
 
@@ -130,19 +124,19 @@ def test_the_bootstrap_agrees_with_the_sandwich(real):
 def test_draws_spread_about_the_estimate_and_are_those_of_their_seed(data):
     estimator = HarmonicBalance(terms=())
     whole = estimator(data)
-    drawn = bootstrap(data, estimator, whole, repetitions=30, seed=1)
+    drawn = validate.bootstrap(data, estimator, whole, repetitions=30, seed=1)
     ratio = np.std(drawn.values, axis=0) / whole.standard_errors
     assert np.all((ratio > 1 / 3) & (ratio < 3))
     assert np.all((drawn.lower < whole.values) & (whole.values < drawn.upper))
-    again = bootstrap(data, estimator, whole, repetitions=20, seed=1)
+    again = validate.bootstrap(data, estimator, whole, repetitions=20, seed=1)
     np.testing.assert_array_equal(again.values, drawn.values[:20])
     with pytest.raises(InputError, match="at least 20"):
-        bootstrap(data, estimator, whole, repetitions=3)
+        validate.bootstrap(data, estimator, whole, repetitions=3)
 
 
 @pytest.mark.slow
 def test_the_bootstrap_keeps_the_terms_that_were_chosen_from_all_logs(data, chosen):
-    drawn = bootstrap(data, BALANCE, chosen, repetitions=20)
+    drawn = validate.bootstrap(data, BALANCE, chosen, repetitions=20)
     assert len(chosen.names) > len(PARAMETERS)
     assert drawn.values.shape == (20, len(chosen.names))
 
@@ -159,10 +153,10 @@ def test_draws_that_cannot_tell_a_term_are_drawn_again_or_refused():
     logs = steady(ROBOT, {2.5: 0.2, 4.5: 0.2, 7.0: 0.2})[:3]  # of one mass
     data = DataSet.of([replace(log, name=f"{k}") for k, log in enumerate(logs)])
     whole = SimpleNamespace(names=("p1", "drag"))
-    drawn = bootstrap(data, Forgetful(), whole, repetitions=20, seed=3)
+    drawn = validate.bootstrap(data, Forgetful(), whole, repetitions=20, seed=3)
     assert drawn.values.shape == (20, 2)
     with pytest.raises(IdentifiabilityError, match="load cannot be identified"):
-        bootstrap(data, Forgetful(), SimpleNamespace(names=("p1", "load")), repetitions=20)
+        validate.bootstrap(data, Forgetful(), SimpleNamespace(names=("p1", "load")), repetitions=20)
 
 
 @pytest.mark.parametrize(
@@ -200,11 +194,11 @@ def test_what_is_left_out_is_predicted_by_fits_that_begin_at_that_of_all_logs(mo
         return starts(*arguments)
 
     monkeypatch.setattr(output_error, "starts", counted)
-    passed = select_terms(data, OutputError(), ("drag", "bias"))
+    passed = validate.select_terms(data, OutputError(), ("drag", "bias"))
     assert len(searches) == 1 + len(passed)
     (plain, better, *_) = passed
     for found in (plain, better):
-        own = cross_validate(data, OutputError(terms=found.terms), Split.MASS)
+        own = validate.cross_validate(data, OutputError(terms=found.terms), Split.MASS)
         assert found.held_out[Split.MASS].mean == pytest.approx(own.summary.mean, abs=0.02)
         fits = data.simulations.fits(OutputError(terms=found.terms)(data))
         assert found.in_sample.mean == pytest.approx(fits.mean(), abs=0.02)
@@ -268,7 +262,7 @@ def test_every_sample_is_left_out_once(sines):
 def test_logs_of_no_sine_are_kept_where_frequencies_are_left_out(sines):
     whole = replace(sines.logs[0], excitation=None)
     mixed = DataSet.of([*sines.logs, whole])
-    held = cross_validate(mixed, lambda _: PLAIN(sines), Split.FREQUENCY)
+    held = validate.cross_validate(mixed, lambda _: PLAIN(sines), Split.FREQUENCY)
     assert np.isnan(held.fits[-1])
     assert np.isfinite(held.fits[:-1]).all()
     assert np.isfinite(held.summary.median)
@@ -283,7 +277,7 @@ def test_stretches_of_time_are_predicted_by_an_estimate_from_the_others(sines, k
         seen.append(sum(float(log.time[-1] - log.time[0]) for log in part.logs))
         return estimator(part)
 
-    held = cross_validate(data, spy, Split.TIME, folds=3)
+    held = validate.cross_validate(data, spy, Split.TIME, folds=3)
     assert list(held.estimates) == [f"stretch {k} of 3" for k in (1, 2, 3)]
     assert max(seen) < 0.7 * sum(float(log.time[-1]) for log in data.logs)
     assert held.summary.worst > least
@@ -297,7 +291,7 @@ def test_refusals_name_what_works(sines):
         (_of(sines, 2), Split.MASS, r"only one added mass remains.*; split freq"),
     ):
         with pytest.raises(IdentifiabilityError, match=said):
-            cross_validate(data, PLAIN, split)
+            validate.cross_validate(data, PLAIN, split)
     assert "frequency" in remedy(_of(sines, 2))
 
 
@@ -336,13 +330,10 @@ def test_the_piece_after_a_stretch_begins_in_motion_with_what_was_commanded():
     np.testing.assert_allclose(after.lead.input, np.cos(after.lead.time))
     assert (before.name, after.name) == ("swing, before", "swing, after")
     # What is too short, or holds no whole period of a sine, is left out.
+    sine = _swinging(excitation=Sine(omega=2.0, amplitude=1.0))
     for log, stretch, names in (
         (_swinging(), slice(0, 1000), ["swing, after"]),
         (_swinging(), slice(1990, 2000), ["swing, before"]),
-        (
-            _swinging(excitation=Sine(omega=2.0, amplitude=1.0)),
-            slice(1400, 1500),
-            ["swing, before"],
-        ),
+        (sine, slice(1400, 1500), ["swing, before"]),
     ):
         assert [piece.name for piece in excluding_interval(log, stretch)] == names

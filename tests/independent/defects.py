@@ -12,18 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from butterfly.logs.log import Log
-from tests.independent.bodies import (
-    GRAVITY,
-    Bench,
-    Body,
-    Encoder,
-    Mass,
-    Recording,
-    damped,
-    moves,
-    record,
-    with_gain,
-)
+from tests.independent import bodies
 from tests.independent.drives import chirp, log_uniform, multisine
 from tests.independent.integrator import Joint
 from tests.independent.kinds import driven, sines
@@ -38,7 +27,7 @@ class BenchRobot:
 
     truth: dict[str, float]  # by name, of the bare joint
     heaviest: float  # largest added gravity moment in N m, as the size of p3's errors
-    recordings: tuple[Recording, ...]
+    recordings: tuple[bodies.Recording, ...]
 
     @property
     def logs(self) -> list[Log]:
@@ -52,15 +41,15 @@ def draw(row: str, number: int, seed: int = 1) -> BenchRobot:
     while True:
         body, runs = _robot(rng, number)
         bench = ROWS[row].make(rng, body, np.array([run.size for run in runs]) / body.joint.gain)
-        encoder = Encoder.drawn(rng, rng.uniform(-0.5, 0.5))
+        encoder = bodies.Encoder.drawn(rng, rng.uniform(-0.5, 0.5))
         ticks = log_uniform(rng, 1e-3, 5e-3), rng.uniform(0.0, 0.3)
         logs = []
         for run, rate in zip(runs, np.resize(bench.rates, len(runs)), strict=True):
             period = 2.0 * np.pi / (run.omega or body.pace_of(run.mass))
             duration = rng.uniform(30.0, 40.0) if run.omega else rng.uniform(10.0, 16.0)
             timing = {"ticks": (rate * ticks[0], ticks[1]), "duration": max(duration, 6.0 * period)}
-            logs.append(record(rng, body, run, encoder, **timing, bench=bench))
-        if all(moves(body, log, encoder, _WIDEST) for log in logs):
+            logs.append(bodies.record(rng, body, run, encoder, **timing, bench=bench))
+        if all(bodies.moves(body, log, encoder, _WIDEST) for log in logs):
             return BenchRobot(body.truth(), body.heaviest, tuple(map(bench.notes, logs)))
 
 
@@ -73,15 +62,17 @@ def _robot(rng, number):
     )
     joint = Joint(inertia=inertia, viscous=0.0, gravity=inertia * pace**2, gain=1.0)
     shares = rng.uniform(0.1, 0.3), rng.uniform(0.4, 0.6), rng.uniform(0.8, 1.2)
-    loads = tuple(Mass(inertia * share / arm**2, arm) for share in shares)
+    loads = tuple(bodies.Mass(inertia * share / arm**2, arm) for share in shares)
     few = int(rng.integers(2))
-    body = damped(rng, Body(joint=joint, masses=(Mass(), *loads[few:]), pace=pace))
+    body = bodies.damped(
+        rng, bodies.Body(joint=joint, masses=(bodies.Mass(), *loads[few:]), pace=pace)
+    )
     each = 3 + few * int(rng.integers(2))
     if number % 3 == 2:
         body, runs, sizes = driven(rng, body, [multisine, chirp], each)
     else:
         body, runs, sizes = sines(rng, body, each)
-    return with_gain(rng, body, sizes), runs
+    return bodies.with_gain(rng, body, sizes), runs
 
 
 # The defects
@@ -90,7 +81,7 @@ def _robot(rng, number):
 def _base(rng, body, _):
     """The bench itself swings sideways on springs."""
     loaded = body.carrying(body.masses[-1])
-    moment = loaded.gravity / GRAVITY
+    moment = loaded.gravity / bodies.GRAVITY
     mass = rng.uniform(3.0, 10.0) * moment**2 / loaded.inertia
     omega = rng.uniform(4.0, 7.0) * max(map(body.pace_of, body.masses))
     damping = 2.0 * rng.uniform(0.02, 0.1) * mass * omega
@@ -100,15 +91,15 @@ def _base(rng, body, _):
             base=mass,
             base_viscous=damping,
             base_spring=mass * omega**2,
-            imbalance=each.gravity / GRAVITY,
+            imbalance=each.gravity / bodies.GRAVITY,
         )
 
-    return Bench(joint=joint)
+    return bodies.Bench(joint=joint)
 
 
 def _own_inertia(_rng, _body, _sizes):
     """Added masses are discs whose own inertia is 5 % of m l^2."""
-    return Bench(
+    return bodies.Bench(
         joint=lambda joint, mass, _: joint._replace(
             inertia=joint.inertia + 0.05 * mass.mass * mass.arm**2
         )
@@ -117,7 +108,7 @@ def _own_inertia(_rng, _body, _sizes):
 
 def _friction_by_log(rng, _body, _sizes):
     """All that damps differs from log to log with a standard deviation of 20 %."""
-    return Bench(
+    return bodies.Bench(
         joint=lambda joint, *_: _damped(joint, max(1.0 + 0.2 * rng.standard_normal(), 0.4))
     )
 
@@ -136,7 +127,7 @@ def _regimes(rng, _body, _sizes):
         cycles = np.diff(stamps) * np.where(slow[1:], slower, 1.0)
         return np.concatenate([[0.0], np.cumsum(cycles)]), messages * step * slow
 
-    return Bench(clock=clock)
+    return bodies.Bench(clock=clock)
 
 
 def _together(*makes):
@@ -165,13 +156,13 @@ def _weighed(rng, body, _):
     """Masses are told up to 3 % wrong, but together right: what they share is the row *scale*."""
     errors = rng.uniform(-0.03, 0.03, len(body.masses) - 1)
     factors = dict(zip(body.masses, [1.0, *(1.0 + errors - errors.mean())], strict=True))
-    return Bench(notes=lambda log: _told_mass(log, factors[log.mass]))
+    return bodies.Bench(notes=lambda log: _told_mass(log, factors[log.mass]))
 
 
 def _scaled(rng, *_):
     """All masses are told 3 % wrong."""
     factor = 1.0 + 0.03 * rng.choice([-1.0, 1.0])
-    return Bench(notes=lambda log: _told_mass(log, factor))
+    return bodies.Bench(notes=lambda log: _told_mass(log, factor))
 
 
 def _told_mass(log, factor):
@@ -181,13 +172,13 @@ def _told_mass(log, factor):
 def _dead_zone(_rng, _body, sizes):
     """The drive takes 3 % of the median command away."""
     zone = 0.03 * np.median(sizes)
-    return Bench(drive=lambda _, u: np.sign(u) * np.maximum(np.abs(u) - zone, 0.0))
+    return bodies.Bench(drive=lambda _, u: np.sign(u) * np.maximum(np.abs(u) - zone, 0.0))
 
 
 def _saturation(rng, _body, sizes):
     """The drive gives no more than a share of the largest command."""
     limit = rng.uniform(0.75, 0.9) * sizes.max()
-    return Bench(drive=lambda _, u: np.clip(u, -limit, limit))
+    return bodies.Bench(drive=lambda _, u: np.clip(u, -limit, limit))
 
 
 def _lag(rng, _body, _sizes):
@@ -201,7 +192,7 @@ def _lag(rng, _body, _sizes):
             out[k] = now
         return out
 
-    return Bench(drive=smoothed)
+    return bodies.Bench(drive=smoothed)
 
 
 def _backlash(_rng, _body, _sizes):
@@ -215,25 +206,25 @@ def _backlash(_rng, _body, _sizes):
             out[k] = now
         return out
 
-    return Bench(encoder=played)
+    return bodies.Bench(encoder=played)
 
 
 def _eccentric(rng, _body, _sizes):
     """The encoder's disc sits beside its axis: 0.5 degrees once a turn."""
     phase = rng.uniform(0.0, 2.0 * np.pi)
-    return Bench(encoder=lambda angle: angle + math.radians(0.5) * np.sin(angle - phase))
+    return bodies.Bench(encoder=lambda angle: angle + math.radians(0.5) * np.sin(angle - phase))
 
 
 def _clock(rng, _body, _sizes):
     """Stamps run 0.1 to 0.5 % fast or slow."""
     rate = 1.0 + rng.choice([-1.0, 1.0]) * rng.uniform(1e-3, 5e-3)
-    return Bench(notes=lambda log: replace(log, time=rate * log.time))
+    return bodies.Bench(notes=lambda log: replace(log, time=rate * log.time))
 
 
 def _falling(_rng, _body, _sizes):
     """All that damps falls within each log, from 1.1 to 0.9 times its mean."""
     share = 0.9 / 1.1 - 1.0
-    return Bench(joint=lambda joint, _, end: _damped(joint, 1.1)._replace(wear=share / end))
+    return bodies.Bench(joint=lambda joint, _, end: _damped(joint, 1.1)._replace(wear=share / end))
 
 
 def _resistance(_rng, body, _sizes):
@@ -247,25 +238,25 @@ def _resistance(_rng, body, _sizes):
         cold = 1.0 / (1.0 + warmth[mass])
         return each._replace(gain=cold * each.gain, viscous=0.5 * (1.0 + cold) * each.viscous)
 
-    return Bench(joint=joint)
+    return bodies.Bench(joint=joint)
 
 
 def _spring(rng, body, _):
     """A cable pulls to some angle with 10 % of p3 a rad."""
     stiffness, rest = 0.1 * body.joint.gravity, rng.uniform(-0.3, 0.3)
-    return Bench(joint=lambda joint, *_: joint._replace(spring=stiffness, spring_rest=rest))
+    return bodies.Bench(joint=lambda joint, *_: joint._replace(spring=stiffness, spring_rest=rest))
 
 
 class Row(NamedTuple):
     """How a bench is made of a robot; parameters that its defect moves; words that name it."""
 
-    make: Callable[..., Bench]
+    make: Callable[..., bodies.Bench]
     moved: tuple[str, ...] = ()
     words: str = ""  # a regular expression
 
 
 ROWS = {
-    "control": Row(lambda *_: Bench()),
+    "control": Row(lambda *_: bodies.Bench()),
     "base": Row(_base, ("p1",), r"\bbase\b"),
     "own inertia": Row(_own_inertia, ("p1",), r"own inertia|mass_inertia"),
     "friction by log": Row(_friction_by_log, ("p2", "coulomb"), r"between logs"),
@@ -280,7 +271,7 @@ ROWS = {
     "resistance": Row(_resistance, ("p4",), r"resistance"),
     "spring": Row(_spring, ("p3",), r"spring"),
     # every second log has another clock
-    "two rates": Row(lambda rng, *_: Bench(rates=(1.0, rng.uniform(2.0, 4.0)))),
+    "two rates": Row(lambda rng, *_: bodies.Bench(rates=(1.0, rng.uniform(2.0, 4.0)))),
     "eccentric": Row(_eccentric),
     "scale": Row(_scaled),
     "lag": Row(_lag),

@@ -11,22 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.independent.bodies import (
-    Body,
-    Encoder,
-    Mass,
-    Recording,
-    Run,
-    dry,
-    entry_of,
-    hinge,
-    moves,
-    record,
-    sizes_of,
-    slide,
-    with_gain,
-    write_set,
-)
+from tests.independent import bodies
 from tests.independent.drives import chirp, log_uniform, multisine, sine, stairs, steps, still
 from tests.independent.integrator import Law
 
@@ -39,9 +24,9 @@ _TURNS = 25.0  # rad, of a swing through the upright
 class RobotOfKind:
     """What was drawn: body, encoder, one file of each recording, and what the owner says."""
 
-    body: Body
-    encoder: Encoder
-    recordings: list[Recording]
+    body: bodies.Body
+    encoder: bodies.Encoder
+    recordings: list[bodies.Recording]
     widest: float  # rad, beyond which it is drawn again
     owner: dict[str, Any] = field(default_factory=dict)  # keys of the manifest, all but the logs
     # numbers of recordings with further keys of an entry; each once where there are none
@@ -75,12 +60,12 @@ class RobotOfKind:
             for log in self.recordings
         ]
         told = {"input": "torque"} | self.owner | {"name": f"{self.kind} {self.number}"}
-        write_set(folder, told | {"logs": [*self._entries()]}, tables, "%.12g")
+        bodies.write_set(folder, told | {"logs": [*self._entries()]}, tables, "%.12g")
 
     def _entries(self):
         for k, keys in self.parts or [(k, {}) for k in range(len(self.recordings))]:
             log = self.recordings[k]
-            entry = {"file": f"{k}.csv", **keys, **entry_of(log.mass)}
+            entry = {"file": f"{k}.csv", **keys, **bodies.entry_of(log.mass)}
             if log.omega:
                 entry |= {"omega": log.omega, "amplitude": log.amplitude}
             yield entry
@@ -92,7 +77,7 @@ def draw(kind: str, number: int, seed: int = 1) -> RobotOfKind:
     while True:
         made = KINDS[kind](rng, number)
         if made.accepted and all(
-            moves(made.body, each, made.encoder, made.widest) for each in made.recordings
+            bodies.moves(made.body, each, made.encoder, made.widest) for each in made.recordings
         ):
             return replace(made, kind=kind, number=number)
 
@@ -104,7 +89,7 @@ def _known_gain(rng, body, sizes, number):
     """Tell the gain: 1 of half the robots, else any number, of which one in four is uncertain."""
     if number % 2 == 0:
         return body, {"p4": 1.0}
-    body = with_gain(rng, body, sizes)
+    body = bodies.with_gain(rng, body, sizes)
     if number % 4 == 1:
         return body, {"p4": body.joint.gain}
     share = rng.uniform(0.01, 0.03)
@@ -121,8 +106,8 @@ def _somewhere(rng, joint):
 
 def driven(rng, body, inputs, each):
     """``each`` runs of every mass, by inputs in turn."""
-    sizes = sizes_of(rng, body)
-    body = dry(rng, body, sizes)
+    sizes = bodies.sizes_of(rng, body)
+    body = bodies.dry(rng, body, sizes)
     runs = []
     for mass, size in zip(body.masses, sizes, strict=True):
         joint, strong = body.carrying(mass), size + 4 / np.pi * body.joint.coulomb
@@ -130,7 +115,7 @@ def driven(rng, body, inputs, each):
             make = inputs[k % len(inputs)]
             torque, most = make(body.pace_of(mass), strong, rng)
             start = rng.uniform(0.4, 1.2) if make is still else _somewhere(rng, joint)
-            runs.append(Run(mass=mass, torque=torque, size=most, start=start))
+            runs.append(bodies.Run(mass=mass, torque=torque, size=most, start=start))
     return body, runs, [run.size for run in runs]
 
 
@@ -141,11 +126,11 @@ def sines(rng, body, each):
         for mass in body.masses
         for tone in [*rng.uniform(0.5, 0.95, each // 2), *rng.uniform(1.05, 2.0, each - each // 2)]
     ]
-    body = dry(rng, body, [body.torque_of(*aim) for aim in aims])
+    body = bodies.dry(rng, body, [body.torque_of(*aim) for aim in aims])
     runs = []
     for mass, omega, swing in aims:
         size = body.torque_of(mass, omega, swing)
-        runs.append(Run(mass=mass, torque=sine(size, omega), size=size, omega=omega))
+        runs.append(bodies.Run(mass=mass, torque=sine(size, omega), size=size, omega=omega))
     return body, runs, [run.size for run in runs]
 
 
@@ -166,13 +151,13 @@ def _recorded(rng, body, runs, encoder):
         period = 2.0 * np.pi / (run.omega or body.pace_of(run.mass))
         least = rng.uniform(30.0, 40.0) if run.omega else rng.uniform(8.0, 16.0)
         duration = min(max(least, 6.0 * period), 60.0)
-        found.append(record(rng, body, run, encoder, ticks=ticks, duration=duration))
+        found.append(bodies.record(rng, body, run, encoder, ticks=ticks, duration=duration))
     return found
 
 
 def _plain(rng, body, runs, widest, **owner):
     """A robot whose encoder's zero is within half a rad."""
-    encoder = Encoder.drawn(rng, rng.uniform(-0.5, 0.5), body.reach)
+    encoder = bodies.Encoder.drawn(rng, rng.uniform(-0.5, 0.5), body.reach)
     return RobotOfKind(body, encoder, _recorded(rng, body, runs, encoder), widest, owner)
 
 
@@ -180,7 +165,7 @@ def _plain(rng, body, runs, widest, **owner):
 
 
 def _one_mass(rng, number):
-    body = hinge(rng, 2)
+    body = bodies.hinge(rng, 2)
     body = replace(body, masses=body.masses[number // 2 % 2 :][:1])
     body, runs, sizes = _moved(rng, body, number, int(rng.integers(3, 6)))
     body, known = _known_gain(rng, body, sizes, number)
@@ -188,24 +173,24 @@ def _one_mass(rng, number):
 
 
 def _balanced(rng, number):
-    body = hinge(rng, 1, balance=True)
+    body = bodies.hinge(rng, 1, balance=True)
     body, runs, sizes = _moved(rng, body, number, int(rng.integers(3, 6)))
     body, known = _known_gain(rng, body, sizes, number)
     return _plain(rng, body, runs, _TRAVEL, known=known | {"p3": 0.0})
 
 
 def _vertical(rng, number):
-    body = hinge(rng, 2 + number % 2, upright=True)
+    body = bodies.hinge(rng, 2 + number % 2, upright=True)
     body, runs, sizes = _moved(rng, body, number, int(rng.integers(2, 4)))
-    return _plain(rng, with_gain(rng, body, sizes), runs, _TRAVEL, gravity=0)
+    return _plain(rng, bodies.with_gain(rng, body, sizes), runs, _TRAVEL, gravity=0)
 
 
 def _slide(rng, number):
     weighed = number // 2 % 2
-    body = slide(rng, 2 + number % 2 if weighed else 1)
+    body = bodies.slide(rng, 2 + number % 2 if weighed else 1)
     body, runs, sizes = _moved(rng, body, number, int(rng.integers(2, 5)))
     if weighed:
-        return _plain(rng, with_gain(rng, body, sizes), runs, _TRAVEL, joint="slide")
+        return _plain(rng, bodies.with_gain(rng, body, sizes), runs, _TRAVEL, joint="slide")
     body, known = _known_gain(rng, body, sizes, number)
     return _plain(rng, body, runs, _TRAVEL, joint="slide", known=known)
 
@@ -213,17 +198,17 @@ def _slide(rng, number):
 def _pieces(rng, number):
     """One long log of a mass, of which pieces are files, parts of a file, or restarts in it."""
     masses = 3 if number % 2 else 1
-    body = hinge(rng, masses)
+    body = bodies.hinge(rng, masses)
     body, runs, sizes = driven(rng, body, [[multisine, stairs][int(rng.integers(2))]], 1)
     known = {}
     if masses == 1:
         body, known = _known_gain(rng, body, sizes, 2 * number // 4)
     else:
-        body = with_gain(rng, body, sizes)
-    encoder = Encoder.drawn(rng, rng.uniform(-0.5, 0.5))
+        body = bodies.with_gain(rng, body, sizes)
+    encoder = bodies.Encoder.drawn(rng, rng.uniform(-0.5, 0.5))
     ticks = float(log_uniform(rng, 2e-3, 8e-3)), rng.uniform(0.0, 0.3)
     whole = [
-        record(rng, body, run, encoder, ticks=ticks, duration=rng.uniform(40.0, 60.0))
+        bodies.record(rng, body, run, encoder, ticks=ticks, duration=rng.uniform(40.0, 60.0))
         for run in runs
     ]
     cuts = [_cuts(rng, log.time[-1], 9 // masses) for log in whole]
@@ -269,12 +254,12 @@ def _end_to_end(pieces):
 
 def _closed_loop(rng, number):
     """A law tracks waves, steps, a turn up to the upright and down again, or several turns."""
-    body = hinge(rng, 2)
+    body = bodies.hinge(rng, 2)
     body = replace(body, masses=body.masses[number // 2 % 2 :][:1])
     (mass,) = body.masses
     loaded, pace = body.carrying(mass), body.pace_of(mass)
     high = loaded.gravity + loaded.inertia * pace**2
-    body = dry(rng, body, [0.4 * high])
+    body = bodies.dry(rng, body, [0.4 * high])
     bandwidth = min(pace * rng.uniform(1.8, 4.0), 18.0)
     law = Law(
         stiffness=loaded.inertia * bandwidth**2 + loaded.gravity,
@@ -286,7 +271,7 @@ def _closed_loop(rng, number):
     aims = [_wave, _levels, _to_the_upright, _round]
     chosen = [aims[0], aims[1 + number % 3], aims[int(rng.integers(4))]]
     runs = [
-        Run(
+        bodies.Run(
             mass=mass,
             size=law.limit,
             law=law,
@@ -347,7 +332,7 @@ def _wrapped(rng, number):
     body, runs, encoder = _three_masses(rng, number, np.pi, swings=number % 2 == 0)
     lowest = [-np.pi, 0.0][number % 2]
     recordings = _recorded(rng, body, runs, encoder)
-    within = all(moves(body, each, encoder, _TURNS) for each in recordings)
+    within = all(bodies.moves(body, each, encoder, _TURNS) for each in recordings)
     wrapped = [
         replace(log, angle=lowest + (log.angle - lowest) % (2.0 * np.pi)) for log in recordings
     ]
@@ -362,19 +347,19 @@ def _units(rng, number):
         body, runs, encoder = _three_masses(rng, number, 0.5, swings=False)
         unit, known = "mV", {}
     else:
-        body = hinge(rng, 1)
+        body = bodies.hinge(rng, 1)
         body, runs, _ = driven(rng, body, [steps, multisine], 4)
-        encoder = Encoder.drawn(rng, rng.uniform(-0.5, 0.5))
+        encoder = bodies.Encoder.drawn(rng, rng.uniform(-0.5, 0.5))
         unit, known = "mNm", {"known": {"p4": 1.0}}
     recordings = _recorded(rng, body, runs, encoder)
-    accepted = all(moves(body, each, encoder, _SWING) for each in recordings)
+    accepted = all(bodies.moves(body, each, encoder, _SWING) for each in recordings)
     recordings = [
         replace(
             log,
             time=1e3 * log.time,
             input=1e3 * log.input,
             angle=np.degrees(log.angle),
-            mass=Mass(1e3 * log.mass.mass, 1e3 * log.mass.arm),
+            mass=bodies.Mass(1e3 * log.mass.mass, 1e3 * log.mass.arm),
         )
         for log in recordings
     ]
@@ -385,15 +370,15 @@ def _units(rng, number):
 
 def _three_masses(rng, number, zero, *, swings):
     """A robot of unknown gain; each mass swings up once where ``swings`` are wanted."""
-    body = hinge(rng, 3)
+    body = bodies.hinge(rng, 3)
     pool = [stairs, chirp, multisine, steps, still]
     first = number % 3
     inputs = [pool[first], pool[(first + 1) % 4], pool[int(rng.integers(5))]]
     body, runs, sizes = driven(rng, body, inputs, 3)
     if swings:
         runs[2::3] = [_swing_up(rng, body, run) for run in runs[2::3]]
-    body = with_gain(rng, body, sizes)
-    return body, runs, Encoder.drawn(rng, rng.uniform(-zero, zero))
+    body = bodies.with_gain(rng, body, sizes)
+    return body, runs, bodies.Encoder.drawn(rng, rng.uniform(-zero, zero))
 
 
 def _swing_up(rng, body, run):

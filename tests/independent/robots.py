@@ -14,17 +14,7 @@ import numpy as np
 from butterfly.identification.data import DataSet
 from butterfly.logs.log import Log, Sine
 from butterfly.model.parameters import AddedMass, LumpedParameters
-from tests.independent.bodies import (
-    MOST_FRICTION,
-    Body,
-    Encoder,
-    Mass,
-    Recording,
-    Run,
-    moves,
-    sizes_of,
-    with_gain,
-)
+from tests.independent import bodies
 from tests.independent.drives import chirp, clock, log_uniform, multisine, sine
 from tests.independent.integrator import Joint, motion
 
@@ -63,20 +53,20 @@ def draw(family: str, number: int, seed: int = 1, repeat: int = 0) -> RandomRobo
     rng, noise = np.random.default_rng(stream), np.random.default_rng([*stream, repeat])
     while True:
         body, runs = (_other_inputs if family == "C" else _sines)(family, _hand(rng), rng)
-        body = with_gain(rng, body, [run.size for run in runs])
+        body = bodies.with_gain(rng, body, [run.size for run in runs])
         ticks = rng.uniform(1e-3, 5e-3), rng.uniform(0.0, 0.5)
         duration = rng.uniform(40.0, 60.0) if family != "C" else rng.uniform(15.0, 30.0)
         count = 2.0 * np.pi / 2 ** int(rng.integers(12, 17))
-        encoder = Encoder(count=count, spread=rng.uniform(0.0, 1e-3), zero=0.0)
+        encoder = bodies.Encoder(count=count, spread=rng.uniform(0.0, 1e-3), zero=0.0)
         zero = rng.uniform(-0.5, 0.5)
         clean = [_clean(body, run, clock(rng, duration, *ticks)) for run in runs]
-        if all(moves(body, log, encoder, _WIDEST[family]) for log in clean):
+        if all(bodies.moves(body, log, encoder, _WIDEST[family]) for log in clean):
             logs = tuple(log_of(_seen(log, replace(encoder, zero=zero), noise)) for log in clean)
             named = {"family": family, "seed": seed, "number": number, "repeat": repeat}
             return RandomRobot(**named, truth=_truth(body), zero=zero, logs=logs)
 
 
-def log_of(each: Recording, name: str = "") -> Log:
+def log_of(each: bodies.Recording, name: str = "") -> Log:
     """Return a recording as identification may see it."""
     return Log(
         time=each.time,
@@ -102,8 +92,8 @@ def _hand(rng):
     arm = rng.uniform(0.08, 0.2)
     shares = rng.uniform(0.1, 0.4), rng.uniform(0.5, 1.2)
     joint = Joint(inertia=inertia, viscous=0.0, gravity=gravity, gain=1.0)
-    masses = (Mass(), *(Mass(inertia * share / arm**2, arm) for share in shares))
-    body = Body(joint=joint, masses=masses, pace=1.0)
+    masses = (bodies.Mass(), *(bodies.Mass(inertia * share / arm**2, arm) for share in shares))
+    body = bodies.Body(joint=joint, masses=masses, pace=1.0)
     middle = body.carrying(masses[1])
     damping = 2.0 * log_uniform(rng, 0.005, 0.1) * math.sqrt(middle.inertia * middle.gravity)
     return body.having(viscous=damping, delay=rng.uniform(0.0, 0.01))
@@ -122,8 +112,8 @@ def _sines(family, body, rng):
         omegas = resonance * slowest * np.array(tones)
         aims += [(mass, omega, rng.uniform(0.1, 0.5)) for omega in omegas]
     drives = [body.torque_of(*aim) for aim in aims]
-    share = rng.uniform(0.0, MOST_FRICTION)
-    dry = min(share * np.quantile(drives, 0.25), MOST_FRICTION * min(drives))
+    share = rng.uniform(0.0, bodies.MOST_FRICTION)
+    dry = min(share * np.quantile(drives, 0.25), bodies.MOST_FRICTION * min(drives))
     body = body.having(coulomb=float(dry))
     if family == "B":
         speed = float(np.median([omega * swing for _, omega, swing in aims]))
@@ -134,7 +124,7 @@ def _sines(family, body, rng):
 def _sine(body, mass, omega, swing):
     size, loaded = body.torque_of(mass, omega, swing), body.carrying(mass)
     rest = math.asin(loaded.bias / loaded.gravity)
-    return Run(mass=mass, torque=sine(size, omega), size=size, omega=omega, start=rest)
+    return bodies.Run(mass=mass, torque=sine(size, omega), size=size, omega=omega, start=rest)
 
 
 def _with_other_terms(body, drive, speed, rng):
@@ -156,8 +146,8 @@ def _with_other_terms(body, drive, speed, rng):
 
 def _other_inputs(_, body, rng):
     """Sums of sines, chirps and free decays; at least one log of each mass is driven."""
-    sizes = sizes_of(rng, body)
-    body = body.having(coulomb=min(sizes) * rng.uniform(0.0, MOST_FRICTION))
+    sizes = bodies.sizes_of(rng, body)
+    body = body.having(coulomb=min(sizes) * rng.uniform(0.0, bodies.MOST_FRICTION))
     if rng.integers(2):
         drag = rng.uniform(0.1, 1.0) * body.joint.viscous / rng.uniform(0.5, 2.0)
         body = body.having(drag=drag)
@@ -173,7 +163,7 @@ def _other_inputs(_, body, rng):
                 run = dict(
                     zip(("torque", "size"), make(body.pace_of(mass), size, rng), strict=True)
                 )
-            runs.append(Run(mass=mass, **run))
+            runs.append(bodies.Run(mass=mass, **run))
     return body, runs
 
 
@@ -183,7 +173,7 @@ def _clean(body, run, stamps):
     inputs = run.torque(stamps) / gain
     angle, _ = motion(body.carrying(run.mass), stamps, inputs, run.start)
     sine = {"omega": run.omega, "amplitude": run.size / gain} if run.omega else {}
-    return Recording(time=stamps, input=inputs, angle=angle, mass=run.mass, **sine)
+    return bodies.Recording(time=stamps, input=inputs, angle=angle, mass=run.mass, **sine)
 
 
 def _seen(log, encoder, noise):

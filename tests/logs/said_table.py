@@ -89,36 +89,16 @@ def signals(samples=60):
     return columns | {"velocity": -3 * np.sin(3 * time)}
 
 
-IN_NAMES = {
-    "bracket": "{} [{}]",
-    "parenthesis": "{} ({})",
-    "tight": "{}[{}]",
-    "curly": "{} {{{}}}",
-    "unclosed": "{} [{}",
-    "unclosed parenthesis": "{}({}",
-    "full width": "{}（{}）",
-    "lenticular": "{}【{}】",
-    "colon": "{}:{}",
-    "underscore": "{}_{}",
-    "slash": "{} / {}",
-    "blank": "{} {}",
-}
+IN_NAMES = {"bracket": "{} [{}]", "parenthesis": "{} ({})", "tight": "{}[{}]", "blank": "{} {}"}
+IN_NAMES |= {"curly": "{} {{{}}}", "unclosed": "{} [{}", "unclosed parenthesis": "{}({}"}
+IN_NAMES |= {"full width": "{}（{}）", "lenticular": "{}【{}】", "colon": "{}:{}"}
+IN_NAMES |= {"underscore": "{}_{}", "slash": "{} / {}"}
 GLUED = {"glued": "{}{}"}  # inputMilliVolt
-COMMENTS = {
-    "key: value": "# {}: {}",
-    "key = value": "# {} = {}",
-    "comment in brackets": "# {} [{}]",
-    "comment in parentheses": "# {} ({})",
-    "unit of": "# unit of {}: {}",
-    "unit after": "# {} unit: {}",
-    "units =": "# units: {}={}",
-    "cells": "# {}_unit;{}",
-    "clause": "# column 2: {}, in {}",
-    "in": "# {} in {}",
-    "percent": "% {}: {}",
-    "no mark": "{} unit: {}",
-    "description": "# {}: the measured value in {}",
-}
+COMMENTS = {"key: value": "# {}: {}", "key = value": "# {} = {}", "cells": "# {}_unit;{}"}
+COMMENTS |= {"comment in brackets": "# {} [{}]", "comment in parentheses": "# {} ({})"}
+COMMENTS |= {"unit of": "# unit of {}: {}", "unit after": "# {} unit: {}", "percent": "% {}: {}"}
+COMMENTS |= {"units =": "# units: {}={}", "clause": "# column 2: {}, in {}", "in": "# {} in {}"}
+COMMENTS |= {"no mark": "{} unit: {}", "description": "# {}: the measured value in {}"}
 ROWS = ("row", "row in brackets", "commented row above", "commented row below", "units: a, b")
 
 
@@ -258,6 +238,7 @@ def _xlsx(folder, cell):
 
 
 TEXTS = (*IN_NAMES, *GLUED, *COMMENTS, *ROWS)
+OF_TABLE = [f"{whose} {each}" for whose in ("schema", "pandas") for each in IN_KEYS]
 WRITERS = {
     "csv": (_text(".csv", ","), TEXTS),
     "semicolons": (_text(".csv", ";"), TEXTS),
@@ -268,16 +249,7 @@ WRITERS = {
     "json": (_json, (*IN_NAMES, *GLUED, *IN_KEYS, "beside unit", "beside Units", "beside uom")),
     "records": (_records(".json"), (*IN_NAMES, *GLUED, "per row", "units per row")),
     "jsonl": (_records(".jsonl"), (*IN_NAMES, *GLUED, "per row", "units per row")),
-    "parquet": (
-        _parquet,
-        (
-            *IN_NAMES,
-            *GLUED,
-            *IN_FIELD,
-            *(f"schema {each}" for each in IN_KEYS),
-            *(f"pandas {each}" for each in IN_KEYS),
-        ),
-    ),
+    "parquet": (_parquet, (*IN_NAMES, *GLUED, *IN_FIELD, *OF_TABLE)),
     "frame": (_frame, (*IN_NAMES, *GLUED, *IN_KEYS)),
     "mat": (_mat, ("struct.units", "top-level units", "key_unit", "data.units", "DataInfo")),
     "mat 7.3": (_hdf5, IN_HDF5),

@@ -9,16 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from butterfly.logs.faults import (
-    clipped,
-    cut_by_thousand,
-    find_wrapping,
-    increasing,
-    repeated,
-    restarts,
-    saturated,
-    unwrapped,
-)
+from butterfly.logs import faults
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import LumpedParameters
 
@@ -26,7 +17,7 @@ REGULAR = np.arange(10_000) * 1e-3
 
 
 def _dropped(stamps):
-    return np.flatnonzero(~increasing(np.asarray(stamps, dtype=np.float64))).tolist()
+    return np.flatnonzero(~faults.increasing(np.asarray(stamps, dtype=np.float64))).tolist()
 
 
 def _most(stamps):
@@ -38,10 +29,10 @@ def _most(stamps):
 @given(st.lists(st.integers(0, 6), min_size=1, max_size=7))
 def test_as_few_samples_are_dropped_as_can_be(stamps):
     time = np.array(stamps, dtype=np.float64)
-    kept = increasing(time)
+    kept = faults.increasing(time)
     assert np.all(np.diff(time[kept]) > 0)
     assert np.count_nonzero(kept) == _most(stamps)
-    assert not np.any(kept & repeated(time, kept))
+    assert not np.any(kept & faults.repeated(time, kept))
 
 
 @given(st.lists(st.integers(1, 1_998), min_size=1, max_size=8, unique=True), st.booleans())
@@ -54,9 +45,9 @@ def test_glitches_cost_no_more_samples_than_themselves(rows, forward):
 def test_of_two_that_changed_places_the_one_that_falls_behind_goes_and_of_equal_ones_the_later():
     assert _dropped([0, 1, 2, 4, 3, 5, 6]) == [4]
     time = np.array([0.0, 1.0, 1.0, 1.0, 2.0, 1.0, 3.0])
-    kept = increasing(time)
+    kept = faults.increasing(time)
     assert _dropped(time) == [2, 3, 5]
-    assert np.flatnonzero(repeated(time, kept)).tolist() == [2, 3]
+    assert np.flatnonzero(faults.repeated(time, kept)).tolist() == [2, 3]
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -64,7 +55,7 @@ def test_of_two_that_changed_places_the_one_that_falls_behind_goes_and_of_equal_
 def test_a_clock_that_starts_again_leaves_its_longer_side_whole(before, after, seed):
     rng = np.random.default_rng(seed)
     sides = [np.cumsum(1e-3 + 1e-4 * rng.standard_normal(n)) for n in (before, after)]
-    kept = increasing(np.concatenate(sides))
+    kept = faults.increasing(np.concatenate(sides))
     assert np.all(kept[before:] == (after > before))
     assert np.all(kept[:before] == (before > after))
 
@@ -74,19 +65,19 @@ def test_of_a_clock_that_starts_again_and_again_the_longest_part_stays_but_for_i
     parts[1][500] += 1e3
     assert _dropped(np.concatenate(parts)) == [*range(3000), 3500, *range(7000, 9000)]
     time = np.tile(np.arange(20.0), 500)
-    assert 20 <= np.count_nonzero(increasing(time)) < 40
+    assert 20 <= np.count_nonzero(faults.increasing(time)) < 40
 
 
 def test_a_clock_set_back_a_little_keeps_what_goes_on_increasing():
     time = np.concatenate([REGULAR, REGULAR + 9.0])
-    assert np.count_nonzero(increasing(time)) == 19_000
+    assert np.count_nonzero(faults.increasing(time)) == 19_000
 
 
 def test_a_stamp_that_is_late_by_itself_is_no_restart():
     late = REGULAR[:400].copy()
     late[100] += 0.05
-    assert restarts(late) == []
-    assert restarts(np.concatenate([late, REGULAR])) == [400]
+    assert faults.restarts(late) == []
+    assert faults.restarts(np.concatenate([late, REGULAR])) == [400]
 
 
 TIME = np.arange(20_000) * 1e-3
@@ -122,7 +113,7 @@ def test_a_joint_that_sticks_where_it_turns_is_not_clipped(omega, coulomb, strib
         for step in STEPS:
             for noise in (0.0, 2e-4):
                 read = _read(angle, step, noise)
-                assert np.ptp(read) == 0 or clipped(read) == 0, (amplitude, step, noise)
+                assert np.ptp(read) == 0 or faults.clipped(read) == 0, (amplitude, step, noise)
 
 
 @pytest.mark.parametrize("coulomb", [0.0, 3e-3])
@@ -134,7 +125,10 @@ def test_a_swing_cut_off_is_counted(omega, coulomb):
         level = top if step == 0 else np.round(top / step) * step
         for noise in (0.0, 2e-4):
             read = np.clip(_read(angle, step, noise), -level, level)
-            assert clipped(read) > 0.85 * np.count_nonzero(np.abs(read) == level), (step, noise)
+            assert faults.clipped(read) > 0.85 * np.count_nonzero(np.abs(read) == level), (
+                step,
+                noise,
+            )
 
 
 @given(
@@ -147,7 +141,7 @@ def test_a_swing_cut_off_is_counted(omega, coulomb):
 def test_a_smooth_swing_is_not_clipped_however_coarse_its_encoder(
     omega, amplitude, phase, step, noise
 ):
-    assert clipped(_read(amplitude * np.sin(omega * TIME + phase), step, noise)) == 0
+    assert faults.clipped(_read(amplitude * np.sin(omega * TIME + phase), step, noise)) == 0
 
 
 def test_a_joint_that_leaves_its_stop_abruptly_is_judged_by_how_it_came():
@@ -155,23 +149,23 @@ def test_a_joint_that_leaves_its_stop_abruptly_is_judged_by_how_it_came():
     rise = 0.1 - 2.0 * (TIME[:300][::-1]) ** 2
     angle = np.concatenate([rise, np.full(500, 0.1), 0.1 - 1.5 * TIME[1:120]])
     angle = np.round(np.tile(angle, 5) / 1.9e-4) * 1.9e-4
-    assert clipped(angle) == 0
-    assert clipped(angle[::-1]) == 0
+    assert faults.clipped(angle) == 0
+    assert faults.clipped(angle[::-1]) == 0
 
 
 def test_a_triangle_cut_off_on_one_side_is_counted_there():
     triangle = np.abs((3 * TIME) % 2 - 1)
     cut = np.maximum(triangle, 0.2)
     inside = (cut == 0.2) & (TIME > 0.5) & (TIME < 19.5)
-    assert clipped(cut) >= np.count_nonzero(inside)
+    assert faults.clipped(cut) >= np.count_nonzero(inside)
 
 
 def test_an_input_on_its_limit_is_saturated_and_a_constant_or_switched_one_is_not():
-    assert saturated(np.zeros(100)) == 0
-    assert saturated(np.sign(np.sin(TIME + 0.1))) == 0
+    assert faults.saturated(np.zeros(100)) == 0
+    assert faults.saturated(np.sign(np.sin(TIME + 0.1))) == 0
     for low, high in ((-2.0, 0.9), (-0.75, 0.75)):
         values = np.clip(np.sin(3 * TIME), low, high)
-        assert saturated(values) == np.count_nonzero((values == low) | (values == high))
+        assert faults.saturated(values) == np.count_nonzero((values == low) | (values == high))
 
 
 def _rounded(rng, top=np.inf):
@@ -186,15 +180,15 @@ def _rounded(rng, top=np.inf):
 @pytest.mark.parametrize("seed", range(20))
 def test_a_sine_that_is_rounded_is_not_saturated_and_one_that_is_cut_off_is(seed):
     rng = np.random.default_rng(seed)
-    assert saturated(_rounded(rng)) == 0
-    assert saturated(_rounded(rng, top=rng.uniform(0.5, 0.9))) > 0
+    assert faults.saturated(_rounded(rng)) == 0
+    assert faults.saturated(_rounded(rng, top=rng.uniform(0.5, 0.9))) > 0
 
 
 def test_levels_held_in_turn_are_not_saturated():
     rng = np.random.default_rng(0)
     for count in range(3, 30):
         levels = rng.choice([-1.0, -0.5, 0.0, 0.3, 0.5, 1.0], size=count)
-        assert saturated(np.repeat(levels, 200)) == 0
+        assert faults.saturated(np.repeat(levels, 200)) == 0
 
 
 LONG = np.arange(3000) * 5e-3
@@ -220,21 +214,21 @@ def _wrapped(angle, turn, low):
 def test_a_wrapped_angle_is_made_whole_again(motion, noise, step, turn, low):
     angle = _read(MOTIONS[motion], step, noise)
     wrapped = _wrapped(angle, turn, low)
-    assert find_wrapping(angle, NO_GAPS) is None
-    found = find_wrapping(wrapped, NO_GAPS)
+    assert faults.find_wrapping(angle, NO_GAPS) is None
+    found = faults.find_wrapping(wrapped, NO_GAPS)
     if np.max(np.abs(wrapped - angle)) < 1e-9:
         assert found is None
         return
     assert (found.turn, found.exact) == (pytest.approx(turn), True)
-    whole = unwrapped(wrapped, found)
+    whole = faults.unwrapped(wrapped, found)
     np.testing.assert_allclose(whole - whole[0], angle - angle[0], atol=1e-8)
 
 
 def test_an_encoder_before_a_gear_wraps_at_a_share_of_the_turn():
     angle = 2.5 * np.sin(3 * LONG)
-    found = find_wrapping(_wrapped(angle, TURN / 7, 0.0), NO_GAPS)
+    found = faults.find_wrapping(_wrapped(angle, TURN / 7, 0.0), NO_GAPS)
     assert (found.turn, found.exact) == (pytest.approx(TURN / 7), True)
-    odd = find_wrapping(_wrapped(angle, TURN / 7.3, 0.0), NO_GAPS)
+    odd = faults.find_wrapping(_wrapped(angle, TURN / 7.3, 0.0), NO_GAPS)
     assert (odd.turn, odd.exact) == (pytest.approx(TURN / 7.3, rel=0.01), False)
 
 
@@ -250,17 +244,17 @@ def test_fast_motion_and_outliers_are_no_wrapping(size, omega, rows, spike):
     if rows:
         angle = np.sin(3 * LONG)
         angle[rows] += spike
-    assert find_wrapping(angle, NO_GAPS) is None
+    assert faults.find_wrapping(angle, NO_GAPS) is None
 
 
 def test_what_happens_in_a_gap_is_no_jump():
     angle = np.where(LONG < 5, 0.0, TURN) + 0.1 * np.sin(3 * LONG)
-    assert find_wrapping(angle, np.diff(angle) > 5) is None
-    assert find_wrapping(angle, NO_GAPS) is not None
+    assert faults.find_wrapping(angle, np.diff(angle) > 5) is None
+    assert faults.find_wrapping(angle, NO_GAPS) is not None
 
 
 @pytest.mark.parametrize("scale", [1e-300, 1.0, 1e305])
 def test_stamps_of_any_size_are_looked_at_for_lost_separators(scale):
     time = np.concatenate([np.arange(990.0, 1000.0), 1 + np.arange(10.0) / 1000])
-    assert cut_by_thousand(time / 1000 * scale) == 10
-    assert cut_by_thousand(1.7e308 * np.array([-1, 0.5, 1.0, 0.9, 0.95, -1.0, 1.0])) is None
+    assert faults.cut_by_thousand(time / 1000 * scale) == 10
+    assert faults.cut_by_thousand(1.7e308 * np.array([-1, 0.5, 1.0, 0.9, 0.95, -1.0, 1.0])) is None

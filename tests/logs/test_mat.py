@@ -54,13 +54,9 @@ NAMED = {"time": "t", "input": "u_cmd", "angle": "data.theta"}
 
 
 def _named():
-    return {
-        "t": RAMP,
-        "u_cmd": RAMP[:, None] + 1,
-        "data": {"theta": RAMP + 2, "all": np.column_stack([RAMP, RAMP + 5])},
-        "D": np.column_stack([RAMP + 6, RAMP + 7, RAMP + 8, RAMP + 9]),
-        "note": "bench 2",
-    }
+    data = {"theta": RAMP + 2, "all": np.column_stack([RAMP, RAMP + 5])}
+    matrix = np.column_stack([RAMP + 6, RAMP + 7, RAMP + 8, RAMP + 9])
+    return {"t": RAMP, "u_cmd": RAMP[:, None] + 1, "data": data, "D": matrix, "note": "bench 2"}
 
 
 def _file73(path):

@@ -97,19 +97,10 @@ def _names(log, names):
     return [each.name for each in with_unique_names([replace(log, name=name) for name in names])]
 
 
-@pytest.mark.parametrize(
-    ("given", "expected"),
-    [
-        (["a", "b"], ["a", "b"]),
-        (["a", "a", "b", "a"], ["a", "a (2)", "b", "a (3)"]),
-        (["a", "a", "a (2)", "a"], ["a", "a (3)", "a (2)", "a (4)"]),
-        (["", ""], ["50 g, 5 rad/s", "50 g, 5 rad/s (2)"]),
-        (["", "50 g, 5 rad/s"], ["50 g, 5 rad/s", "50 g, 5 rad/s (2)"]),
-        ([], []),
-    ],
-)
-def test_logs_get_names_that_differ_the_first_of_a_name_keeps_it(sine_log, given, expected):
-    assert _names(sine_log, given) == expected
+def test_the_first_of_a_name_keeps_it_and_others_get_numbers_that_none_has(sine_log):
+    assert _names(sine_log, ["a", "a", "a (2)", "a"]) == ["a", "a (3)", "a (2)", "a (4)"]
+    label = "50 g, 5 rad/s"
+    assert _names(sine_log, ["", label, ""]) == [label, f"{label} (2)", f"{label} (3)"]
 
 
 @given(names=st.lists(st.sampled_from(["", "a", "a (2)", "a (3)", "a (2) (2)"]), max_size=12))
@@ -123,12 +114,9 @@ def test_names_are_unique_and_stay_when_they_are(sine_log, names):
 def test_a_file_listed_twice_gives_two_logs_of_different_names(tmp_path, sine_log):
     write_mat(sine_log, tmp_path / "a.mat")
     entry = "{file: a.mat, added_mass: 0.05, omega: 5, amplitude: 0.2}"
-    (tmp_path / "m.yaml").write_text(
-        f"name: m\ninput: voltage\narm: 0.1\nlogs:\n  - {entry}\n  - {entry}\n"
-    )
-    data = read_data_set(read_manifest(tmp_path / "m.yaml"))
-    assert [log.name for log in data.logs] == ["a.mat", "a.mat (2)"]
-    assert [log.name for log in data.recorded] == ["a.mat", "a.mat (2)"]
+    data = _read(tmp_path, f"arm: 0.1\nlogs: [{entry}, {entry}]\n")
+    for logs in (data.logs, data.recorded):
+        assert [log.name for log in logs] == ["a.mat", "a.mat (2)"]
     assert {log.source for log in data.logs} == {str(tmp_path / "a.mat")}
 
 

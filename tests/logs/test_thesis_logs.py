@@ -108,14 +108,6 @@ def test_logs_come_from_an_address_and_only_those_that_are_missing(tmp_path):
     assert told == [(4, "Fetching logs"), (1, "Fetching logs")]
 
 
-def closed_in_the_middle(handler, name):
-    handler.reply(CONTENTS[name][:100], length=len(CONTENTS[name]))
-
-
-def of_other_content(handler, _):
-    handler.reply(b"<html>Please log in</html>")
-
-
 def that_is_not_there(handler, _):
     handler.send_error(404)
 
@@ -125,7 +117,7 @@ def never_answered(*_):
 
 
 def stopped_in_the_middle(handler, name):
-    closed_in_the_middle(handler, name)
+    handler.reply(CONTENTS[name][:100], length=len(CONTENTS[name]))
     never_answered()
 
 
@@ -149,8 +141,11 @@ def that_comes_drop_by_drop(handler, name):
 @pytest.mark.parametrize(
     ("spoil", "said"),
     [
-        (closed_in_the_middle, "transfer: got IncompleteRead"),
-        (of_other_content, "SHA-256: got"),
+        (
+            lambda handler, name: handler.reply(CONTENTS[name][:100], len(CONTENTS[name])),
+            "transfer: got IncompleteRead",
+        ),
+        (lambda handler, _: handler.reply(b"<html>Please log in</html>"), "SHA-256: got"),
         (that_is_not_there, "transfer: got 404 Not Found"),
         (never_answered, "transfer: got no answer within 1.5 s"),
         (stopped_in_the_middle, "transfer: got no answer within 1.5 s"),

@@ -34,17 +34,9 @@ OWN = {name: table.OWN[name] for name in FIELDS}
 ONES = dict.fromkeys(FIELDS, 1)
 COLUMNS = {name: name for name in FIELDS}
 IN_NAMES, TOLD = ("bracket", "parenthesis", "tight"), ("option", "manifest")
-FORMS = {
-    "csv": (*IN_NAMES, "row"),
-    "semicolons": ("parenthesis", "row"),
-    "tsv": ("bracket", "row"),
-    "parquet": (*IN_NAMES, "unit"),
-    "mat": (),
-    "mat 7.3": ("units",),
-    "jsonl": IN_NAMES,
-    "json": (*IN_NAMES, "units"),
-    "frame": IN_NAMES,
-}
+FORMS = {"csv": (*IN_NAMES, "row"), "semicolons": ("parenthesis", "row"), "tsv": ("bracket", "row")}
+FORMS |= {"parquet": (*IN_NAMES, "unit"), "mat": (), "mat 7.3": ("units",), "jsonl": IN_NAMES}
+FORMS |= {"json": (*IN_NAMES, "units"), "frame": IN_NAMES}
 PLACES = [(form, place) for form, own in FORMS.items() for place in own]
 TABLE = PLACES + [(form, place) for form in FORMS for place in TOLD[: 2 - (form == "frame")]]
 SAID = {("parquet", "unit"): "metadata unit", ("mat 7.3", "units"): "attribute units"}
@@ -238,13 +230,8 @@ def test_what_was_read_stands_in_the_record_and_on_the_page(tmp_path, joint, but
     told = {"time": "t", "input": "u", "angle": "pos"}
     found = bf.inspect(tmp_path / "log.csv", columns=told, units={"input": "-V"})
     health = found.to_dict()["logs"][0]
-    assert health["columns"]["angle"] == {
-        "name": "pos [deg]",
-        "number": 4,
-        "unit": "deg",
-        "said": "name",
-        "factor": DEGREE,
-    }
+    told_of = {"name": "pos [deg]", "number": 4, "unit": "deg", "said": "name", "factor": DEGREE}
+    assert health["columns"]["angle"] == told_of
     page, mapped = tmp_path / "page.html", ",".join(f"{key}={each}" for key, each in told.items())
     more = ("--columns", mapped, "--units", "input=-V", "--report", page)
     _, out, _ = butterfly("inspect", tmp_path / "log.csv", *more)

@@ -13,14 +13,10 @@ SIZES = st.floats(0, 1e3)
 @given(NUMBERS, SIZES)
 def test_a_value_is_read_back_from_every_form(value, uncertainty):
     known = Known(value=value, uncertainty=uncertainty)
-    forms = (
-        known,
-        (value, uncertainty),
-        {"value": value, "uncertainty": uncertainty},
-        f"{value!r}+-{uncertainty!r}",
-        f"{value!r} ± {uncertainty!r}",
-    )
-    assert all(known_of(form) == known for form in forms)
+    texts = (f"{value!r}{sign}{uncertainty!r}" for sign in ("+-", " ± "))
+    pair = {"value": value, "uncertainty": uncertainty}
+    for form in (known, (value, uncertainty), pair, *texts):
+        assert known_of(form) == known
     assert known_of(value) == Known(value=value)
 
 

@@ -24,16 +24,9 @@ STARTS = (0.6, 0.9, 1.2, 1.5)
 
 def plant(friction=None, hand=None, step=1e-3, **path):
     hand = hand or {"mass": 0.1, "com_distance": 0.05, "inertia": 0.003}
-    return PlantSpec.model_validate(
-        {
-            "hand": hand,
-            "drive": {"torque": {"gain": 10.0}},
-            "friction": {"viscous": 1e-3} | (friction or {}),
-            "clock": {"step": step},
-            "encoder": {"steps": 8192, "noise": 2e-4},
-            "path": path,
-        }
-    )
+    about = {"hand": hand, "drive": {"torque": {"gain": 10.0}}, "clock": {"step": step}}
+    about |= {"friction": {"viscous": 1e-3} | (friction or {}), "path": path}
+    return PlantSpec.model_validate(about | {"encoder": {"steps": 8192, "noise": 2e-4}})
 
 
 def wrong(parameters, rng):

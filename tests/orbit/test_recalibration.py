@@ -17,23 +17,11 @@ from butterfly.orbit.recalibration import RecalibrationOptions, recalibrate
 from butterfly.plant.motor import CommandPath, Reading
 from butterfly.plant.rig import Simulator
 from butterfly.report.finding_texts import estimate_sentences
-from tests.orbit.setting import (
-    AGAINST_COULOMB,
-    EFFECTS,
-    KNOWN,
-    NO_ADDED_MASS,
-    SIXTY,
-    generic,
-    grey_rig,
-    plant,
-    runs,
-    sixty_degrees,
-    wrong,
-)
+from tests.orbit import setting
 
 pytestmark = pytest.mark.slow
 
-ROUGH = plant({"coulomb": 4e-4})
+ROUGH = setting.plant({"coulomb": 4e-4})
 TRUE = ROUGH.robot.lumped
 NAMES = ("p2", "p3", "p4", "coulomb")
 
@@ -50,7 +38,7 @@ def _rms(found, scale):
 
 @pytest.fixture(scope="module")
 def draws():
-    return [runs(ROUGH, np.random.default_rng(seed)) for seed in range(6)]
+    return [setting.runs(ROUGH, np.random.default_rng(seed)) for seed in range(6)]
 
 
 @pytest.mark.parametrize(
@@ -80,13 +68,9 @@ def test_terms_that_are_not_there_are_rejected_and_intervals_hold_the_truth(draw
 
 
 def test_with_a_known_mass_all_of_p1_to_p4_are_absolute():
-    rms = _rms(
-        [
-            recalibrate(runs(ROUGH, rng, masses=(NO_ADDED_MASS, KNOWN)), 0.0)
-            for rng in map(np.random.default_rng, range(2))
-        ],
-        1.0,
-    )
+    draws = map(np.random.default_rng, range(2))
+    masses = setting.NO_ADDED_MASS, setting.KNOWN
+    rms = _rms([recalibrate(setting.runs(ROUGH, rng, masses=masses), 0.0) for rng in draws], 1.0)
     assert all(rms[name] < 0.05 for name in ("p1", "p2", "p3", "p4")), rms
 
 
@@ -94,18 +78,18 @@ def test_ratios_say_nothing_of_another_load(draws):
     found = recalibrate(draws[0], 0.0)
     assert found.loaded(inertia=TRUE.p1).p3 == pytest.approx(TRUE.p3, rel=1e-4)
     with pytest.raises(IdentifiabilityError, match="50 g"):
-        found.loaded(KNOWN)
+        found.loaded(setting.KNOWN)
 
 
 def test_constraints_hold_where_the_data_would_have_it_otherwise():
-    smooth = plant({"viscous": 0.0})
-    found = recalibrate(runs(smooth, np.random.default_rng(5), duration=8.0), 0.0)
+    smooth = setting.plant({"viscous": 0.0})
+    found = recalibrate(setting.runs(smooth, np.random.default_rng(5), duration=8.0), 0.0)
     assert dict(zip(found.estimate.names, found.estimate.values, strict=True))["p2"] >= 0
     assert (found.estimate.lower[0], found.estimate.names[0]) >= (0.0, "p2")
 
 
 def test_too_little_motion_is_refused():
-    logs = runs(ROUGH, np.random.default_rng(0), starts=(0.9,), duration=3.0)
+    logs = setting.runs(ROUGH, np.random.default_rng(0), starts=(0.9,), duration=3.0)
     with pytest.raises(IdentifiabilityError, match="record longer runs"):
         recalibrate(logs, 0.0)
     with pytest.raises(InputError, match="expected at least"):
@@ -119,7 +103,10 @@ def test_too_little_motion_is_refused():
         (lambda: RecalibrationOptions(candidates=("cogging",)), "distinguishable from p3"),
         (lambda: OnlineRecalibration(memory=0.0), "memory"),
         (lambda: OnlineRecalibration(terms=("compression",)), "linear in u"),
-        (lambda: calibrate(None, replace(TRUE, p4=-1.0), 0.0, sixty_degrees(), rng=None), "p4"),
+        (
+            lambda: calibrate(None, replace(TRUE, p4=-1.0), 0.0, setting.sixty_degrees(), rng=None),
+            "p4",
+        ),
     ],
 )
 def test_what_makes_no_sense_is_refused(build, named):
@@ -129,24 +116,19 @@ def test_what_makes_no_sense_is_refused(build, named):
 
 def test_the_recalibrated_model_predicts_a_hundred_times_better():
     """With a compressed drive, by the grey box; the benchmarks do all effects, in MuJoCo."""
-    spec, amplitudes, told = EFFECTS["gain compression"]
+    spec, amplitudes, told = setting.EFFECTS["gain compression"]
     rng = np.random.default_rng(1)
-    study = study_orbit(
-        grey_rig(spec, rng),
-        generic(spec, amplitudes, simulator=Simulator.GREY_BOX),
-        0.0,
-        sixty_degrees(),
-        RecalibrationOptions(**told),
-        rng=rng,
-    )
+    small = setting.generic(spec, amplitudes, simulator=Simulator.GREY_BOX)
+    plan, options = setting.sixty_degrees(), RecalibrationOptions(**told)
+    study = study_orbit(setting.grey_rig(spec, rng), small, 0.0, plan, options, rng=rng)
     assert study.errors["generic"] > 100 * study.errors["re-calibrated"]
     assert study.cross.shape == (0, 0)
 
 
 def test_in_mujoco_the_loop_brings_97_degrees_to_60():
     rng = np.random.default_rng(3)
-    small = generic(ROUGH, AGAINST_COULOMB, duration=40.0)
-    found = calibrate(partial(ROUGH.rig.run, rng=rng), small, 0.0, sixty_degrees(), rng=rng)
+    small = setting.generic(ROUGH, setting.AGAINST_COULOMB, duration=40.0)
+    found = calibrate(partial(ROUGH.rig.run, rng=rng), small, 0.0, setting.sixty_degrees(), rng=rng)
     reached = [math.degrees(each.amplitude) for each in found.rounds]
     assert reached[0] == pytest.approx(97.0, abs=1.0)
     assert reached[-1] == pytest.approx(60.0, abs=0.2)
@@ -157,9 +139,9 @@ def test_in_mujoco_the_loop_brings_97_degrees_to_60():
 @pytest.mark.parametrize("seed", range(4))
 def test_the_loop_converges_from_wrong_parameters(seed):
     rng = np.random.default_rng(seed)
-    rig = grey_rig(ROUGH, rng)
-    plan = sixty_degrees(duration=20.0)
-    found = calibrate(rig, wrong(TRUE, rng), 0.0, plan, rng=rng)
+    rig = setting.grey_rig(ROUGH, rng)
+    plan = setting.sixty_degrees(duration=20.0)
+    found = calibrate(rig, setting.wrong(TRUE, rng), 0.0, plan, rng=rng)
     assert math.degrees(found.rounds[-1].amplitude) == pytest.approx(60.0, abs=0.2)
     assert len(found.rounds) <= 4
     for each in found.rounds:
@@ -169,23 +151,16 @@ def test_the_loop_converges_from_wrong_parameters(seed):
 @pytest.mark.parametrize(("dither", "limit"), [(0.0, math.inf), (0.2, math.inf), (0.0, 4.5e-4)])
 def test_on_line_the_ratios_are_known_and_the_orbit_held_after_ten_periods(dither, limit):
     rng = np.random.default_rng(0)
-    believed = wrong(TRUE, rng)
-    orbit = Orbit.of_amplitude(believed, SIXTY)
+    believed = setting.wrong(TRUE, rng)
+    orbit = Orbit.of_amplitude(believed, setting.SIXTY)
     online = OnlineRecalibration(memory=30.0)
     shaping = EnergyShaping(orbit, gain_for(orbit, 0.5))
-    law = SelfTuning(
-        shaping,
-        online,
-        lambda p: Orbit.of_amplitude(p, SIXTY),
-        multiplier=0.5,
-        inertia=TRUE.p1,
-        every=1.0,
-        commands=Dithered(shaping, dither, 3.6, rng),
-        path=CommandPath(limit=limit),
-    )
-    period = Orbit.of_amplitude(TRUE, SIXTY).period
+    how = {"commands": Dithered(shaping, dither, 3.6, rng), "path": CommandPath(limit=limit)}
+    how |= {"multiplier": 0.5, "inertia": TRUE.p1, "every": 1.0}
+    law = SelfTuning(shaping, online, lambda p: Orbit.of_amplitude(p, setting.SIXTY), **how)
+    period = Orbit.of_amplitude(TRUE, setting.SIXTY).period
     spec = ROUGH.model_copy(update={"path": CommandPath(limit=limit)})
-    log = grey_rig(spec, rng)(law, 1.4, 10 * period, NO_ADDED_MASS)
+    log = setting.grey_rig(spec, rng)(law, 1.4, 10 * period, setting.NO_ADDED_MASS)
     assert math.degrees(swing(log, 0.0, 7 * period)) == pytest.approx(60.0, abs=0.2 + 5 * dither)
     found = online.parameters(TRUE.p1)
     bounds = {"p2": 2e-3, "p3": 1e-4, "p4": 2e-3, "coulomb": 0.02}
@@ -195,11 +170,13 @@ def test_on_line_the_ratios_are_known_and_the_orbit_held_after_ten_periods(dithe
 
 def test_on_line_what_changed_is_forgotten():
     rng = np.random.default_rng(0)
-    orbit = Orbit.of_amplitude(TRUE, SIXTY)
+    orbit = Orbit.of_amplitude(TRUE, setting.SIXTY)
     online = OnlineRecalibration(terms=(), memory=4.0)
-    for spec, offset in ((plant(), 0.0), (plant({"viscous": 2e-3}), 21.0)):
-        rig = grey_rig(spec, rng)
-        log = rig(Dithered(EnergyShaping(orbit, 0.005), 0.5, 3.6, rng), 1.4, 20.0, NO_ADDED_MASS)
+    for spec, offset in ((setting.plant(), 0.0), (setting.plant({"viscous": 2e-3}), 21.0)):
+        rig = setting.grey_rig(spec, rng)
+        log = rig(
+            Dithered(EnergyShaping(orbit, 0.005), 0.5, 3.6, rng), 1.4, 20.0, setting.NO_ADDED_MASS
+        )
         for time, command, angle in zip(log.time, log.input, log.angle, strict=True):
             online.observe(Reading(time + offset, angle, math.nan), command)
         found = online.parameters(TRUE.p1)
@@ -208,7 +185,7 @@ def test_on_line_what_changed_is_forgotten():
 
 def test_the_swing_of_a_log_is_its_amplitude_or_says_that_there_is_none():
     rng = np.random.default_rng(0)
-    log = runs(ROUGH, rng, starts=(0.9,), duration=3.0)[0]
+    log = setting.runs(ROUGH, rng, starts=(0.9,), duration=3.0)[0]
     sine = replace(log, angle=0.1 + 0.7 * np.cos(4 * log.time))
     assert swing(sine, 0.1, 0.0) == pytest.approx(0.7, rel=1e-4)
     assert math.isnan(swing(replace(log, angle=4 * log.time), 0.0, 0.0))

@@ -2,7 +2,7 @@
 
 import ast
 import re
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -51,15 +51,9 @@ _NUMBERS = {FindingKind.POOR_FIT: (40.0, float("-inf"))}
 
 def _examples(kind):
     """Return findings of a kind, with numbers that make a difference."""
-    return [
-        Finding(
-            kind,
-            _CONCERNED.get(kind, ("stribeck_velocity", "p1")),
-            number=number,
-            logs=("a.mat", "b.mat"),
-        )
-        for number in _NUMBERS.get(kind, (2.0, 3.0))
-    ]
+    concerned = _CONCERNED.get(kind, ("stribeck_velocity", "p1"))
+    finding = partial(Finding, kind, concerned, logs=("a.mat", "b.mat"))
+    return [finding(number=number) for number in _NUMBERS.get(kind, (2.0, 3.0))]
 
 
 def _example_of_slip(slip):

@@ -27,11 +27,8 @@ DRIVES |= st.just(TorqueDrive(gain=0.03))
 DRY = {"coulomb": (1e-5, 3e-3), "stribeck": (0, 1e-3)}
 WAVY = {"bias": (-1e-3, 1e-3), "cogging": (-1e-3, 1e-3), "cogging_cosine": (-1e-3, 1e-3)}
 FRICTIONS = some(Friction, **DRY, **WAVY, viscous=(0, 2e-3), load=(0, 1e-3), drag=(0, 1e-4))
-FRICTIONS |= some(
-    partial(Friction, coulomb=1e-3, bristle_stiffness=2.0),
-    stribeck=(0, 1e-3),
-    bristle_damping=(0, 1e-3),
-)
+BRISTLED = partial(Friction, coulomb=1e-3, bristle_stiffness=2.0)
+FRICTIONS |= some(BRISTLED, stribeck=(0, 1e-3), bristle_damping=(0, 1e-3))
 SIZES, RATES = st.floats(1e-3, 2), st.floats(0.5, 40)
 EXCITATIONS = st.one_of(
     st.builds(Sine, omega=RATES, amplitude=SIZES),

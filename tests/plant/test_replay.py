@@ -19,13 +19,8 @@ ZERO, FIRST = Intersample.ZERO_ORDER_HOLD, Intersample.FIRST_ORDER_HOLD
 def _log(intersample, step, inputs, jitter=0.0):
     """A log that begins at rest and with an input of 0, at stamps of its own."""
     steps = step * (1 + jitter * np.random.default_rng(0).uniform(-1, 1, inputs.size - 1))
-    return Log(
-        time=3.0 + np.concatenate([[0.0], np.cumsum(steps)]),
-        input=inputs,
-        angle=np.zeros(inputs.size),
-        input_kind=InputKind.TORQUE,
-        intersample=intersample,
-    )
+    time, how = 3.0 + np.concatenate([[0.0], np.cumsum(steps)]), {"intersample": intersample}
+    return Log(time, inputs, np.zeros(inputs.size), input_kind=InputKind.TORQUE, **how)
 
 
 def _integrated(log, delay):

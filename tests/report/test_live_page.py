@@ -47,7 +47,7 @@ MORE = {"stribeck": {"load_friction": 0.05}}
 """What joints have beside that which they are drawn with."""
 
 
-def _log_of(kind, seed=1, noise=1e-3):
+def _log_of(kind, noise=1e-3, seed=1):
     """A joint of a kind with a delay, and a log of it that it does not quite follow."""
     twin, step, commands = drawn(seed, kind)
     added = AddedMass() if kind == "slide" else AddedMass(mass=0.05, arm=0.1)
@@ -56,13 +56,8 @@ def _log_of(kind, seed=1, noise=1e-3):
     delivered = np.asarray(parameters.delivered(commands))
     angle = c.mover(step, 1)(twin, np.zeros(64), delivered, 0.0, 0.0)[:-1]
     rng = np.random.default_rng(seed)
-    log = Log(
-        time=step * np.arange(commands.size),
-        input=commands,
-        angle=0.02 + angle + noise * rng.normal(size=angle.size),
-        input_kind=twin.kind,
-        added_mass=added,
-    )
+    time, seen = step * np.arange(commands.size), angle + noise * rng.normal(size=angle.size)
+    log = Log(time, commands, 0.02 + seen, input_kind=twin.kind, added_mass=added)
     return twin, log
 
 

@@ -19,15 +19,10 @@ ODD = ("a$b", r"$\frac{$ <b>bold</b>", "<script>alert(1)</script>")
 
 def _estimates(texts):
     count = len(texts)
-    return Estimates(
-        {
-            "field": np.array(texts, dtype=object),
-            "estimator": np.array(["weak-form"] * count, dtype=object),
-            "parameter": np.array(["p1"] * count, dtype=object),
-            "value": np.ones(count),
-            "deviation": np.linspace(0, 0.1, count),
-        }
-    )
+    named = {"field": texts, "estimator": ["weak-form"] * count, "parameter": ["p1"] * count}
+    columns = {name: np.array(each, dtype=object) for name, each in named.items()}
+    numbers = {"value": np.ones(count), "deviation": np.linspace(0, 0.1, count)}
+    return Estimates(columns | numbers)
 
 
 def test_texts_that_vary_stand_below_the_figure_as_they_are(tmp_path):

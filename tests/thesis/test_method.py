@@ -8,13 +8,8 @@ from butterfly.logs.log import Sine
 from butterfly.model.parameters import AddedMass
 from butterfly.thesis.method import fit_resonances, fit_thesis, scripted_amplitude
 
-STEP_5 = dict(
-    zip(
-        (AddedMass(mass=mass, arm=0.104) for mass in (0.052, 0.1205, 0.154)),
-        (4.1889, 5.7606, 6.281),
-        strict=True,
-    )
-)
+STEP_5 = {0.052: 4.1889, 0.1205: 5.7606, 0.154: 6.281}
+STEP_5 = {AddedMass(mass=mass, arm=0.104): omega for mass, omega in STEP_5.items()}
 
 
 def test_the_bounded_minimum_of_102_is_the_global_one_of_the_errata_and_degenerate():

@@ -66,20 +66,13 @@ def drawn(seed, kind):
     terms = {name: each * draw(0.5, 2) for name, each in KINDS[kind].items()}
     if "cogging" in terms:
         terms["cogging_periods"] = 7.0
-    twin = Twin(
-        name=f"{seed}. {kind}",
-        parameters=LumpedParameters(
-            p1=0.03 * draw(0.5, 2),
-            p2=0.03 * draw(0.2, 2),
-            p3=0.0 if kind == "slide" else draw(0.5, 2),
-            p4=draw(0.5, 2),
-            delay=float(rng.integers(1, 200) * TICK) if seed % 3 else 0.0,
-            **terms,
-        ),
-        joint=JointKind.SLIDE if kind == "slide" else JointKind.HINGE,
-        kind=InputKind.TORQUE,
-        **drive,
-    )
+    p1, p2 = 0.03 * draw(0.5, 2), 0.03 * draw(0.2, 2)
+    p3, p4 = 0.0 if kind == "slide" else draw(0.5, 2), draw(0.5, 2)
+    delay = float(rng.integers(1, 200) * TICK) if seed % 3 else 0.0
+    parameters = LumpedParameters(p1=p1, p2=p2, p3=p3, p4=p4, delay=delay, **terms)
+    joint = JointKind.SLIDE if kind == "slide" else JointKind.HINGE
+    about = {"joint": joint, "kind": InputKind.TORQUE, "parameters": parameters}
+    twin = Twin(name=f"{seed}. {kind}", **about, **drive)
     time = step * np.arange(int(4 / step))
     commands = 0.3 * np.sin(6 * time) + 0.2 * np.sin(9.7 * time + draw(0, 6))
     commands[time < 0.1] = 0

@@ -33,14 +33,9 @@ def twin(kind="smooth", /, added=MASS, **more):
     parameters = LumpedParameters(**terms)
     time = STEP * np.arange(DRIVEN.size)
     log = Log(time, input=DRIVEN, angle=0 * time, added_mass=carried, name="two sines")
-    made = {
-        "name": f"My joint, {kind}",
-        "parameters": parameters,
-        "added": carried,
-        "joint": joint,
-        "recorded": lambda: [(log, Setting(parameters=parameters, zero=0.0, velocity=0.0))],
-    }
-    return Twin(**made | more)
+    setting = Setting(parameters=parameters, zero=0.0, velocity=0.0)
+    made = {"name": f"My joint, {kind}", "recorded": lambda: [(log, setting)], "joint": joint}
+    return Twin(**made | {"parameters": parameters, "added": carried} | more)
 
 
 def moved(model, driven=DRIVEN, by="ctrl", which=0):

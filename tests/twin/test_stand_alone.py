@@ -62,13 +62,8 @@ def _drawn(seed, kind):
     pulled |= {"p3_offset": p3 * draw(-0.03, 0.03)}
     pulled |= {"cogging": p3 * draw(-0.02, 0.02), "cogging_periods": 7.0}
     bristles = {"bristle_stiffness": p3 * draw(3, 30), "bristle_damping": p1 * draw(1, 5)}
-    terms = {
-        "smooth": {},
-        "dry": {"coulomb": coulomb, "load": 1e-4},
-        "pulled": pulled,
-        "sticking": level | {"stribeck_velocity": 0.2},
-        "bristles": level | bristles,
-    }
+    terms = {"smooth": {}, "dry": {"coulomb": coulomb, "load": 1e-4}, "pulled": pulled}
+    terms |= {"sticking": level | {"stribeck_velocity": 0.2}, "bristles": level | bristles}
     parameters = replace(parameters, **terms[kind])
     time = 1e-3 * np.arange(1200)
     most = p3 / parameters.p4 * (0.05 + 4 * parameters.holding / p3)
@@ -81,13 +76,9 @@ def _drawn(seed, kind):
 
 
 STICKS = {"coulomb": 8e-4, "stribeck": 4e-4, "stribeck_velocity": 0.2}
-WORST = {  # rad, over 1.2 s, at steps of 0.5 and 5 ms
-    "smooth": (1e-6, 1e-2),
-    "dry": (2e-4, 1e-2),
-    "pulled": (2e-4, 1e-2),
-    "sticking": (1e-3, 2e-2),
-    "bristles": (1e-3, 1e-1),
-}
+WORST = {"smooth": (1e-6, 1e-2), "dry": (2e-4, 1e-2), "pulled": (2e-4, 1e-2)}
+WORST |= {"sticking": (1e-3, 2e-2), "bristles": (1e-3, 1e-1)}
+"""In rad, over 1.2 s, at steps of 0.5 and 5 ms."""
 
 
 @pytest.mark.parametrize("kind", WORST)

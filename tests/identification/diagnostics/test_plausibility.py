@@ -7,15 +7,9 @@ import numpy as np
 import pytest
 
 from butterfly.errors import InputError
+from butterfly.identification import plausibility
 from butterfly.identification.derived_quantities import implied
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.plausibility import (
-    judge_basis,
-    judge_fit,
-    judge_input,
-    judge_knowledge,
-    judge_physics,
-)
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.model.prior import SCALES, Prior
@@ -41,7 +35,7 @@ def _physics(*, masses=MASSES, share=0.1, told=None, freedom=None, **changed):
         known=Prior.of(told or {}),
         freedom=None if freedom is None else np.full(len(values), freedom),
     )
-    return [(each.kind, each.parameters) for each in judge_physics(estimate, masses)]
+    return [(each.kind, each.parameters) for each in plausibility.judge_physics(estimate, masses)]
 
 
 NO_INERTIA = (FindingKind.NO_INERTIA, ("p1",))
@@ -92,10 +86,10 @@ def test_only_a_resistance_that_no_motor_has_is_noticed(resistance, accused):
     both = SimpleNamespace(names=("p2", "p4"), upper=np.array([p2, 2.1]), parameters=found)
     known = SimpleNamespace(names=("p4",), upper=np.array([2.1]), parameters=found)
     for estimate in (both, known):
-        said = judge_input(estimate, InputKind.VOLTAGE)
+        said = plausibility.judge_input(estimate, InputKind.VOLTAGE)
         assert [each.number for each in said] == pytest.approx([resistance] if accused else [])
         assert all(each.kind is FindingKind.TORQUE_DRIVEN for each in said)
-    assert judge_input(both, InputKind.TORQUE) == []
+    assert plausibility.judge_input(both, InputKind.TORQUE) == []
 
 
 @pytest.mark.parametrize(
@@ -108,7 +102,7 @@ def test_only_a_resistance_that_no_motor_has_is_noticed(resistance, accused):
     ],
 )
 def test_a_median_that_does_not_follow_is_said(fits, found):
-    said = judge_fit(np.array(fits))
+    said = plausibility.judge_fit(np.array(fits))
     numbers = [each.number for each in said if each.kind is FindingKind.POOR_FIT]
     assert numbers == ([pytest.approx(np.median(fits), nan_ok=True)] if found else [])
 
@@ -118,7 +112,7 @@ def _basis(known, *, integrated=False, **masses):
     load = AddedMass(mass=0.05, arm=0.1, **masses)
     logs = [SimpleNamespace(integrated=integrated, added_mass=m) for m in (NO_ADDED_MASS, load)]
     data = SimpleNamespace(known=Prior.of(known), logs=logs)
-    found = judge_basis(SimpleNamespace(names=("p1", "p4", "delay")), data)
+    found = plausibility.judge_basis(SimpleNamespace(names=("p1", "p4", "delay")), data)
     return found[0].parameters if found else ()
 
 
@@ -142,13 +136,10 @@ def _knowledge(**known):
     values = np.array([0.00325, 0.00145, 0.04905, 0.025])
     told, errors = Prior.of(known), 0.01 * values
     estimate = estimate_of(values, np.diag(errors**2), reach=2)
-    data = SimpleNamespace(
-        given=told,
-        known=implied(told, InputKind.VOLTAGE),
-        input_kind=InputKind.VOLTAGE,
-        logs=[SimpleNamespace(added_mass=NO_ADDED_MASS)],
-    )
-    return judge_knowledge(estimate, data)
+    kind = InputKind.VOLTAGE
+    about = {"given": told, "known": implied(told, kind), "input_kind": kind}
+    data = SimpleNamespace(**about, logs=[SimpleNamespace(added_mass=NO_ADDED_MASS)])
+    return plausibility.judge_knowledge(estimate, data)
 
 
 TWO_GAINS = {"torque_constant": (0.05, 0.0005), "resistance": 2.0, "p4": (0.027, 0.0003)}

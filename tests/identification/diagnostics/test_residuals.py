@@ -20,14 +20,9 @@ from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, TONES, estimate_of, simulated
 
 FIT = OutputError(terms=(), workers=1)
-MISSING = {
-    "drag": {"drag": 2e-4},
-    "stribeck": {"stribeck": 6e-4, "stribeck_velocity": 0.4},
-    "p3_offset": {"p3_offset": 1e-3},
-    "load": {"load": 5e-4},
-    "load_friction": {"load_friction": 0.05},
-    "bias": {"bias": 1e-3},
-}
+MISSING = {"drag": 2e-4, "p3_offset": 1e-3, "load": 5e-4, "load_friction": 0.05, "bias": 1e-3}
+MISSING = {name: {name: size} for name, size in MISSING.items()}
+MISSING |= {"stribeck": {"stribeck": 6e-4, "stribeck_velocity": 0.4}}
 
 
 def _read(logs, encoder, seed=0):

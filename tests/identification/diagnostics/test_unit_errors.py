@@ -205,24 +205,15 @@ def test_refusals_of_sines_name_a_unit_where_one_explains_them(sines, sine_log):
     assert "look" not in str(refused.value)
 
 
-@pytest.mark.parametrize(
-    ("error", "factor"),
-    [
-        (UnitError.DEGREES, math.pi / 180),
-        (UnitError.TURNS, 2 * math.pi),
-        (UnitError.COUNTS, 2 * math.pi / 4096),
-        (UnitError.MILLISECONDS, 1e-3),
-        (UnitError.MICROSECONDS, 1e-6),
-        (UnitError.PER_MINUTE, 2 * math.pi / 60),
-        (UnitError.HERTZ, 2 * math.pi),
-        (UnitError.MILLIMETRES, 1e-3),
-        (UnitError.CENTIMETRES, 1e-2),
-        (UnitError.DIAMETER, 0.5),
-        (UnitError.GRAMS, 1e-3),
-    ],
-)
+TURN = 2 * math.pi
+FACTORS = {"DEGREES": TURN / 360, "TURNS": TURN, "COUNTS": TURN / 4096, "HERTZ": TURN}
+FACTORS |= {"MILLISECONDS": 1e-3, "MICROSECONDS": 1e-6, "PER_MINUTE": TURN / 60, "DIAMETER": 0.5}
+FACTORS |= {"MILLIMETRES": 1e-3, "CENTIMETRES": 1e-2, "GRAMS": 1e-3}
+
+
+@pytest.mark.parametrize(("error", "factor"), FACTORS.items())
 def test_the_unit_that_is_advised_has_the_factor_that_undoes_the_mistake(error, factor):
-    said = unit_error_text(unit_error(error, factor))
+    said = unit_error_text(unit_error(UnitError[error], factor))
     name, unit = re.search(r"--units (\w+)=(\S+), ", said).groups()
     assert f"units: {{{name}: {unit}}}" in said
     assert Units.of({name: unit}).factor(name) == pytest.approx(factor, rel=1e-12)
@@ -327,17 +318,11 @@ def test_logs_whose_inputs_are_next_to_their_omega_are_named_and_no_other(logs):
 
 
 @pytest.mark.parametrize(
-    ("wrong", "kind", "estimator"),
-    [
-        ("clock", FindingKind.CLOCK_SET, SIMULATED),
-        ("omega", FindingKind.OMEGA_SET, SIMULATED),
-    ],
+    ("wrong", "kind"), [("clock", FindingKind.CLOCK_SET), ("omega", FindingKind.OMEGA_SET)]
 )
-def test_known_masses_tell_which_is_wrong_and_logs_held_out_are_corrected_too(
-    logs, wrong, kind, estimator
-):
+def test_known_masses_tell_which_is_wrong_and_logs_held_out_are_corrected_too(logs, wrong, kind):
     told = DataSet.of([_told_wrong(log, wrong) for log in logs]).holding_out(["run 1"])
-    data, found = fitted(told, estimator)
+    data, found = fitted(told, SIMULATED)
     assert data.correction.kind is kind
     assert "mass_inertia" not in found.names
     assert found.parameters.p1 == pytest.approx(ROBOT.p1, rel=2e-3)

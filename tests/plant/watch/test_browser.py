@@ -114,12 +114,8 @@ def _viewer(folder, *options):
             viewer.terminate()
 
 
-HANDSHAKE = {
-    "Connection": "Upgrade",
-    "Upgrade": "websocket",
-    "Sec_WebSocket_Version": "13",
-    "Sec_WebSocket_Key": "MDEyMzQ1Njc4OWFiY2RlZg==",
-}
+HANDSHAKE = {"Connection": "Upgrade", "Upgrade": "websocket", "Sec_WebSocket_Version": "13"}
+HANDSHAKE |= {"Sec_WebSocket_Key": "MDEyMzQ1Njc4OWFiY2RlZg=="}
 
 
 @pytest.mark.slow
