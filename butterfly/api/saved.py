@@ -4,29 +4,35 @@ from __future__ import annotations
 
 import json
 import math
+from importlib import import_module
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from butterfly.api.changed import Changed
-from butterfly.api.compared import Compared, Leaderboard
-from butterfly.api.experiments import Run, Sweep
-from butterfly.api.identification import Identification
-from butterfly.api.predicted import Drawn, Predicted
-from butterfly.api.results import Designed, Residual, Selection, Validated
 from butterfly.api.sources import root_of
 from butterfly.errors import InputError
 from butterfly.files import read_file, whole
 from butterfly.progress import budget
-from butterfly.report.inspection import Inspection
-from butterfly.report.parameter_table import Separated
-from butterfly.result import Answer, Result
+from butterfly.result import Result
 
-_SAVED: tuple[type[Identification | Answer], ...] = (
-    *(Identification, Validated, Designed, Selection, Compared, Leaderboard),
-    *(Predicted, Drawn, Separated, Changed, Residual, Run, Sweep, Inspection),
-)
-_KINDS = {f"butterfly.{each.kind}": each for each in _SAVED}
+_MODULES = {
+    "api.changed": "Changed",
+    "api.compared": "Compared Leaderboard",
+    "api.experiments": "Run Sweep",
+    "api.identification": "Identification",
+    "api.predicted": "Drawn Predicted",
+    "api.results": "Designed Residual Selection Validated",
+    "report.inspection": "Inspection",
+    "report.parameter_table": "Separated",
+}
+"""Results that can be saved, by their module, which is imported when one is loaded."""
+
+
+def _kinds() -> dict[str, Any]:
+    """Return the classes of saved results by their schema."""
+    pairs = [(import_module(f"butterfly.{m}"), names.split()) for m, names in _MODULES.items()]
+    classes = [getattr(module, name) for module, names in pairs for name in names]
+    return {f"butterfly.{each.kind}": each for each in classes}
 
 
 def load(path: str | PathLike[str], *, root: str | PathLike[str] | None = None) -> Result:
@@ -46,11 +52,11 @@ def load(path: str | PathLike[str], *, root: str | PathLike[str] | None = None) 
     """
     file = Path(path)
     content = _content(file)
-    schema = content.get("schema")
-    if not isinstance(schema, str) or schema not in _KINDS:
+    schema, kinds = content.get("schema"), _kinds()
+    if not isinstance(schema, str) or schema not in kinds:
         expected = "a saved result (--save, or its method save; the JSON of a report is not one)"
         raise InputError(file, "schema", schema, expected)
-    kind = _KINDS[schema]
+    kind = kinds[schema]
     number = content.get("schema_number")
     if number != kind.schema_number:
         newer = isinstance(number, int) and number > kind.schema_number
@@ -63,7 +69,7 @@ def load(path: str | PathLike[str], *, root: str | PathLike[str] | None = None) 
         if manifest is not None and (moved or manifest["root"]) is not None:
             manifest["root"] = str(root_of(file, manifest["root"], moved))
         with budget(math.inf):  # whatever else is searched for now, nothing of it is left out here
-            result = kind.from_dict(content)
+            result: Result = kind.from_dict(content)
         result.shown_rows(), result.tables(), result.facts()
     except (LookupError, TypeError, ValueError, AttributeError) as error:
         expected = "an undamaged saved result"

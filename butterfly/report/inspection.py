@@ -131,9 +131,8 @@ class Inspection(Answer):
     @classmethod
     def from_dict(cls, content: Mapping[str, Any], **more: Any) -> Self:  # noqa: ANN401 - own fields
         """Return the result of `to_dict`'s values (see `Answer.from_dict`)."""
-        source, told = str(content["data"]["name"]), content["before_fit"]
-        found = _FORECASTS.validate_python(told)
-        return super().from_dict(content, source=source, before_fit=found, **more)
+        source, told = content["data"]["name"], _FORECASTS.validate_python(content["before_fit"])
+        return super().from_dict(content, source=str(source), before_fit=told, **more)
 
     @property
     def unusable(self) -> int:
@@ -170,10 +169,8 @@ class Inspection(Answer):
     def tables(self) -> list[TextTable]:
         """Return the logs, of a single one all that is known of it, and the forecasts."""
         rows, told = self.shown_rows(), forecast_rows(self.before_fit)
-        tables = [
-            TextTable(self.source, tuple(rows[0]), [tuple(row.values()) for row in rows])
-            for _ in rows[:1]
-        ]
+        lines = [tuple(row.values()) for row in rows]
+        tables = [TextTable(self.source, tuple(rows[0]), lines)] if rows else []
         if self._single is not None:
             tables = [TextTable(self.source, (), health_rows(*self._single))]
         return [*tables, *([TextTable(_FORECAST, FORECAST_HEADERS, told)] if told else [])]

@@ -87,20 +87,14 @@ def with_limit(value: float, farther: float | None) -> str:
 
 def forecast_sentences(forecasts: Sequence[Forecast]) -> list[str]:
     """Say which parameters can be told, and what those lack of which nothing is known yet."""
-    words, refused = dict[str, list[str]](), dict[tuple[str, str], list[str]]()
+    told, refused = dict[str, list[str]](), dict[str, list[str]]()
     for each in forecasts:
-        if each.half_width is None:
-            refused.setdefault((each.why, each.mend), []).append(each.name)
-        else:
-            words.setdefault(each.word, []).append(each.name)
-    told = "; ".join(f"{', '.join(words[word])} {word}" for word in Told if word in words)
-    return [
-        *([f"Before the fit: {told}."] if told else []),
-        *(
-            f"Not identifiable: {', '.join(names)}, as {why}{': ' * bool(mend)}{mend}."
-            for (why, mend), names in refused.items()
-        ),
-    ]
+        reason = ": ".join(filter(None, (each.why, each.mend)))
+        group, key = (refused, reason) if each.half_width is None else (told, str(each.word))
+        group.setdefault(key, []).append(each.name)
+    said = "; ".join(f"{', '.join(told[word])} {word}" for word in Told if word in told)
+    lacks = [f"Not identifiable: {', '.join(names)}, as {why}." for why, names in refused.items()]
+    return [f"Before the fit: {said}.", *lacks] if said else lacks
 
 
 def forecast_rows(forecasts: Sequence[Forecast]) -> list[tuple[str, ...]]:

@@ -26,7 +26,7 @@ SAYS = {
     ),
     "validate {data} --terms= --split frequency": ("out by frequency: as requested", "9 of 9"),
     "select {data} -m harmonic-balance --candidates drag,load": ("Chosen: --terms",),
-    "residual {data}": ("of 9 logs",),
+    "residual {data}": ("of the 9 logs",),
     "design {few} --limit 3": (r"^ +3  ",),
     "predict {data} --with {saved}": ("median FIT",),
     "predict {quick} --with {saved} --bands --draws 40": ("no measurement to compare",),

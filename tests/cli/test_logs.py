@@ -99,12 +99,11 @@ def test_a_manifest_is_drafted_of_any_logs_with_what_is_said_of_them(butterfly, 
     assert butterfly("inspect", loose)[0] == 0
 
 
-def test_columns_of_other_names_are_asked_for_and_taken_in_their_order(butterfly, loose):
+def test_columns_of_usual_words_are_taken_and_not_asked_for(butterfly, loose):
     _, out, _ = butterfly("manifest", loose, "--units", "time=ms,angle=deg")
-    assert "- columns: which columns hold time, input and angle" in out
-    text = (loose / "manifest.yaml").read_text(encoding="utf-8")
-    assert re.search(r"^# To settle: which columns.*\ncolumns:", text, re.MULTILINE)
-    assert read_manifest(loose / "manifest.yaml").columns == {"time": 0, "input": 1, "angle": 2}
+    assert "- columns" not in out
+    found = read_manifest(loose / "manifest.yaml").columns
+    assert found == {"time": "t", "input": "volts", "angle": "phi"}
     assert butterfly("inspect", loose, "--repair", "unwrap")[0] == 0
 
 

@@ -9,7 +9,7 @@ With h the half-width of that interval over the value, a parameter is *identifia
 `PRECISE`; *not* if h is 1 or more, so that it may be 0, or if the equations are singular; *weak*
 between. A delay d turns a share w d of a torque at the frequency w by a quarter of its period, as
 an error of p4 enlarges it by its own share: so its h is w times the half-width, with w of the
-fastest log.
+fastest log. Where no log reverses, Coulomb friction looks like a constant torque: *weak* at best.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from butterfly.arrays import unit_diagonal
+from butterfly.arrays import Samples, unit_diagonal
 from butterfly.errors import ButterflyError, InputError
 from butterfly.identification.chosen_terms import Fitted
 from butterfly.identification.data import DataSet
@@ -29,7 +29,7 @@ from butterfly.identification.estimators.start import starts
 from butterfly.identification.inference.blocks import Condition, Conditions
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.identifiability import OTHER_LOGS, is_driven, prior_of_fit
-from butterfly.identification.levels import PASSES, PRECISE, SHOWS
+from butterfly.identification.levels import MATTERS, PASSES, PRECISE, SHOWS
 from butterfly.identification.parameter import meaning_of, or_none, unit_of
 from butterfly.logs.log import Log
 from butterfly.logs.thinning import GLANCE, thinned
@@ -97,6 +97,10 @@ def forecast(logs: Sequence[Log], known: Prior) -> tuple[Forecast, ...]:
             row = replace(row, word=Told.KNOWN, half_width=0.0, expected=0.0, why="", mend="")
         elif found is not None and name in found.names:
             row = _told(row, found, fastest)
+            if name == "coulomb" and not any(_reverses(log.angle) for log in logs):
+                why = "no log reverses, so that a constant torque looks like it"
+                row = replace(row, word=max(row.word, Told.WEAK, key=[*Told].index), why=why)
+                row = replace(row, mend="motion in both directions")
         elif found is not None:
             row = replace(row, why="the input is always zero", mend="add logs of the driven joint")
         rows.append(row)
@@ -112,6 +116,12 @@ def expected(data: DataSet) -> Estimate:
     problem = estimator.problem(logs, first, known)
     end = problem.descend(most=PASSES, enough=SHOWS)
     return estimator.inferred(Fitted(problem=problem, end=end), None, known)
+
+
+def _reverses(angle: Samples) -> bool:
+    """Whether (n,) angles go both ways, by more than a negligible share of their range."""
+    back = [np.max(np.maximum.accumulate(way * angle) - way * angle) for way in (1, -1)]
+    return bool(min(back) > MATTERS * np.ptp(angle))
 
 
 def _told(row: Forecast, found: Estimate, fastest: float) -> Forecast:

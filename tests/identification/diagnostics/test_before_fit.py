@@ -64,6 +64,16 @@ def test_joints_that_only_fall_say_what_no_input_tells(robot):
     assert forecast([], NO_PRIOR) == ()
 
 
+def test_friction_needs_motion_both_ways(robot):
+    one_way = [
+        replace(log, angle=np.cumsum(abs(np.diff(log.angle, prepend=0.0)))) for log in robot.logs
+    ]
+    rows = {each.name: each for each in forecast(one_way, NO_PRIOR)}
+    assert rows["coulomb"].word in {Told.WEAK, Told.NOT}
+    drawn = scored("no reversal", 0, 5)
+    assert _words(drawn) == dict.fromkeys(_words(drawn), Told.IDENTIFIABLE) | {"coulomb": Told.WEAK}
+
+
 def test_the_count_of_forecasts_that_came_true_scores_a_set_and_lists_what_was_wrong():
     rows = scored("one mass, gain known", 0, 5)
     assert {each.word for each in rows} == {Told.IDENTIFIABLE}
