@@ -1,8 +1,8 @@
 """Commands made of verbs: options, defaults and help are said once, by signature and docstring.
 
-A list is given with commas, an enumeration by its values; a unit stands where a number goes. Of
-what a docstring says of a parameter, the sentences hold that name nothing of Python in `backticks`;
-"As in `identify`." is what is said there.
+A list is given with commas, an enumeration by its values; the word for a number is its unit. Help
+is the sentences of the docstring that name nothing of Python in `backticks`; "As in `identify`" is
+looked up there.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from butterfly.cli.output import ExitCode, show_progress
 from butterfly.cli.written import FOLDER
 
 Ask: TypeAlias = partial[Any]
-"""A verb with what its options say, which are its ``keywords``; it may be called with others."""
+"""A verb with the values of its options, its ``keywords``; a call of it may replace some."""
 
 _UNSAID = {"method", "track", "overwrite"}
 """Parameters of verbs that are no options here: see `_fit`; a bar; an option of all commands."""
