@@ -19,7 +19,7 @@ PACKAGE = ROOT / "butterfly"
 CEILINGS = {
     "files of the package": 215,
     "lines of the package": 43_298,
-    "lines of tests": 32_246,
+    "lines of tests": 32_268,
     "names of classes that exist twice": 0,
     "modules in import circles": 0,
     "tuned numbers of identification": 63,
