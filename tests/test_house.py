@@ -18,8 +18,8 @@ PACKAGE = ROOT / "butterfly"
 
 CEILINGS = {
     "files of the package": 215,
-    "lines of the package": 42_959,
-    "lines of tests": 32_228,
+    "lines of the package": 43_200,
+    "lines of tests": 32_268,
     "names of classes that exist twice": 0,
     "modules in import circles": 0,
     "tuned numbers of identification": 63,

@@ -9,6 +9,12 @@ from tests.cli.one_line import assert_one_line_error, done
 from tests.experiment.setting import changed
 
 
+def test_one_added_mass_alone_is_refused_in_one_line(butterfly, quick, tmp_path):
+    changed(quick, added_masses=[{"mass": 0.05, "arm": 0.104}])
+    result = butterfly("run", quick, "--out", tmp_path / "out")
+    assert_one_line_error(result, "common factor", "add a log with another known mass")
+
+
 def test_a_sine_that_will_swing_wide_is_warned_about(butterfly, quick, tmp_path):
     changed(quick, duration=0.1, excitations=[{"omega": 3.9, "amplitude": 0.9}])
     code, _, err = butterfly("simulate", quick, "--out", tmp_path / "logs")

@@ -241,3 +241,15 @@ def test_an_estimator_that_fails_is_said_before_the_findings_of_the_others(
     changed(quick, estimators=estimators, excitations=[{"omega": 4.5, "amplitude": 0.15}])
     _, _, first, *_ = _sentences(butterfly("run", quick, "--out", tmp_path / "out")[1])
     assert first.startswith("thesis: ")
+
+
+def test_values_given_by_hand_have_a_verdict_of_one_line(answer, quick_data):
+    given = "p1=0.00325,p2=0.00145,p3=0.04905,p4=0.025,coulomb=3e-4"
+    words = ("predict", quick_data, "--with")
+    verdict, model, *_ = done(answer(*words, given)).splitlines()
+    assert verdict == "Use with care: p1, p4, p2, p3, coulomb and delay without an interval."
+    assert model.startswith("9 logs predicted from the initial angle")
+    assert answer(*words, given, "-q")[1] == f"{verdict}\n"
+    code, said, _ = answer(*words, given.replace("0.00325", "0.01"), "-q")
+    assert code == ExitCode.NOT_TO_BE_USED
+    assert said.startswith("Do not use: The model does not follow the logs")

@@ -15,11 +15,11 @@ from butterfly.identification.identify import identify, judged
 from butterfly.identification.parameters_by_hand import best_gain, try_parameters
 from butterfly.identification.problem import Start
 from butterfly.identification.simulation import Simulation
-from butterfly.logs.log import Log
+from butterfly.logs.log import Log, Sine
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import LumpedParameters
 from tests.conftest import MASSES
-from tests.identification.simulated import ROBOT, SWINGS, driven, steady
+from tests.identification.simulated import ROBOT, SWINGS, driven, simulated, steady
 from tests.independent.integrator import Joint
 
 SPEED, ZERO = 2.5, 0.2
@@ -113,6 +113,16 @@ def test_noise_of_a_law_is_simulated_sample_by_sample():
     run = Simulation(log, same)
     assert run.step <= time[1] / 2
     np.testing.assert_allclose(run.run(same, 0.0).at(log.time), log.angle, atol=1e-6)
+
+
+def test_a_log_linear_between_samples_is_followed_by_its_own_parameters_and_worse_by_others():
+    robot = replace(ROBOT, delay=0.0037)
+    sine = Sine(omega=4.4, amplitude=0.02)
+    log = simulated(robot, MASSES[1], sine.sample, 10.0, zero=0.7)
+    own = Setting(parameters=robot, zero=0.7)
+    heavy = replace(own, parameters=replace(robot, p1=1.1 * robot.p1))
+    assert FreeRun.of(log, own).fit > 99.9
+    assert FreeRun.of(log, heavy).fit < 95
 
 
 def test_an_identification_is_judged_over_the_horizon_that_its_logs_are_simulated_over(

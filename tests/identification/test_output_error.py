@@ -11,6 +11,7 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.design import judged_candidate
 from butterfly.identification.estimators import HarmonicBalance, Loss, OutputError
 from butterfly.identification.findings import Ending, FindingKind
+from butterfly.identification.inference.equations import compressed
 from butterfly.identification.problem import Start
 from butterfly.logs.log import Intersample, Sine
 from butterfly.logs.regimes import Regime
@@ -193,6 +194,17 @@ def test_what_belongs_to_one_log_or_mass_moves_no_other(problem, equations):
         for simulation, log in zip(problem.simulations, equations.logs, strict=True):
             concerned = whose in {None, simulation.log.added_mass, simulation.log.name}
             assert concerned or k not in log.columns
+
+
+def test_compressed_equations_say_the_same(equations):
+    for log in equations.logs:
+        weights = np.linspace(0.5, 2.0, log.residuals.size)
+        weighted = log.weighted(weights)
+        (factor,), (residuals,) = compressed([(weighted.rows, weighted.residuals)])
+        normal = log.rows.T @ (weights[:, None] * log.rows)
+        np.testing.assert_allclose(factor.T @ factor, normal, atol=1e-10 * np.abs(normal).max())
+        pull = log.rows.T @ (weights * log.residuals)
+        np.testing.assert_allclose(factor.T @ residuals, pull, atol=1e-10 * np.abs(pull).max())
 
 
 def test_equations_predict_residuals_nearby(problem, equations):
