@@ -273,7 +273,7 @@ class Result(ABC):
         return f", {self.standing}" if self.standing not in {None, Level.GOOD.verdict} else ""
 
     def _repr_html_(self) -> str:
-        from butterfly.report.cell import cell_html  # noqa: PLC0415 - a view
+        from butterfly.report.page import cell_html  # noqa: PLC0415 - a view
 
         return cell_html(self.page())
 

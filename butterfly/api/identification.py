@@ -242,8 +242,8 @@ class Identification(Identified, Result):
         return facts(self, self.to_dict())
 
     def _repr_html_(self) -> str:
-        from butterfly.report.cell import cell_html  # noqa: PLC0415 - slow to import
         from butterfly.report.identification_page import first_screen  # noqa: PLC0415 - slow to import
+        from butterfly.report.page import cell_html  # noqa: PLC0415 - slow to import
 
         screen = first_screen(self, self.facts())
         return cell_html(screen, None if self.logs is None else self.plot.time())

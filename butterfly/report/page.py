@@ -286,3 +286,14 @@ def write_page(page: Page, path: Path, *, figures: bool = False) -> None:
         write_pictures({**page.figures, **pictures}, path.with_name(f"{path.stem}-figures"))
     write_document(page.numbers, path.with_suffix(".json"))
     write_html(page, path)
+
+
+def cell_html(page: Page, figure: Figure | None = None) -> str:
+    """Return verdict, tiles, the leading table and one figure of a page, the first if not given."""
+    from butterfly.report.pictures import png_text  # noqa: PLC0415 - slow to import
+
+    drawn = figure if figure is not None else next(iter(page.figures.values()), None)
+    picture = "" if drawn is None else png_text(drawn)
+    tables = next((part.tables for part in page.parts if part.tables), ())
+    shown = environment().get_template("cell.html.j2")
+    return shown.render(page=page, tables=tables[:1], picture=picture)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import re
+from base64 import b64encode
 from collections.abc import Mapping
 from html import unescape
 from pathlib import Path
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
 
 _INCH = 100  # plotly's pixels
 _WIDTH = 900  # pixels
+_DOTS = 80  # per inch, of a picture in a notebook
 _MARGIN = 0.1  # inches
 _BAR = 0.35  # width of a bar
 _ACROSS = 4  # names in a line of the legend
@@ -59,6 +62,13 @@ def write_pictures(figures: Mapping[str, Figure], folder: Path) -> None:
                 canvas(still).print_figure(
                     draft, format=suffix, bbox_inches=edges, metadata=said[suffix]
                 )
+
+
+def png_text(figure: Figure) -> str:
+    """Return a figure as a PNG in text, as small as a notebook's cell wants it."""
+    still, file = draw(figure), io.BytesIO()
+    FigureCanvasAgg(still).print_figure(file, format="png", dpi=_DOTS, bbox_inches="tight")
+    return b64encode(file.getvalue()).decode("ascii")
 
 
 def draw(figure: Figure) -> Still:
