@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from butterfly.errors import InputError
 from butterfly.files import write_document
 from butterfly.identification.diagnostics.residuals import residual_units
 from butterfly.identification.identified import Identified
@@ -37,7 +38,7 @@ from butterfly.report.numbers import (
     finding_numbers,
     residual_numbers,
 )
-from butterfly.report.page import Fact, Page, write_page
+from butterfly.report.page import Fact, Page, Section, write_page
 from butterfly.report.parameter_table import (
     Separated,
     parameter_texts,
@@ -259,11 +260,17 @@ class Identification(Identified, Result):
         write_page(self.page(truth), Path(path), figures=figures)
 
     def page(self, truth: LumpedParameters | None = None) -> Page:
-        """Return the page of `report`."""
-        from butterfly.report.identification_page import identification_page  # noqa: PLC0415 - slow to import
+        """Return the page of `report`: without the logs, its first screen and tables."""
+        from butterfly.report.identification_page import first_screen, identification_page  # noqa: PLC0415 - slow to import
 
-        numbers = self.to_dict(truth)
-        return identification_page(self, self.notes, self.facts(), numbers, truth)
+        numbers, facts = self.to_dict(truth), self.facts()
+        try:
+            return identification_page(self, self.notes, facts, numbers, truth)
+        except InputError as error:
+            said = f"Without figures: the logs cannot be read ({error})."
+        sections = [Section(title=t.title, tables=(t.on_page(),)) for t in self.tables(truth)[1:]]
+        first = first_screen(self, facts, truth)
+        return replace(first, summary=[said, *self.notes], sections=sections, numbers=numbers)
 
 
 @dataclass(frozen=True)
