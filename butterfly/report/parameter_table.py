@@ -61,19 +61,20 @@ def parameter_texts(row: Parameter) -> dict[str, str]:
 def badge_of(row: Parameter) -> Marked:
     """Return how well a parameter is known, as console and page mark it; "" where that is unknown.
 
-    Good as in the verdict: its farther limit is within 10 %; poor: it is hardly told from 0.
+    Good as in the verdict: its farther limit is within 10 %; poor: it is hardly told from 0. Short,
+    so that a row fits a terminal.
     """
     if row.known:
         return Marked("known", level=Level.NOTE)
     if row.on_bound:
-        return Marked("at its bound", level=Level.CARE)
+        return Marked("at bound", level=Level.CARE)
     if row.claim == "not-from-zero":
         return Marked("may be 0", level=Level.CARE)
     half, size = or_nan(row.farther), abs(row.value)
     if half <= PRECISE * size:
         return Marked("good", level=Level.GOOD)
     if CLEARLY * half <= size:
-        return Marked("use with care", level=Level.CARE)
+        return Marked("care", level=Level.CARE)
     return Marked("poor", level=Level.WARNING) if row.claim else Marked("")
 
 

@@ -222,10 +222,10 @@ def test_a_badge_says_how_well_a_parameter_is_known():
     plain = {"value": 1.0, "lower": 0.95, "upper": 1.05, "claim": "rough"}
     for badge, about in {
         "good": {"upper": 1.09},
-        "use with care": {"upper": 1.2},
+        "care": {"upper": 1.2},
         "poor": {"upper": 1.5},
         "may be 0": {"lower": -0.1, "claim": "not-from-zero"},
-        "at its bound": {"on_bound": True},
+        "at bound": {"on_bound": True},
         "known": {"known": True},
         "": {"lower": None, "claim": ""},
     }.items():
