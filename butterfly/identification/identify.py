@@ -178,7 +178,7 @@ def simulated(
     horizon = data.simulations.horizon(estimate)
     runs = _runs(data, estimate, track)
     others = [
-        try_parameters(name, parameters, data, horizon=horizon, track=track)
+        try_parameters(name, parameters, data, horizon=horizon)
         for name, parameters in against.items()
     ]
     held = () if data.test_logs is None else _runs(data.test_logs, estimate)

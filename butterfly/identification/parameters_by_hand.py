@@ -20,10 +20,8 @@ from butterfly.model.linear import quasi_linear_response, resonance_frequency
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
 from butterfly.model.prior import Known
 from butterfly.model.terms import PARAMETERS
-from butterfly.progress import Track, untracked
 
 _DECADES = 1.0  # the best p4 is sought within a factor 10 of the first guess
-_GRID = 41  # values of p4 tried before the best is sought
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -52,12 +50,11 @@ def try_parameters(
     data: DataSet,
     *,
     horizon: float = math.inf,
-    track: Track = untracked,
 ) -> OtherParameters:
     """Simulate every log, at most ``horizon`` s at a time; the best p4 replaces one that is NaN."""
     gain_fitted = math.isnan(parameters.p4)
     if gain_fitted:
-        parameters = replace(parameters, p4=best_gain(parameters, data, source=name, track=track))
+        parameters = replace(parameters, p4=best_gain(parameters, data, source=name))
     fit = FitSummary.of(data.simulations.fits_with(parameters, horizon), horizon)
     return OtherParameters(name=name, parameters=parameters, gain_fitted=gain_fitted, fit=fit)
 
@@ -82,7 +79,6 @@ def best_gain(
     data: DataSet,
     *,
     source: str = "parameters",
-    track: Track = untracked,
 ) -> float:
     """Return the p4 with the highest median FIT; InputError without sines or of too large p3."""
     if not data.sines:
@@ -105,11 +101,8 @@ def best_gain(
         trial = replace(parameters, p4=guess * 10**decades)
         return -float(np.median(data.simulations.fits_with(trial)))
 
-    coarse = np.linspace(-_DECADES, _DECADES, _GRID)
-    start = coarse[np.argmin([loss(x) for x in track(coarse, "Searching for the best p4")])]
-    width = coarse[1] - coarse[0]
-    fine = minimize_scalar(loss, bounds=(start - width, start + width), method="bounded")
-    return float(guess * 10**fine.x)
+    found = minimize_scalar(loss, bounds=(-_DECADES, _DECADES), method="bounded")
+    return float(guess * 10**found.x)
 
 
 def given_estimate(

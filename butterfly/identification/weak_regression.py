@@ -18,7 +18,7 @@ from butterfly.identification.inference.linear_terms import (
     TermChoice,
     usual_velocity,
 )
-from butterfly.identification.levels import SHOWS, WEIGHED
+from butterfly.identification.levels import MOST, SHOWS, WEIGHED
 from butterfly.identification.segment import LONGEST_STEP
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging
 from butterfly.logs.log import Log
@@ -27,7 +27,6 @@ from butterfly.model.terms import DRIVE, IDEAL, TERMS, DriveTerms, FrictionTerms
 
 _SETTINGS = {"delay", *DRIVE, "stribeck_velocity", "cogging_periods"}  # without columns, if known
 _BY_MASS = "mass_inertia"
-_ROUNDS = 20  # of delay and scatter: what has not converged by then diverges
 _LATEST = 0.25  # of the shortest log, for a delay
 _LEAST = np.finfo(float).tiny
 
@@ -150,7 +149,7 @@ class WeakFit:
         weighs, latest = bool(about.known.uncertain and about.variance), about.latest
         cells, settled = independent_cells_of(len(about.windows), len(about.names)), False
         step, share, values = 0.0, 1.0, np.zeros(len(about.names))
-        for _ in range(_ROUNDS):
+        for _ in range(MOST):
             regression = about.regression()
             solution = regression.solve()
             moved, values = solution.values - values, solution.values

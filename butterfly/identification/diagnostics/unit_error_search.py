@@ -117,8 +117,12 @@ class _Trial(NamedTuple):
     def tried(self, data: DataSet) -> _Trial:
         """Return the trial with its misfit on a data set."""
         try:
-            logs = tuple(map(self.righted, data.logs))
-            return self._replace(misfit=_Fit.of(replace(data, logs=logs)).misfit)
+            if self.error.column == "columns":  # of which neither is the angle's rest known
+                return self._replace(misfit=_Fit.of(self.undone(data)).misfit)
+            scale = self.number if self.error.column == "angle" else 1.0
+            zeros = [scale * data.zero_of(log) for log in data.logs]
+            right = replace(data, logs=tuple(map(self.righted, data.logs)))
+            return self._replace(misfit=_Fit.of(right, zeros).misfit)
         except _FAILURES:
             return self
 
@@ -136,10 +140,11 @@ class _Fit(NamedTuple):
     misfit: float  # share of the torques that is left over; infinite where no joint has such a p1
 
     @classmethod
-    def of(cls, data: DataSet) -> _Fit:
-        """Return the fit of all of `_NAMES` but what is known exactly."""
+    def of(cls, data: DataSet, zeros: Iterable[float] | None = None) -> _Fit:
+        """Return the fit of all of `_NAMES` but what is known exactly, about (k,) zeros in rad."""
         known = data.known.within(_NAMES)
-        windows = [_windows_of(log, data.zero_of(log)) for log in data.logs]
+        own = map(data.zero_of, data.logs) if zeros is None else zeros
+        windows = [_windows_of(*each) for each in zip(data.logs, own, strict=True)]
         about = About(
             windows=windows,
             names=known.open(_NAMES),
