@@ -23,6 +23,7 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
@@ -286,8 +287,7 @@ class HarmonicBalanceFit:
                 raise IdentifiabilityError(
                     "no joint fits the steady responses of these logs: check their units"
                 )
-            left = float(errors @ errors) / max(2 * swing.size - count, 1)
-            spread = max(left - float(np.mean(phasors.variance / swing**2)), 0.0)
+            spread = _spread(errors, phasors.variance / swing**2, max(2 * swing.size - count, 1))
             weights = 1.0 / (slope * np.sqrt(phasors.variance + spread * swing**2))
             change = np.linalg.norm(regression.rows @ (unknowns - before))
             settled = bool(change < ROUNDING * np.linalg.norm(regression.rows @ unknowns))
@@ -322,3 +322,13 @@ class HarmonicBalanceFit:
 def _parts(values: NDArray[Any]) -> Samples:
     """Return real parts, then imaginary ones."""
     return np.concatenate([values.real, values.imag])
+
+
+def _spread(errors: Samples, variance: Samples, freedom: int) -> float:
+    """Return the variance of (n,) relative errors besides (n,) known ones (Paule & Mandel 1982)."""
+
+    def excess(common: float) -> float:
+        return float(np.sum(errors**2 / (variance + common))) - freedom
+
+    most = float(errors @ errors) / freedom
+    return float(brentq(excess, ROUNDING * most, most)) if excess(ROUNDING * most) > 0 else 0.0
