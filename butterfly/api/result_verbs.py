@@ -194,17 +194,12 @@ def _of_gain(
 
 
 def _of_errors(errors: Sequence[ExpectedErrors]) -> str:
-    unseen = sum(each.held_out for each in errors)
-    if unseen == len(errors):
-        return (
-            f"The band of a new log comes from the errors of {unseen} logs, each predicted with "
-            "its added mass held out."
-        )
-    return (
-        f"The band of a new log comes from the errors of {len(errors)} logs. For "
-        f"{len(errors) - unseen} of them the added mass was not held out, so the band may be too "
-        "narrow for another mass."
-    )
+    unseen, count = sum(each.held_out for each in errors), len(errors)
+    said = f"The band of a new log comes from the errors of {count} logs"
+    if unseen == count:
+        return f"{said}, each predicted with its added mass held out."
+    fitted = "each" if not unseen else f"{count - unseen} of them"
+    return f"{said}, {fitted} fitted with its added mass: it may be too narrow for another mass."
 
 
 def _beyond(seen: Sequence[AddedMass], logs: Iterable[Log]) -> list[str]:
