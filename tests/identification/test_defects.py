@@ -90,3 +90,13 @@ def test_what_the_logs_cannot_tell_of_each_is_said_to_differ_from_none():
     )  # fmt: skip
     assert not list(from_log_to_log(equations))
     assert differing_values(equations, "p2") is None
+
+
+@pytest.mark.parametrize("number", [0, 11])
+def test_a_base_is_told_from_an_inertia_of_the_masses_by_fits_of_both(number):
+    """One step predicts the inertia to explain more; its fit leaves two or three times the noise."""
+    robot = draw("base", number, 1017)
+    found = bf.identify(robot.logs)
+    assert "base_compliance" in found.estimate.names
+    for name in ("p1", "p3", "p4"):
+        assert found.estimate.named[name] == pytest.approx(robot.truth[name], rel=2e-3), name

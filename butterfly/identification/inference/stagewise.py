@@ -23,13 +23,13 @@ from butterfly.arrays import Samples, standard_error
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.inference.agreement import score_of
 from butterfly.identification.inference.submodels import Submodels
-from butterfly.identification.levels import ACCUSED, CONFIDENCE, LOST, MATERIAL, MATTERS
+from butterfly.identification.levels import ACCUSED, CONFIDENCE, MATERIAL, MATTERS
 from butterfly.model.parameters import AddedMass, value_if_absent
 from butterfly.model.terms import companions, is_simulated_with
 from butterfly.progress import out_of_time
 
 _ROUNDS = 4  # of terms that are added one after the other
-_TIES = 2  # rows that are fitted besides the best, as their gain is near
+_TIES = 2  # rows that are fitted besides the one with the largest gain
 
 
 class _Level(NamedTuple):
@@ -72,8 +72,7 @@ class Offer:
         names = np.array(self.nested.names)
         other = self.kept & ~np.isin(names, [term, *companions({term})]) | (names == self.name)
         values = self.nested.fitted(np.array([self.kept, other]))
-        worse = np.subtract(*np.sqrt(self.nested.costs(values))[::-1])
-        if not worse.mean() <= standard_error(worse):
+        if not _as_good(*np.sqrt(self.nested.costs(values))[::-1]):
             return None
         return dict(zip(self.nested.names, values[1].tolist(), strict=True))
 
@@ -205,30 +204,46 @@ def _best(
     refused: set[str],
     ties: list[tuple[str, str]],
 ) -> M | None:
-    """Fit the row with the largest gain and those near it; return the best fit, if any holds."""
+    """Fit the passing row with the largest gain and others near it; return the best that holds.
+
+    Whether any is added is asked of that row; which one, of all that are as common, by their fits:
+    one step predicts them too roughly to tell them apart.
+    """
     holm, negligible = _holm(offers), model.nested.negligible
+    ranked = sorted(offers, key=lambda each: -float(each.gain.mean()))
     passing = [
         each
-        for each in offers
+        for each in ranked
         if each.passes(_RARE if each.name in rare else _COMMON, holm[each.name], negligible)
     ]
-    passing.sort(key=lambda each: -float(each.gain.mean()))
     while passing:
-        least = LOST * passing[0].gain.mean()
-        near = [each for each in passing if each.gain.mean() >= least]
-        tried = [(each.name, model.adding(each)) for each in near[: 1 + _TIES]]
+        first = passing[0]
+        near = [
+            each
+            for each in ranked
+            if each is not first
+            and each.gain.mean() > negligible
+            and each.name not in refused
+            and (each in passing or each.name not in rare or first.name in rare)
+        ]
+        tried = [(each.name, model.adding(each)) for each in (first, *near[:_TIES])]
         fits = {name: fit for name, fit in tried if fit is not None}
         refused.update(name for name, fit in tried if fit is None)
         if fits:
-            costs = {name: fit.nested.equations.cost for name, fit in fits.items()}
-            taken = min(costs, key=lambda name: float(costs[name].sum()))
-            for name, cost in costs.items():
-                worse = np.sqrt(cost) - np.sqrt(costs[taken])
-                if name != taken and worse.mean() <= standard_error(worse):
-                    ties.append((name, taken))
+            errors = {name: np.sqrt(fit.nested.equations.cost) for name, fit in fits.items()}
+            lowest = min(errors, key=lambda name: float(np.sum(errors[name] ** 2)))
+            alike = [name for name in fits if _as_good(errors[name], errors[lowest])]
+            taken = first.name if first.name in alike else lowest
+            ties.extend((name, taken) for name in alike if name != taken)
             return fits[taken]
         passing = [each for each in passing if each.name not in refused]
     return None
+
+
+def _as_good(errors: Samples, least: Samples) -> bool:
+    """Whether (k,) errors of cells exceed others by no more than a standard error."""
+    worse = errors - least
+    return bool(worse.mean() <= standard_error(worse))
 
 
 def _holm(offers: Sequence[Offer]) -> dict[str, float]:
