@@ -94,7 +94,7 @@ def test_what_the_logs_cannot_tell_of_each_is_said_to_differ_from_none():
 
 @pytest.mark.parametrize("number", [0, 11])
 def test_a_base_is_told_from_an_inertia_of_the_masses_by_fits_of_both(number):
-    """One step predicts that the inertia explains more; fitted, it leaves 2 to 3 times the noise."""
+    """One step favours the inertia; fitted, it leaves two to three times the noise."""
     robot = draw("base", number, 1017)
     found = bf.identify(robot.logs)
     assert "base_compliance" in found.estimate.names
