@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Collection, Mapping
-from itertools import permutations
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,8 @@ from butterfly.logs.units import Units
 from butterfly.model.prior import known_of
 
 _THESIS_NAME = re.compile(r"Data_(\d+(?:_\d+)?)__(\d+(?:_\d+)?)__0(\d+)")
-_GRAMS = re.compile(r"(?:^|[_-])(\d+(?:\.\d+)?)g(?=[_-]|$)")  # within another name
+_GRAMS = re.compile(r"(\d+(?:\.\d+)?)g")  # a part of another name
+_WIDEST = 20  # columns that are looked at for usual words
 _QUESTIONS = {
     "input": "what does the input command: voltage, torque, current, duty, or the setpoint of a "
     "servo (which needs its loop)? The files do not say.",
@@ -50,7 +50,8 @@ def draft(path: Path, given: Mapping[str, Any], *, massless: bool = False) -> Ma
     units, folder = Units.of(given.get("units")), path
     if not path.is_dir():
         folder = path.parent
-        entry = _entry_by_name(path, folder, units) or LogEntry(file=path.name)
+        named = LogEntry(file=path.name, added_mass=_mass_by_name(path, given))
+        entry = _entry_by_name(path, folder, units) or named
         entry = entry if "arm" in given else entry.model_copy(update={"added_mass": 0.0})
         entries = _each_log(entry, folder, given)
     elif not has_thesis_names(path) or (massless and "arm" not in given):
@@ -116,20 +117,24 @@ def with_columns(manifest: Manifest) -> Manifest:
     """
     if manifest.columns is not None or _read(manifest):
         return manifest
-    found = manifest
-    for order in permutations(range(len(_FIELDS))):
-        columns = dict(zip(_FIELDS, order, strict=True))
-        numbered = manifest.model_copy(update={"columns": columns})
-        if (log := _read(numbered)) is None:
-            continue
-        names = {field: log.reading.columns[field].name for field in _FIELDS}
-        if all(field_of(name) == field for field, name in names.items()):
-            return manifest.model_copy(update={"columns": names})
-        if order == (0, 1, 2):
-            numbers = names["time"] in _INDEX and "no header" not in log.reading.layout
-            columns = {field: k + numbers for field, k in columns.items()}
-            found = manifest.model_copy(update={"columns": columns})
-    return found
+    named = [name for k in range(_WIDEST) if (name := _name_of(manifest, k))]
+    meant = {field: [each for each in named if field_of(each) == field] for field in _FIELDS}
+    if all(len(names) == 1 for names in meant.values()):
+        return manifest.model_copy(update={"columns": {f: names[0] for f, names in meant.items()}})
+    columns = {field: k for k, field in enumerate(_FIELDS)}
+    log = _read(manifest.model_copy(update={"columns": columns}))
+    if log is None:
+        return manifest
+    if log.reading.columns["time"].name in _INDEX and "no header" not in log.reading.layout:
+        columns = {field: k + 1 for field, k in columns.items()}
+    return manifest.model_copy(update={"columns": columns})
+
+
+def _name_of(manifest: Manifest, column: int) -> str:
+    """Return the name of a column of the first log, by its number; "" if it has none."""
+    alone: dict[str, Any] = {"columns": {"input": column, "angle": column}, "interval": 1.0}
+    log = _read(manifest.model_copy(update=alone | {"units": {"input": 1.0, "angle": 1.0}}))
+    return "" if log is None else str(log.reading.columns["angle"].name)
 
 
 def _read(manifest: Manifest) -> Log | None:
@@ -194,10 +199,15 @@ def _entry_by_name(path: Path, folder: Path, units: Units) -> LogEntry | None:
 
 
 def _mass_by_name(path: Path, given: Mapping[str, Any]) -> float:
-    """Return the added mass that a name gives in grams, in kg or the given unit; else 0."""
-    grams = _GRAMS.search(path.stem)
+    """Return the added mass that a name gives in grams, in kg or the given unit; else 0.
+
+    Not of 120_5g, whose first part may be the whole grams.
+    """
+    parts = ["", *re.split("[_-]", path.stem)]
+    pairs = zip(parts, (_GRAMS.fullmatch(part) for part in parts[1:]), strict=False)
+    found = [each for before, each in pairs if each and not before.isdigit()]
     factor = Units.of(given.get("units")).factor("mass")
-    return _in_unit(float(grams[1]) / 1e3, factor) if grams else 0.0
+    return _in_unit(float(found[0][1]) / 1e3, factor) if len(found) == 1 else 0.0
 
 
 def _in_unit(value: float, factor: float) -> float:
