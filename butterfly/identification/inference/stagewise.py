@@ -5,7 +5,7 @@ such a score by chance (score test, clusters are logs, over all rows together: H
 Statist. 6, 1979); which share of the squared errors does it explain; does it predict the parts of
 the data that were left out better (cross-validation; Stone, J. R. Statist. Soc. B 36, 1974), in
 standard errors of that gain? How much is asked depends on how common the row is. The row with the
-largest gain and those next to it are fitted, and the best stays if it keeps half of what was
+largest gain, and the next two as common, are fitted; the best stays if it keeps half of what was
 promised and a joint may have it. A term that predicts no better once others are fitted goes again.
 """
 
