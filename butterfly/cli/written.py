@@ -66,12 +66,12 @@ def check(
     for option, (path, written) in files.items():
         _require_kind(path, written, option)
         if written.beside:
-            named[f"the numbers of {option}"] = path.with_suffix(written.beside)
+            named[f"the numbers beside {option}"] = path.with_suffix(written.beside)
     taken: dict[Path, str] = {}
     for option, path in named.items():
         if taken.setdefault(path.resolve(), option) != option:
             other = taken[path.resolve()]
-            raise InputError(path, option, f"the file of {other}", "another file")
+            raise InputError(path, option, f"the file of {other}", "another name for one of them")
         documents = files[option.rpartition(" ")[2]][1].documents
         if path.suffix:
             marks = documents if path.suffix.lower() == ".json" else (outputs.mark_of(path),)

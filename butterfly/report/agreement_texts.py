@@ -102,8 +102,15 @@ def contrast_text(contrast: Contrast, estimate: Estimate) -> str:
     way = f"{'grows' if high > low else 'falls'} with {_FOLLOWS[contrast.condition]}"
     if contrast.condition is Condition.LOG:
         way = "varies between logs"
-    moves = f"{contrast.parameter} {way}, from {low:.3g} to {high:.3g} {unit}"
+    digits = _digits(low, high)
+    moves = f"{contrast.parameter} {way}, from {low:.{digits}g} to {high:.{digits}g} {unit}"
     return f"{moves}. {why}: {', '.join([first, *others])}."
+
+
+def _digits(one: float, other: float) -> int:
+    """Return how many digits show by how much two values differ: three, or two of that."""
+    apart, size = abs(one - other), max(abs(one), abs(other))
+    return 3 if not apart else min(max(3, 2 + math.floor(math.log10(size / apart))), 9)
 
 
 def agreement_table(contrasts: Sequence[Contrast]) -> TextTable:
@@ -112,8 +119,8 @@ def agreement_table(contrasts: Sequence[Contrast]) -> TextTable:
         (
             each.parameter,
             _FOLLOWS.get(each.condition, "one added mass, as weighed"),
-            f"{each.first:.3g}",
-            f"{each.last:.3g}",
+            f"{each.first:.{_digits(each.first, each.last)}g}",
+            f"{each.last:.{_digits(each.first, each.last)}g}",
             f"{100 * each.share:.0f} %",
             ", ".join(causes(each)),
         )

@@ -271,7 +271,7 @@ _RESTS_ON = {
     "angle_scale": "the encoder scale and centring (1 %, or 0.5° off centre, shifts p4 by 1 %)",
     "velocity_scale": "the velocity scale (1 % shifts p4 by 1 %)",
     "time_scale": "the clock (1 % shifts p1 by 2 %)",
-    "lag": "a filter of the logger (its lag adds to the delay; p1 and p4 hold)",
+    "lag": "a filter of the logger or the hold between samples (both change the delay alone)",
 }
 
 _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
