@@ -215,7 +215,7 @@ def _launch(app: App) -> Callable[..., ExitCode | None]:
                 command, bound = _parsed(app, tokens)
                 if command.__module__.startswith(__package__):  # not the help
                     check_outputs(command, bound.arguments, json, (called.answer, *called.also))
-                with progress.budget(budget or math.inf) as search:
+                with progress.budget(math.inf if budget is None else budget) as search:
                     ended: ExitCode | None = command(*bound.args, **bound.kwargs)
             except UnusableError as refused:
                 from butterfly.result import document  # noqa: PLC0415 - slow to import

@@ -52,11 +52,14 @@ class FitOptions:
         return make_estimator(self.method, self.given)
 
     def keywords(self) -> dict[str, Any]:
-        """Return method and options as a verb takes them; nothing if all are the verb's own."""
+        """Return the given method and options, checked, as a verb takes them."""
         several = parse_names(self.method)
-        if len(several) > 1:
-            return {"method": several, **self.given}
-        return {} if self == type(self)() else {"method": self.estimator()}
+        if len(several) == 1:
+            self.estimator()
+        own = self.method == type(self)().method
+        return (
+            {} if own else {"method": several if len(several) > 1 else self.method}
+        ) | self.given
 
 
 @cache

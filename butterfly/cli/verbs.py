@@ -139,12 +139,14 @@ def _compare(
     if other is None:
         return _shown(ask, page=page)
     from butterfly.api.sources import names_result  # noqa: PLC0415 - slow to import
+    from butterfly.api.verbs import options_text  # noqa: PLC0415
     from butterfly.cli.results import compare_runs, is_run  # noqa: PLC0415
 
-    for option, name in {"--log": "logs", "--holdout": "holdout", "--method": "method"}.items():
-        if value := ask.keywords.get(name):
-            given = getattr(value, "label", value)
-            raise InputError("butterfly compare", option, given, "no such option with two results")
+    unasked = {"data": data, "logs": None, "holdout": (), "track": show_progress}
+    given = [name for name, value in ask.keywords.items() if (name, value) not in unasked.items()]
+    if given:
+        expected = "no such option with two results"
+        raise InputError("butterfly compare", "option", options_text(given), expected)
     if is_run(data) and is_run(other):
         if page.report is not None:
             expected = "no report: two runs of sweeps have none"
