@@ -147,10 +147,8 @@ def validate(
     """
     if split not in [*Split]:
         raise InputError("validate", "split", split, " or ".join(Split))
-    for name, value, least in (
-        ("folds", folds, 2),
-        ("bootstrap", bootstrap, DRAWS if bootstrap else 0),
-    ):
+    fewest = DRAWS if bootstrap else 0
+    for name, value, least in (("folds", folds, 2), ("bootstrap", bootstrap, fewest)):
         if value is None:
             continue
         if not isinstance(value, int) or isinstance(value, bool) or value < least:

@@ -54,12 +54,11 @@ class FitOptions:
     def keywords(self) -> dict[str, Any]:
         """Return the given method and options, checked, as a verb takes them."""
         several = parse_names(self.method)
-        if len(several) == 1:
-            self.estimator()
+        if len(several) > 1:
+            return {"method": several, **self.given}
+        self.estimator()
         own = self.method == type(self)().method
-        return (
-            {} if own else {"method": several if len(several) > 1 else self.method}
-        ) | self.given
+        return self.given if own else {"method": self.method, **self.given}
 
 
 @cache
