@@ -132,7 +132,10 @@ def validate(
 
     Parameters
     ----------
-    data, method, holdout, track, options
+    data
+        A data set (logs, a folder of logs, a manifest, a saved result, or a shipped name), or
+        several to rank methods on. In Python the first, as in `identify`.
+    method, holdout, track, options
         As in `identify`; of several methods, each has its defaults.
     others
         More data sets to rank the methods on.

@@ -56,7 +56,7 @@ def _validate(ask: Ask, /, *more: _More, page: Report = NO_REPORT) -> ExitCode:
 
 
 def _inspect(ask: Ask, *, page: Report = NO_REPORT, facts: DataOptions = SILENT) -> ExitCode:
-    """Check logs for faults, or print a robot's parameters.
+    """Check logs for faults, and forecast which parameters they can tell.
 
     Checks clock, gaps, saturation and clipping. Several logs: one line each, worst first. An
     experiment or a saved result: prints the robot's parameters instead.
@@ -66,7 +66,7 @@ def _inspect(ask: Ask, *, page: Report = NO_REPORT, facts: DataOptions = SILENT)
     source
         Logs, a folder of logs, a manifest, a saved result, an experiment, or a shipped name.
     logs
-        Numbers of the logs, from 0. Default: all.
+        Numbers of the logs, from 0, shown without a forecast. Default: all.
     added_mass
         Added mass in kg of the robot of an experiment or saved result, at --arm (default 0.104 m).
     """
@@ -160,6 +160,12 @@ def _compare(
 
 
 def _run(ask: Ask) -> ExitCode:
+    """Simulate an experiment or a sweep, identify the joint, and write a report.
+
+    Compares true and estimated parameters. Finished runs are reused unless the experiment or
+    butterfly's code has changed; an interrupted or extended sweep resumes where it stopped. Exit
+    code 1: some runs of a sweep failed; 3: do not use the estimate.
+    """
     _warn_of_wide_swings(ask)
     found = ask()
     ended = show(found)
