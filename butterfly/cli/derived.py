@@ -134,8 +134,8 @@ def _option(option: Argument, text: str) -> Argument:
         hint, default = Literal[tuple(each.value for each in type(default))], default.value
     elif hint in _LISTS:
         hint, default, word = str | None, ",".join(default or ()) or None, _LISTS[hint][0]
-        about, *rest = text.partition(" Default:")
-        text = "".join([about, " Separated by commas.", *rest])
+        said, *rest = text.partition(" Default:")
+        text = "".join([said, " Separated by commas.", *rest])
     elif PathLike[str] in get_args(hint):
         hint = Path | None
     elif int in {hint, *get_args(hint)}:

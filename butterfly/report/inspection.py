@@ -61,11 +61,6 @@ class Inspected:
         """The worst condition of the remarks."""
         return Level.worst(remark.condition for remark in self.remarks)
 
-    @property
-    def findings(self) -> str:
-        """The remarks in words."""
-        return "; ".join(remark.text for remark in self.remarks)
-
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Inspection(Answer):
