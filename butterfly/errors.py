@@ -16,8 +16,7 @@ class ButterflyError(Exception):
 class InputError(ButterflyError, ValueError):
     """An input is not usable: data, an option or its value, a saved result, a file to write.
 
-    Every function raises it before it begins. Also a ValueError, so a schema that builds the object
-    can add the place of the value.
+    Also a ValueError, so a schema that builds the object can add the place of the value.
 
     Parameters
     ----------

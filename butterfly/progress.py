@@ -63,7 +63,8 @@ def stopped_text(seconds: float, left_out: Iterable[str]) -> str:
     skipped = ", ".join(left_out)
     if math.isfinite(seconds):
         return f"Search stopped after {seconds:g} s. Skipped: {skipped}. Drop --budget to go on."
-    return f"Search stopped at its most work. Skipped: {skipped}. Use fewer --terms."
+    most = f"{SIMULATIONS} simulations of all logs, or {SAMPLES / 1e6:g} million samples"
+    return f"Search stopped after {most}. Skipped: {skipped}. Use fewer --terms."
 
 
 _NO_SEARCH = Search()

@@ -63,7 +63,7 @@ def test_the_work_of_an_identification_is_counted_and_ends_at_its_most(data, mon
     monkeypatch.setattr("butterfly.progress.SIMULATIONS", 6)
     few, again = (bf.identify(data, "output-error", workers=count) for count in (1, 4))
     assert few.standing == "use with care"
-    assert "Search stopped at its most work" in few.notes[0]
+    assert "Search stopped after 6 simulations of all logs" in few.notes[0]
     assert few.estimate.to_dict() == again.estimate.to_dict()
     assert not current_search().left_out
     monkeypatch.setattr("butterfly.progress.SAMPLES", 1)

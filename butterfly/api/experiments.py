@@ -117,7 +117,7 @@ def simulate(
     overwrite: bool = False,
     track: Track = untracked,
 ) -> DataSet:
-    """Simulate an experiment in MuJoCo for its logs alone.
+    """Simulate an experiment and write its logs.
 
     The format is that of real logs, which identify reads.
 

@@ -126,7 +126,7 @@ def inspect(
     track: Track = untracked,
     **description: Any,  # noqa: ANN401 - what `read` takes
 ) -> Inspection | RobotModel:
-    """Check logs for faults, or return a robot's parameters.
+    """Check logs for faults, and forecast which parameters they can tell; or describe a robot.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ def inspect(
         Logs to check: a log, a folder, a manifest or a shipped data set's name. Or an experiment or
         a saved identification, for its robot.
     logs
-        Numbers of the logs. Default: all.
+        Numbers of the logs, shown without a forecast. Default: all.
     hand_mass
         Mass of an identified moving body in kg; the motion does not depend on it. Default: chosen.
     added_mass
@@ -162,13 +162,14 @@ def inspect(
         ((_, recorded),) = read_pieces(part, part.logs[0])
         examine(recorded, part.repair)  # raises with the reason
     usable = [each.log for each in seen if each.log is not None]
-    held = list[int]()
-    with suppress(InputError):  # a log that is held out is not among these
-        held = numbers_named(usable, part.holdout, part.name)
-    trained = [log for k, log in enumerate(usable) if k not in held]
+    held = set[int]()
+    for pattern in part.holdout:
+        with suppress(InputError):  # it names no usable log
+            held.update(numbers_named(usable, [pattern], part.name))
+    trained = [log for k, log in enumerate(usable) if k not in held and logs is None]
     forecasts = tracked(track, "Looking ahead", forecast, trained, part.prior)
     zeros = zero_sentences(usable, manifest.prior)
-    return Inspection.of(str(source), part, seen, forecasts, zeros)
+    return Inspection.of(part, seen, forecasts, zeros)
 
 
 def robot_of(

@@ -56,8 +56,8 @@ def predict(
     """Predict logs, or a new experiment, with known parameters.
 
     Simulates each log from its initial angle with the recorded input alone. The verdict says
-    whether the parameters reproduce the logs. There are two 95 % bands: one for the uncertainty of
-    the parameters, one for a new log (with the model error).
+    whether the parameters reproduce the logs. With ``bands`` there are two 95 % bands: one for the
+    uncertainty of the parameters, one for a new log (with the model error).
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def predict(
     bands
         Compute 95 % bands. Default: if `result` is an identification.
     draws
-        Number of parameter draws.
+        Number of parameter draws, for the bands and the command's --out.
     seed
         Random seed.
     track

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from numbers import Real
 from operator import index
 from typing import Any
@@ -21,6 +21,7 @@ from butterfly.identification.estimators import Estimator
 from butterfly.identification.identify import identify as identify_data
 from butterfly.identification.identify import judged
 from butterfly.identification.inference.estimate import Estimate
+from butterfly.identification.levels import DRAWS
 from butterfly.identification.parameters_by_hand import read_parameters
 from butterfly.identification.splits import Split
 from butterfly.identification.validate import bootstrap as bootstrap_of
@@ -131,7 +132,10 @@ def validate(
 
     Parameters
     ----------
-    data, method, holdout, track, options
+    data
+        A data set (logs, a folder of logs, a manifest, a saved result, or a shipped name), or
+        several to rank methods on. In Python the first, as in `identify`.
+    method, holdout, track, options
         As in `identify`; of several methods, each has its defaults.
     others
         More data sets to rank the methods on.
@@ -146,7 +150,8 @@ def validate(
     """
     if split not in [*Split]:
         raise InputError("validate", "split", split, " or ".join(Split))
-    for name, value, least in (("folds", folds, 2), ("bootstrap", bootstrap, 0)):
+    fewest = DRAWS if bootstrap else 0
+    for name, value, least in (("folds", folds, 2), ("bootstrap", bootstrap, fewest)):
         if value is None:
             continue
         if not isinstance(value, int) or isinstance(value, bool) or value < least:
@@ -287,14 +292,19 @@ def _estimated(
     found = saved_identification(data)
     if found is not None:
         if method is not None or options or holdout:
-            names = [*options, *(["holdout"] if holdout else [])]
-            given = ", ".join(names) if method is None else str(method)
+            others = {"method": method is not None, "holdout": holdout}
+            names = [*(name for name, each in others.items() if each), *options]
             expected = "no such option with a saved result, which already has an estimate"
-            raise InputError("butterfly", "method", given, expected)
+            raise InputError("butterfly", "option", options_text(names), expected)
         return found.data, found.made_by, found.estimate
     logs, estimator = _prepared(data, method or DEFAULT_METHOD, options, holdout)
     logs, fitted = judged(logs, estimator)
     return logs, estimator, fitted
+
+
+def options_text(names: Iterable[str]) -> str:
+    """Name parameters of verbs as options of their commands."""
+    return ", ".join(f"--{'log' if name == 'logs' else name.replace('_', '-')}" for name in names)
 
 
 def _parameters(name: str, given: Any) -> LumpedParameters:  # noqa: ANN401 - whatever was given

@@ -103,8 +103,7 @@ EXAMPLES = {
     "butterfly show quickstart --run 5 --out hand.mp4; "
     "butterfly show result.json --added-mass 0.05 --out hand.png; "
     "butterfly show result.json --log 3 --out log.gif",
-    "run": "butterfly run experiments/quickstart.yaml (exit code 1: some runs of a sweep failed; "
-    "3: do not use the estimate)",
+    "run": "butterfly run experiments/quickstart.yaml",
     "simulate": "butterfly simulate quickstart --out logs",
     "schema": "butterfly schema experiment --out experiment.schema.json",
     "reproduce": "butterfly reproduce thesis --out figures",
@@ -194,7 +193,7 @@ def _launch(app: App) -> Callable[..., ExitCode | None]:
         budget
             Time limit of the search. Default: none.
         overwrite
-            Replace existing files (CSV, C, films, logs).
+            Replace existing files (CSV, C, films, logs, manifests).
         help_all
             Show all options of a command, including the rare ones.
         """
@@ -215,7 +214,7 @@ def _launch(app: App) -> Callable[..., ExitCode | None]:
                 command, bound = _parsed(app, tokens)
                 if command.__module__.startswith(__package__):  # not the help
                     check_outputs(command, bound.arguments, json, (called.answer, *called.also))
-                with progress.budget(budget or math.inf) as search:
+                with progress.budget(math.inf if budget is None else budget) as search:
                     ended: ExitCode | None = command(*bound.args, **bound.kwargs)
             except UnusableError as refused:
                 from butterfly.result import document  # noqa: PLC0415 - slow to import

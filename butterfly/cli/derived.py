@@ -71,7 +71,8 @@ def command(
     for each in others:
         hint = each.annotation
         if each.name in said and not any(getattr(part, "help", "") for part in get_args(hint)):
-            hint = Annotated[(hint, Parameter(help=said[each.name]))]
+            more = " Repeatable." if get_origin(hint) is tuple else ""
+            hint = Annotated[(hint, Parameter(help=said[each.name] + more))]
         options[each.name] = each.replace(annotation=hint)
     if "method" in of_verb:
         options["fit"] = _fit(hints["method"], of_verb["method"].default, without)
@@ -133,7 +134,8 @@ def _option(option: Argument, text: str) -> Argument:
         hint, default = Literal[tuple(each.value for each in type(default))], default.value
     elif hint in _LISTS:
         hint, default, word = str | None, ",".join(default or ()) or None, _LISTS[hint][0]
-        text = f"{text} Separated by commas."
+        said, *rest = text.partition(" Default:")
+        text = "".join([said, " Separated by commas.", *rest])
     elif PathLike[str] in get_args(hint):
         hint = Path | None
     elif int in {hint, *get_args(hint)}:

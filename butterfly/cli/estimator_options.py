@@ -52,11 +52,13 @@ class FitOptions:
         return make_estimator(self.method, self.given)
 
     def keywords(self) -> dict[str, Any]:
-        """Return method and options as a verb takes them; nothing if all are the verb's own."""
+        """Return the given method and options, checked, as a verb takes them."""
         several = parse_names(self.method)
         if len(several) > 1:
             return {"method": several, **self.given}
-        return {} if self == type(self)() else {"method": self.estimator()}
+        self.estimator()
+        own = self.method == type(self)().method
+        return self.given if own else {"method": self.method, **self.given}
 
 
 @cache

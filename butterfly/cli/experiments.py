@@ -98,6 +98,8 @@ def reproduce(
 
     Parameters
     ----------
+    what
+        What to reproduce.
     root
         Folder of the 41 real logs. Default: where `butterfly fetch` puts them.
     out
@@ -163,6 +165,8 @@ def schema(
 
     Parameters
     ----------
+    what
+        Kind of file to describe.
     out
         File to write. Default: print it.
     """

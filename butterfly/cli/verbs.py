@@ -56,7 +56,7 @@ def _validate(ask: Ask, /, *more: _More, page: Report = NO_REPORT) -> ExitCode:
 
 
 def _inspect(ask: Ask, *, page: Report = NO_REPORT, facts: DataOptions = SILENT) -> ExitCode:
-    """Check logs for faults, or print a robot's parameters.
+    """Check logs for faults, and forecast which parameters they can tell.
 
     Checks clock, gaps, saturation and clipping. Several logs: one line each, worst first. An
     experiment or a saved result: prints the robot's parameters instead.
@@ -66,7 +66,7 @@ def _inspect(ask: Ask, *, page: Report = NO_REPORT, facts: DataOptions = SILENT)
     source
         Logs, a folder of logs, a manifest, a saved result, an experiment, or a shipped name.
     logs
-        Numbers of the logs, from 0. Default: all.
+        Numbers of the logs, from 0, shown without a forecast. Default: all.
     added_mass
         Added mass in kg of the robot of an experiment or saved result, at --arm (default 0.104 m).
     """
@@ -139,12 +139,14 @@ def _compare(
     if other is None:
         return _shown(ask, page=page)
     from butterfly.api.sources import names_result  # noqa: PLC0415 - slow to import
+    from butterfly.api.verbs import options_text  # noqa: PLC0415
     from butterfly.cli.results import compare_runs, is_run  # noqa: PLC0415
 
-    for option, name in {"--log": "logs", "--holdout": "holdout", "--method": "method"}.items():
-        if value := ask.keywords.get(name):
-            given = getattr(value, "label", value)
-            raise InputError("butterfly compare", option, given, "no such option with two results")
+    unasked = {"data": data, "logs": None, "holdout": (), "track": show_progress}
+    given = [name for name, value in ask.keywords.items() if (name, value) not in unasked.items()]
+    if given:
+        expected = "no such option with two results"
+        raise InputError("butterfly compare", "option", options_text(given), expected)
     if is_run(data) and is_run(other):
         if page.report is not None:
             expected = "no report: two runs of sweeps have none"
@@ -158,6 +160,12 @@ def _compare(
 
 
 def _run(ask: Ask) -> ExitCode:
+    """Simulate an experiment or a sweep, identify the joint, and write a report.
+
+    Compares true and estimated parameters. Finished runs are reused unless the experiment or
+    butterfly's code has changed; an interrupted or extended sweep resumes where it stopped. Exit
+    code 1: some runs of a sweep failed; 3: do not use the estimate.
+    """
     _warn_of_wide_swings(ask)
     found = ask()
     ended = show(found)

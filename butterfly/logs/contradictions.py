@@ -26,6 +26,7 @@ _HOLDS = 0.85  # share of the input that a law explains where it holds, at least
 _FAILS, _CHANCE = 0.05, 10.0  # and where it fails, at most, but for chance over the windows
 _NOISE, _NOISY = 1.2, 2.5  # of noise: squared steps over variance; resolutions that it spans
 _TINY = 1e-300
+_REST = "but the rest of the log is unchanged"
 _UNIT = "Check the unit of the {0} (--units {0}=...), and that the whole log has the same."
 
 
@@ -38,7 +39,7 @@ def find_contradiction(log: Log) -> tuple[str, str] | None:
     if speed.max() > _FASTEST:
         since, fast = time[np.argmax(speed > _FASTEST)], speed.max()
         most = f"{fast:.2g} {log.added_mass.joint.way}/s"
-        text = f"from {since:.4g} s on the joint moves at up to {most}, as no joint does"
+        text = f"from {since:.4g} s on the joint moves at up to {most}, faster than any joint"
         return text, _UNIT.format("angle")
     found = _stuck(log, time, inputs, angle) or _rescaled(log, time, inputs, angle)
     return found or _unreached(log, inputs, angle)
@@ -91,7 +92,7 @@ def _rescaled(log: Log, time: Samples, inputs: Samples, angle: Samples) -> tuple
             if holds and max(factor, 1.0 / factor) > _SCALE:
                 factor = factor if (own is laws[0]) == (name == "input") else 1.0 / factor
                 text = f"from {time[row]:.4g} s on the {name} is about {float(f'{factor:.1g}'):g} "
-                return f"{text}times as large, and nothing else is", _UNIT.format(name)
+                return f"{text}times as large, {_REST}", _UNIT.format(name)
     return None
 
 
@@ -141,5 +142,5 @@ def _unreached(log: Log, inputs: Samples, angle: Samples) -> tuple[str, str] | N
     moving = swings > _BY * least and span < math.pi  # a larger swing follows no such law
     if moving or (steps[1] > _NOISE and span > _NOISY * least):
         hint = "Check that the input reaches the joint, and is stronger than its friction."
-        return f"from {log.time[0]:.4g} s on the angle shows nothing of the input", hint
+        return f"from {log.time[0]:.4g} s on the angle does not respond to the input", hint
     return None

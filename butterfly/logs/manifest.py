@@ -198,7 +198,7 @@ class Manifest(StrictModel):
     known: Annotated[dict[str, Uncertain], BeforeValidator(_require_known), _Rule.ADDS] = Field(
         default_factory=dict
     )
-    """Known values of the robot, with standard errors. See `butterfly.model.prior`."""
+    """Known values of the robot, with standard uncertainties. See `butterfly.model.prior`."""
     zero: Uncertain | None = None
     """Encoder zero: the reading in rad where the joint hangs at rest. Estimated if not given."""
     zeros: list[MassZero] = Field(default_factory=list)

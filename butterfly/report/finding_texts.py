@@ -321,12 +321,12 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         f"{REMEDY}. The method output-error fits it."
     ),
     FindingKind.APPROXIMATE: (
-        "This method is a fast look: its intervals do not know its own error. The method "
-        "output-error gives intervals that do."
+        "This method is a fast look: its intervals do not include its systematic error. "
+        "Those of output-error do."
     ),
     FindingKind.UNPREDICTABLE: (
-        "{logs} {were} excluded: near the upright position small causes decide the motion, and no "
-        "free run stays close. The method weak-form uses such logs."
+        "{logs} {were} excluded: near the upright position the motion is too sensitive for a "
+        "free run to follow. The method weak-form uses such logs."
     ),
     FindingKind.SCANNED: lambda finding, _: (
         f"{', '.join(finding.parameters)} ({_number(finding):.2g} "

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
+from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
@@ -61,11 +61,6 @@ class Inspected:
         """The worst condition of the remarks."""
         return Level.worst(remark.condition for remark in self.remarks)
 
-    @property
-    def findings(self) -> str:
-        """The remarks in words."""
-        return "; ".join(remark.text for remark in self.remarks)
-
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Inspection(Answer):
@@ -73,9 +68,6 @@ class Inspection(Answer):
 
     kind: ClassVar[str] = "inspection"
     table: ClassVar[str] = "logs"
-
-    source: str = ""
-    """Name of the data."""
 
     logs: tuple[Inspected, ...] = ()
     """The findings of each log; none if loaded."""
@@ -86,7 +78,6 @@ class Inspection(Answer):
     @classmethod
     def of(
         cls,
-        source: str,
         part: Manifest,
         seen: Sequence[Inspected],
         forecasts: Sequence[Forecast],
@@ -113,6 +104,13 @@ class Inspection(Answer):
                 },
                 "logs": [_looked_at(each) for each in seen],
                 "before_fit": [{**asdict(each), "word": str(each.word)} for each in forecasts],
+                "source": seen[0].name if single else part.name,
+                "single": [
+                    pair
+                    for each in seen[: int(single)]
+                    if each.log is not None and each.health is not None
+                    for pair in health_rows(each.log, each.health)
+                ],
             },
             units={
                 **{f"logs.{name}": "s" for name in ("duration", "step", "jitter", "longest_gap")},
@@ -123,7 +121,6 @@ class Inspection(Answer):
                 "before_fit.half_width": "the row's unit",
                 "before_fit.expected": "1",
             },
-            source=str(Path(part.root) / seen[0].name) if single else source,
             logs=tuple(seen),
             before_fit=tuple(forecasts),
         )
@@ -131,8 +128,13 @@ class Inspection(Answer):
     @classmethod
     def from_dict(cls, content: Mapping[str, Any], **more: Any) -> Self:  # noqa: ANN401 - own fields
         """Return the result of `to_dict`'s values (see `Answer.from_dict`)."""
-        source, told = content["data"]["name"], _FORECASTS.validate_python(content["before_fit"])
-        return super().from_dict(content, source=str(source), before_fit=told, **more)
+        told = _FORECASTS.validate_python(content["before_fit"])
+        return super().from_dict(content, before_fit=told, **more)
+
+    @property
+    def source(self) -> str:
+        """Name of the data, or of a single log."""
+        return text(self.content["source"])
 
     @property
     def unusable(self) -> int:
@@ -140,11 +142,9 @@ class Inspection(Answer):
         return sum(row["condition"] == STATES[Level.WARNING] for row in self.rows())
 
     @property
-    def _single(self) -> tuple[Log, Health] | None:
-        """A single log and its record; None if there are others, or it was loaded."""
-        pairs = [(each.log, each.health) for each in self.logs]
-        (log, health), *others = pairs or [(None, None)]
-        return None if others or log is None or health is None else (log, health)
+    def _single(self) -> list[tuple[str, str]]:
+        """All that is known of a single log; nothing if there are others."""
+        return [(name, said) for name, said in self.content["single"]]
 
     def require_usable(self) -> None:
         """Raise InputError if some logs are unusable."""
@@ -171,8 +171,9 @@ class Inspection(Answer):
         rows, told = self.shown_rows(), forecast_rows(self.before_fit)
         lines = [tuple(row.values()) for row in rows]
         tables = [TextTable(self.source, tuple(rows[0]), lines)] if rows else []
-        if self._single is not None:
-            tables = [TextTable(self.source, (), health_rows(*self._single))]
+        if self._single:
+            state = ("state", rows[0]["state"]), ("findings", rows[0]["findings"] or "none")
+            tables = [TextTable(self.source, (), [*state, *self._single])]
         return [*tables, *([TextTable(_FORECAST, FORECAST_HEADERS, told)] if told else [])]
 
     def figures(self) -> dict[str, Figure]:
@@ -185,10 +186,24 @@ class Inspection(Answer):
     def page(self) -> Page:
         """Return the page of `report`: of a single log all that is known of it."""
         page, told = super().page(), forecast_rows(self.before_fit)
-        if self._single is not None:
-            page = inspection_page(*self._single, self.to_dict())
+        if self._single:
+            page = self._of_single(page)
         table = PageTable(headers=FORECAST_HEADERS, rows=told, words=(1, 2, 4))
         return replace(page, sections=[*tabulated(_FORECAST, table), *page.sections])
+
+    def _of_single(self, page: Page) -> Page:
+        """Return the page with the condition of a single log on top, and its numbers."""
+        (row,) = self.rows()
+        state = next(level for level, word in STATES.items() if word == row["condition"])
+        found = [f"{each['text']}." for each in row["findings"]]
+        table = PageTable(headers=(), rows=self._single, words=(1,))
+        return replace(
+            page,
+            name=PurePath(self.source).name,
+            badge=Badge(state, row["condition"].capitalize(), [_ADVICE[state], *found]),
+            lead=Section(title="In numbers", tables=(table,)),
+            sections=[] if page.lead is None else [replace(page.lead, title="The log")],
+        )
 
 
 def _looked_at(seen: Inspected) -> dict[str, Any]:
@@ -270,7 +285,7 @@ def _turned(seen: list[Inspected]) -> list[Inspected]:
 
 
 def health_rows(log: Log, health: Health) -> list[tuple[str, str]]:
-    """Tabulate a log's clock, range, dominant frequency and findings, as names and texts."""
+    """Tabulate a log's clock, range and dominant frequency, as names and texts."""
     few = thinned(log, _ENOUGH)
     grid = uniform_grid(few.time)
     swing = resample(few.time, few.measured, grid)
@@ -278,8 +293,6 @@ def health_rows(log: Log, health: Health) -> list[tuple[str, str]]:
     omega, power = periodogram(swing, grid[1] - grid[0])
     bin_width, way, measured = omega[0], log.unit, log.measured
     return [
-        ("state", STATES[health.condition]),
-        ("findings", "; ".join(health.findings) or "none"),
         ("samples", f"{health.samples}"),
         ("duration", f"{health.duration:.3f} s"),
         (
@@ -309,23 +322,3 @@ def _servo_rows(log: Log) -> list[tuple[str, str]]:
         off = 100 * float(np.mean(np.rint(log.enabled) == 0))
         rows.append(("drive off", f"{off:.3g} % of the samples"))
     return rows
-
-
-def inspection_page(log: Log, health: Health, numbers: dict[str, Any]) -> Page:
-    """Put together the page of a log that can be used."""
-    from butterfly.report.log_figures import recorded_figure  # noqa: PLC0415 - slow to import
-
-    remarks, state = health.remarks, health.condition
-    found = [f"{remark.text}." for remark in remarks]
-    rows = [row for row in health_rows(log, health) if row[0] not in {"state", "findings"}]
-    table = PageTable(headers=(), rows=rows, words=(1,))
-    return Page(
-        name=Path(log.source).name or log.label,
-        description="",
-        kind="inspection",
-        badge=Badge(state, STATES[state].capitalize(), [_ADVICE[state], *found]),
-        summary=hints([Inspected(name=log.label, remarks=tuple(remarks))]),
-        lead=Section(title="In numbers", tables=(table,)),
-        sections=[Section(title="The log", figures={"log": recorded_figure(log)})],
-        numbers=numbers,
-    )

@@ -99,18 +99,17 @@ def forecast_sentences(forecasts: Sequence[Forecast]) -> list[str]:
 
 
 def forecast_rows(forecasts: Sequence[Forecast]) -> list[tuple[str, ...]]:
-    """Format forecasts; none if all are refused, as `forecast_sentences` say."""
+    """Format forecasts; none if all but given values are refused: `forecast_sentences` say why."""
     rows: list[tuple[str, ...]] = []
     for each in forecasts:
-        width, mend = "over 100 %" if each.word is Told.NOT else "", each.mend
-        if each.half_width is None:
-            width, mend = "", ""
-        elif each.name == "delay" and each.word is not Told.KNOWN:
+        width = "over 100 %" if each.word is Told.NOT and each.half_width is not None else ""
+        if each.name == "delay" and each.half_width:
             width = f"± {1e3 * each.half_width:.2g} ms"
         elif each.word in {Told.IDENTIFIABLE, Told.WEAK}:
             width = f"± {upwards(each.expected or 0.0)}"
-        rows.append((each.name, each.meaning, str(each.word), width, mend))
-    return rows if any(each.half_width is not None for each in forecasts) else []
+        rows.append((each.name, each.meaning, str(each.word), width, each.mend))
+    told = [each.word is not Told.KNOWN and each.half_width is not None for each in forecasts]
+    return rows if any(told) else []
 
 
 def physical_table(parameters: PhysicalParameters) -> TextTable:

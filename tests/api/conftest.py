@@ -39,7 +39,7 @@ OF_ESTIMATE = {
     "draws": lambda found: bf.draws(found, 40),
     "residual": lambda found: bf.residual(found, logs=[0, 2]),
 }
-OTHERS = ("selection", "leaderboard", "change", "planned")
+OTHERS = ("selection", "leaderboard", "change", "planned", "inspection", "one log")
 
 
 @pytest.fixture(scope="session")
@@ -51,6 +51,8 @@ def results(data, few, quick_data):
         bf.validate(coarse, ["weak-form", "linear"]),
         bf.changed(few, few),
         bf.predict(quick_data.parent / "quick.yaml", few, bands=False),
+        bf.inspect(quick_data),
+        bf.inspect(quick_data, logs=[2]),
     )
     return results_of(few) | dict(zip(OTHERS, others, strict=True))
 

@@ -45,7 +45,7 @@ def shown(result):
 @pytest.mark.parametrize("kind", [*OF_ESTIMATE, *OTHERS])
 def test_a_result_says_its_verdict_first_shows_saves_and_reports_itself(results, kind, tmp_path):
     each = results[kind]
-    if kind not in {"leaderboard", "change"}:  # which rest on several
+    if kind not in {"leaderboard", "change", "inspection", "one log"}:  # which rest on no one fit
         assert each.standing == each.to_dict()["verdict"] == "good"
         lines = each.page().verdict.lines
         assert tuple(each.verdict[:2]) == each.summary[:2] == lines
@@ -369,19 +369,13 @@ def test_model_and_measured_response_meet_in_python_control(result, data):
         result.measured(bf.AddedMass(mass=1.0, arm=1.0))
 
 
-def test_an_inspection_has_its_rows_from_its_data_and_is_loaded_as_it_was_saved(
-    quick_data, tmp_path
-):
-    for numbers in (None, [2]):
-        found = bf.inspect(quick_data, logs=numbers)
-        found.save(tmp_path / "seen.json")
-        again = bf.load(tmp_path / "seen.json")
-        assert again.to_dict() == found.to_dict()
-        assert (again.before_fit, again.unusable) == (found.before_fit, 0)
-        assert again.shown_rows() == found.shown_rows()
-        assert [row["state"] for row in again.shown_rows()] == ["ok"] * len(found.logs)
-        assert again.tables()[1:] == found.tables()[1:]
-        again.report(tmp_path / "seen.html")
-    content = bf.inspect(quick_data).to_dict()
-    assert [row["word"] for row in content["before_fit"]] == ["identifiable"] * 6
-    assert "identifiable" in bf.inspect(quick_data)._repr_html_()
+def test_an_inspection_forecasts_on_the_logs_that_are_fitted(quick_data, results, tmp_path):
+    found = results["inspection"]
+    assert [row["word"] for row in found.content["before_fit"]] == ["identifiable"] * 6
+    assert "identifiable" in found._repr_html_()
+    found.save(tmp_path / "seen.json")
+    again = bf.load(tmp_path / "seen.json")
+    assert (again.before_fit, again.unusable) == (found.before_fit, 0)
+    assert results["one log"].before_fit == ()  # one log tells less than the data set
+    told = bf.inspect(quick_data, holdout=["of no log", "*"])
+    assert told.before_fit == ()  # the first pattern does not undo the second

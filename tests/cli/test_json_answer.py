@@ -157,5 +157,5 @@ def test_a_command_says_what_its_budget_left_out(answer, few_data):
     assert "Search stopped after 1e-09 s. Skipped: iterations of a fit" in out
     assert code == 0
     assert out.startswith("Use with care: ")
-    _, plain, _ = answer(*words, "--budget", "0")
-    assert "Search stopped" not in plain
+    assert "Search stopped after 0 s" in answer(*words, "--budget", "0")[1]
+    assert "Search stopped" not in answer(*words)[1]

@@ -21,7 +21,12 @@ def test_of_several_logs_one_is_told_and_drawn_as_if_it_were_alone(butterfly, qu
     out = done(butterfly("inspect", quick_data, "--log", 2, "--report", plot))
     assert "dominant frequency" in out
     assert plot.stat().st_size > 8e5
-    assert butterfly("inspect", file)[1] in out
+    page = plot.read_text(encoding="utf-8")
+    assert '<span class="badge">✓ Ok</span>' in page
+    zero = re.search("Encoder zero: .*", out)[0]
+    assert zero in page
+    assert zero in (alone := butterfly("inspect", file)[1])
+    assert alone[alone.index("  state") :] in out
     done(butterfly("inspect", quick_data, "--report", plot))
     assert_one_line_error(butterfly("inspect", quick_data, "--log", 9), "logs", "from 0 to 8")
 

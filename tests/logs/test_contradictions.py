@@ -59,7 +59,7 @@ def test_the_cases_are_to_check_from_where_they_begin(case):
         (lambda u, q: (_scaled(u, 1e-3), q), 10.0, r"the input is about 0\.00.* times as large"),
         (lambda u, q: (u, _scaled(q, 60.0)), 10.0, "the angle is about [5-7]0 times as large"),
         (lambda u, q: (u, 1e5 * q), 0.0, "the joint moves at up to .* rad/s"),
-        (lambda u, q: (u, 0 * q + _COUNT * _NOISE), 0.0, "the angle shows nothing of the input"),
+        (lambda u, q: (u, 0 * q + _COUNT * _NOISE), 0.0, "the angle does not respond to the input"),
     ],
 )
 @pytest.mark.parametrize("torque", [_WAVES, _SINE, _FAST], ids=["waves", "sine", "fast"])

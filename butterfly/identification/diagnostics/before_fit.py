@@ -6,14 +6,15 @@ over logs, with the estimates without each added mass and rivals by conditions. 
 that is checked afterwards, may widen it, so that it is a lower limit.
 
 With h the half-width of that interval over the value, a parameter is *identifiable* if h is at most
-`PRECISE`; *not* if h is 1 or more, so that it may be 0, or if the equations are singular; *weak*
-between. A delay d turns a share w d of a torque at the frequency w by a quarter of its period, as
-an error of p4 enlarges it by its own share: so its h is w times the half-width, with w of the
-fastest log. Where no log reverses, Coulomb friction looks like a constant torque: *weak* at best.
+`PRECISE`; *not identifiable* if h is 1 or more, so that it may be 0, or if the equations are
+singular; *weak* between. A delay d turns a share w d of a torque at the frequency w by a quarter of
+its period, as an error of p4 enlarges it by its own share: so its h is w times the half-width, with
+w of the fastest log. Where no log reverses, Coulomb friction is *weak* at best.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -56,7 +57,7 @@ class Told(StrEnum):
     KNOWN = "known"
     IDENTIFIABLE = "identifiable"
     WEAK = "weak"
-    NOT = "not"
+    NOT = "not identifiable"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,7 +99,7 @@ def forecast(logs: Sequence[Log], known: Prior) -> tuple[Forecast, ...]:
         elif found is not None and name in found.names:
             row = _told(row, found, fastest)
             if name == "coulomb" and not any(_reverses(log.angle) for log in logs):
-                why = "no log reverses, so that a constant torque looks like it"
+                why = "no log reverses, so it cannot be told from a constant torque"
                 row = replace(row, word=max(row.word, Told.WEAK, key=[*Told].index), why=why)
                 row = replace(row, mend="motion in both directions")
         elif found is not None:
@@ -138,12 +139,14 @@ def _told(row: Forecast, found: Estimate, fastest: float) -> Forecast:
     other = found.names[int(common.argmax())]
     alone = share * half * (max(1 - float(common.max()) ** 2, 0.0)) ** 0.5
     if row.name in found.on_bound:
-        why, mend = "it may be 0", "nothing, if it is 0"
+        why, mend = "it may be 0", "none needed if it is 0"
     elif alone <= PRECISE:
         why = f"{row.name} and {other} are hard to tell apart"
         mend = _APART.get(frozenset((row.name, other)), OTHER_LOGS)
     else:
         why, mend = "the motion shows little of it", "a larger motion"
         if alone < 1:
-            mend = f"{(alone / PRECISE) ** 2:.0f} times as many such logs, or {mend}"
+            count = math.ceil((alone / PRECISE) ** 2)
+            times = {2: "twice"}.get(count, f"{count} times")
+            mend = f"{times} as many such logs, or {mend}"
     return replace(row, word=word, why=why, mend=mend)

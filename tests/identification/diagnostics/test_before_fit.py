@@ -9,6 +9,7 @@ from butterfly.identification.diagnostics.before_fit import Told, forecast
 from butterfly.logs.log import InputKind
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import PARAMETERS
+from butterfly.report.parameter_table import forecast_rows
 from tests.benchmarks.before_fit import Row, report, scored
 from tests.independent.defects import draw
 
@@ -40,6 +41,15 @@ def test_logs_with_one_mass_ask_for_another_or_a_known_value_and_use_it(robot):
     assert all("manifest" in each.mend and "--known p4=" in each.mend for each in rows)
     told = forecast(bare, Prior.of({"p4": robot.truth["p4"]}))
     assert _words(told) == dict.fromkeys(PARAMETERS, Told.IDENTIFIABLE) | {"p4": Told.KNOWN}
+
+
+def test_the_table_is_for_what_is_told_beside_given_values(robot):
+    given = Prior.of({"delay": 0.0})
+    refused = forecast([log for log in robot.logs if not log.added_mass.mass], given)
+    assert {*_words(refused).values()} == {Told.KNOWN, Told.NOT}
+    assert forecast_rows(refused) == []
+    weak = replace(refused[0], word=Told.NOT, half_width=1.0, mend="a larger motion")
+    assert forecast_rows([weak])[0][2:] == ("not identifiable", "over 100 %", "a larger motion")
 
 
 def test_noise_as_large_as_the_motion_hides_parameters_and_says_that_the_motion_is_small(robot):
@@ -80,5 +90,5 @@ def test_the_count_of_forecasts_that_came_true_scores_a_set_and_lists_what_was_w
     assert all(each.below and each.error < 0.1 for each in rows)
     wrong = Row("p2", "some 1", Told.NOT, 0.02, 0.01)
     text = report([*rows, wrong])
-    assert "some 1: p2 not, ends ± 2 %, off by 1 %" in text
+    assert "some 1: p2 not identifiable, ends ± 2 %, off by 1 %" in text
     assert "| all | 5 (0) | 0 (0) | 0 (0) | 0 (0) | 1 (0) | 0 (0) |" in text
