@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 
     from butterfly.report.page import Fact, Page, PageTable
 
-SCHEMA_NUMBER = 2
-"""Schema of a document; raised when older programs cannot read it."""
+_SCHEMA_NUMBER = 2
+_LATER = dict.fromkeys("comparison draws inspection residual sweep validation".split(), 3)
 
 HEAD = ("schema", "schema_number", "versions", "title", "verdict", "reasons", "summary", "units")
 """Keys that every document has."""
@@ -52,6 +52,11 @@ def versions() -> dict[str, str]:
     }
 
 
+def schema_number(kind: str) -> int:
+    """Return the number of a kind's schema; raised when its keys change."""
+    return _LATER.get(kind, _SCHEMA_NUMBER)
+
+
 def document(
     kind: str,
     title: str,
@@ -69,7 +74,7 @@ def document(
     found: dict[str, Any] = finite(
         {
             "schema": f"butterfly.{kind}",
-            "schema_number": SCHEMA_NUMBER,
+            "schema_number": schema_number(kind),
             "versions": versions(),
             "title": title,
             **({"verdict": None, "reasons": []} if verdict is None else verdict.numbers()),
@@ -119,9 +124,6 @@ class Result(ABC):
 
     brief: ClassVar[bool] = False
     """Whether a command prints its rows with --verbose alone, below them `further` tables."""
-
-    schema_number: ClassVar[int] = SCHEMA_NUMBER
-    """Schema of its JSON; raised when older programs cannot read it."""
 
     title: str
     """Title in one line."""

@@ -14,6 +14,7 @@ import yaml
 
 import butterfly as bf
 from butterfly.api.identification import IdentifiedModel
+from butterfly.files import write_document
 from butterfly.identification.design import masses_at_hand
 from butterfly.identification.estimators import OutputError
 from butterfly.identification.splits import Split
@@ -218,6 +219,13 @@ def test_what_has_no_verdict_says_none(results):
 def test_what_an_older_program_saved_is_refused_in_a_line():
     with pytest.raises(bf.InputError, match="schema_number: got 1; expected 2: identify and save"):
         bf.load(Path(__file__).parents[1] / "data/older/identification.json")
+
+
+@pytest.mark.parametrize("kind", ["comparison", "draws", "residual", "validation"])
+def test_an_older_result_of_a_kind_whose_keys_changed_is_to_be_saved_again(results, kind, tmp_path):
+    write_document(results[kind].to_dict() | {"schema_number": 2}, tmp_path / "r.json")
+    with pytest.raises(bf.InputError, match="schema_number: got 2; expected 3: .* save again"):
+        bf.load(tmp_path / "r.json")
 
 
 @pytest.mark.parametrize("text", ["", "[1]", "{", "[" * 100_000, "\x00"])
