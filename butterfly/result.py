@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from butterfly.report.page import Fact, Page, PageTable
 
 _SCHEMA_NUMBER = 2
-_LATER = dict.fromkeys("comparison draws inspection residual sweep validation".split(), 3)
+_THIRD = {"comparison", "draws", "inspection", "residual", "sweep", "validation"}
 
 HEAD = ("schema", "schema_number", "versions", "title", "verdict", "reasons", "summary", "units")
 """Keys that every document has."""
@@ -54,7 +54,7 @@ def versions() -> dict[str, str]:
 
 def schema_number(kind: str) -> int:
     """Return the number of a kind's schema; raised when its keys change."""
-    return _LATER.get(kind, _SCHEMA_NUMBER)
+    return _SCHEMA_NUMBER + (kind in _THIRD)
 
 
 def document(
@@ -246,12 +246,10 @@ class Result(ABC):
         """Return the page of `report`."""
         from butterfly.report.page import Page, Section  # noqa: PLC0415 - a view
 
-        figures, numbers = self.figures(), self.to_dict()
-        tables = [each._replace(title="In numbers") for each in Result.tables(self)[:1]]
-        sections = [
-            Section(title=each.title, tables=(each.on_page(),))
-            for each in (*tables, *self.further())
-        ]
+        figures, numbers, tables = self.figures(), self.to_dict(), Result.tables(self)
+        if self.rows():
+            tables[0] = tables[0]._replace(title="In numbers")
+        sections = [Section(title=each.title, tables=(each.on_page(),)) for each in tables]
         return Page(
             name=self.title,
             description=(numbers.get("data") or {}).get("description", ""),
