@@ -87,6 +87,11 @@ class Run(_Done):
         found = self.identifications.items()
         return [{"estimator": name, **row} for name, each in found for row in each.rows()]
 
+    def shown_rows(self) -> list[dict[str, str]]:
+        """Return the parameters of each identification, rounded to their errors."""
+        found = self.identifications.items()
+        return [{"estimator": name, **row} for name, each in found for row in each.shown_rows()]
+
     def further(self) -> list[TextTable]:
         """Return the tables of each identification beside the truth, then those of an orbit."""
         true = {name: each["value"] for name, each in self.content["truth"].items()}

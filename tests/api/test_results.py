@@ -208,6 +208,14 @@ def test_a_log_without_a_fit_is_left_out_of_tiles_and_tables(results):
     assert again.page().figures
 
 
+def test_a_narrow_interval_by_bootstrap_is_not_rounded_away(results):
+    content = results["validation"].to_dict()
+    p1 = content["parameters"]["p1"]["value"]
+    drawn = {"p1": {"lower": p1 * (1 - 1e-6), "upper": p1 * (1 + 1e-6)}}
+    (row,) = type(results["validation"]).from_dict(content | {"bootstrap": drawn}).tables()[-1].rows
+    assert len({*row[1:4]}) == 3
+
+
 def test_what_has_no_verdict_says_none(results):
     found = results["validation"]
     content = {key: value for key, value in found.to_dict().items() if key != "verdict"}
