@@ -93,13 +93,19 @@ class TextTable(NamedTuple):
     headers: Sequence[str]
     rows: Sequence[Sequence[object]]
     detail: bool = False  # whether it is printed with --verbose alone
+    caption: str = ""  # on a page
 
-    @classmethod
-    def of_page(cls, page: Page) -> list[dict[str, Any]]:
+    @staticmethod
+    def of_page(page: Page) -> list[dict[str, Any]]:
         """Return the tables of a page's sections, as JSON can hold them."""
         found = ((section.title, each) for section in page.sections for each in section.tables)
         return [
-            cls(title, [*map(str, each.headers)], [[*map(str, row)] for row in each.rows])._asdict()
+            {
+                "title": title,
+                "headers": [*map(str, each.headers)],
+                "rows": [[*map(str, row)] for row in each.rows],
+                "caption": each.caption,
+            }
             for title, each in found
         ]
 
@@ -110,7 +116,8 @@ class TextTable(NamedTuple):
         rows = [(*map(str, row),) for row in self.rows]
         columns = range(len(self.headers))
         words = (k for k in columns if any(row[k][:1].isalpha() for row in rows))
-        return PageTable(headers=tuple(self.headers), rows=rows, words=tuple(words))
+        headers, caption = tuple(self.headers), self.caption
+        return PageTable(headers=headers, rows=rows, words=tuple(words), caption=caption)
 
 
 class Result(ABC):
@@ -124,6 +131,9 @@ class Result(ABC):
 
     brief: ClassVar[bool] = False
     """Whether a command prints its rows with --verbose alone, below them `further` tables."""
+
+    caption: ClassVar[str] = ""
+    """What a page says of its rows."""
 
     title: str
     """Title in one line."""
@@ -172,7 +182,8 @@ class Result(ABC):
         """Return the tables that a command prints below the summary: its rows, and `further`."""
         rows = self.shown_rows()
         lines = [tuple(row.values()) for row in rows]
-        own = [TextTable(self.title, tuple(rows[0]), lines, self.brief)] if rows else []
+        more = self.brief, self.caption
+        own = [TextTable(self.title, tuple(rows[0]), lines, *more)] if rows else []
         return [*own, *self.further()]
 
     def further(self) -> list[TextTable]:

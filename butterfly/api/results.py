@@ -24,7 +24,12 @@ from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import JointKind
 from butterfly.report.finding_texts import estimate_verdict
 from butterfly.report.format import fit_text, label_of, with_error
-from butterfly.report.numbers import residual_numbers, rests_on
+from butterfly.report.numbers import (
+    RESIDUAL_CAPTION,
+    residual_numbers,
+    residual_row,
+    rests_on,
+)
 from butterfly.report.page import Fact
 from butterfly.report.summary import (
     best_experiment_text,
@@ -351,6 +356,7 @@ class Residual(Tabulated):
     """Free-run errors of an estimate, compared with the sensor noise."""
 
     kind: ClassVar[str] = "residual"
+    caption: ClassVar[str] = RESIDUAL_CAPTION
 
     @classmethod
     def of(
@@ -358,7 +364,6 @@ class Residual(Tabulated):
     ) -> Residual:
         """Analyse the residuals of an estimate, and tabulate those of the chosen logs."""
         from butterfly.report.residual import (  # noqa: PLC0415 - slow to import
-            residual_row,
             residual_sentences,
             with_residual_figures,
         )
@@ -385,7 +390,7 @@ class Residual(Tabulated):
     def facts(self) -> list[Fact]:
         """Return the numbers that matter most: of the log with the largest error."""
         worst = max(self.rows(), key=lambda row: math.inf if row[_ERROR] is None else row[_ERROR])
-        error, times = (cell_text(worst[key]) for key in (_ERROR, "residual over sensors"))
+        error, times = (cell_text(worst[key]) for key in (_ERROR, "error over sensor noise"))
         return [
             Fact("largest error", f"{error} %", f"of the motion, {label_of(worst)}"),
             Fact("over sensor noise", f"{times} ×", "encoder resolution and noise"),

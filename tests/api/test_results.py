@@ -1,6 +1,7 @@
 """Results show, tabulate, save and report themselves; verbs take whatever holds data."""
 
 import json
+import re
 import shutil
 import sys
 from contextlib import suppress
@@ -264,7 +265,13 @@ def test_what_the_tables_hold_is_what_the_verbs_find(data, results):
     assert designed[0]["mean"] == min(row["mean"] for row in designed if not row["warning"])
     assert compared.to_dataframe()["simulators apart in rad"].max() < 3e-3
     titles = [part.title for part in compared.page().parts]
-    assert titles == ["At a glance", "Measured against simulated", "Residuals", "In numbers"]
+    assert titles == ["At a glance", "Measured against simulated", "In numbers", "Residuals"]
+    plain, left = compared.tables()
+    assert all(re.fullmatch(r"[+-]\d+\.\d\d", cell) for cell in plain.rows[0][4:])
+    alone = results["residual"].tables()[0]
+    assert left.headers[4] == alone.headers[4] == "error over sensor noise"
+    for kind in ("comparison", "residual"):
+        assert results[kind].page().parts[-1].tables[-1].caption.startswith("Error: rms of")
     documents = [results[kind].to_dict() for kind in ("comparison", "residual")]
     assert [len(each["residuals"]["logs"]) for each in documents] == [4, 4]
     assert all(each["residuals"]["findings"] != each["findings"] != [] for each in documents)
