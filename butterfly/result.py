@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 
     from butterfly.report.page import Fact, Page, PageTable
 
-SCHEMA_NUMBER = 2
-"""Schema of a document; raised when older programs cannot read it."""
+_SCHEMA_NUMBER = 2
+_THIRD = {"comparison", "draws", "inspection", "residual", "sweep", "validation"}
 
 HEAD = ("schema", "schema_number", "versions", "title", "verdict", "reasons", "summary", "units")
 """Keys that every document has."""
@@ -52,6 +52,11 @@ def versions() -> dict[str, str]:
     }
 
 
+def schema_number(kind: str) -> int:
+    """Return the number of a kind's schema; raised when its keys change."""
+    return _SCHEMA_NUMBER + (kind in _THIRD)
+
+
 def document(
     kind: str,
     title: str,
@@ -69,7 +74,7 @@ def document(
     found: dict[str, Any] = finite(
         {
             "schema": f"butterfly.{kind}",
-            "schema_number": SCHEMA_NUMBER,
+            "schema_number": schema_number(kind),
             "versions": versions(),
             "title": title,
             **({"verdict": None, "reasons": []} if verdict is None else verdict.numbers()),
@@ -88,13 +93,19 @@ class TextTable(NamedTuple):
     headers: Sequence[str]
     rows: Sequence[Sequence[object]]
     detail: bool = False  # whether it is printed with --verbose alone
+    caption: str = ""  # on a page
 
-    @classmethod
-    def of_page(cls, page: Page) -> list[dict[str, Any]]:
+    @staticmethod
+    def of_page(page: Page) -> list[dict[str, Any]]:
         """Return the tables of a page's sections, as JSON can hold them."""
         found = ((section.title, each) for section in page.sections for each in section.tables)
         return [
-            cls(title, [*map(str, each.headers)], [[*map(str, row)] for row in each.rows])._asdict()
+            {
+                "title": title,
+                "headers": [*map(str, each.headers)],
+                "rows": [[*map(str, row)] for row in each.rows],
+                "caption": each.caption,
+            }
             for title, each in found
         ]
 
@@ -105,7 +116,8 @@ class TextTable(NamedTuple):
         rows = [(*map(str, row),) for row in self.rows]
         columns = range(len(self.headers))
         words = (k for k in columns if any(row[k][:1].isalpha() for row in rows))
-        return PageTable(headers=tuple(self.headers), rows=rows, words=tuple(words))
+        headers, caption = tuple(self.headers), self.caption
+        return PageTable(headers=headers, rows=rows, words=tuple(words), caption=caption)
 
 
 class Result(ABC):
@@ -120,8 +132,8 @@ class Result(ABC):
     brief: ClassVar[bool] = False
     """Whether a command prints its rows with --verbose alone, below them `further` tables."""
 
-    schema_number: ClassVar[int] = SCHEMA_NUMBER
-    """Schema of its JSON; raised when older programs cannot read it."""
+    caption: ClassVar[str] = ""
+    """What a page says of its rows."""
 
     title: str
     """Title in one line."""
@@ -170,7 +182,8 @@ class Result(ABC):
         """Return the tables that a command prints below the summary: its rows, and `further`."""
         rows = self.shown_rows()
         lines = [tuple(row.values()) for row in rows]
-        own = [TextTable(self.title, tuple(rows[0]), lines, self.brief)] if rows else []
+        more = self.brief, self.caption
+        own = [TextTable(self.title, tuple(rows[0]), lines, *more)] if rows else []
         return [*own, *self.further()]
 
     def further(self) -> list[TextTable]:
@@ -244,12 +257,10 @@ class Result(ABC):
         """Return the page of `report`."""
         from butterfly.report.page import Page, Section  # noqa: PLC0415 - a view
 
-        figures, numbers = self.figures(), self.to_dict()
-        tables = [each._replace(title="In numbers") for each in Result.tables(self)[:1]]
-        sections = [
-            Section(title=each.title, tables=(each.on_page(),))
-            for each in (*tables, *self.further())
-        ]
+        figures, numbers, tables = self.figures(), self.to_dict(), Result.tables(self)
+        if self.rows():
+            tables[0] = tables[0]._replace(title="In numbers")
+        sections = [Section(title=each.title, tables=(each.on_page(),)) for each in tables]
         return Page(
             name=self.title,
             description=(numbers.get("data") or {}).get("description", ""),

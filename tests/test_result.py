@@ -9,7 +9,7 @@ from butterfly.files import json_text, write_document
 from butterfly.identification.diagnostics.residuals import residual_units
 from butterfly.identification.inference.estimate import left_out_content
 from butterfly.model.parameters import AddedMass, JointKind
-from butterfly.result import document
+from butterfly.result import Answer, TextTable, document
 
 
 def test_numbers_that_are_not_finite_are_null_and_letters_stay_or_are_escaped(tmp_path):
@@ -20,6 +20,17 @@ def test_numbers_that_are_not_finite_are_null_and_letters_stay_or_are_escaped(tm
     assert "kg m²" in (tmp_path / "x.json").read_text(encoding="utf-8")
     assert json_text(made, ascii_only=True).isascii()
     assert json.loads(json_text(made)) == made
+
+
+class _Bare(Answer):
+    kind = "x"
+
+    def further(self):
+        return [TextTable("More", ("a",), [("1",)])]
+
+
+def test_a_page_without_rows_has_each_further_table_once():
+    assert [each.title for each in _Bare(title="t", content={"rows": []}).page().parts] == ["More"]
 
 
 def test_what_a_slide_leaves_over_is_in_metres():

@@ -20,8 +20,16 @@ from butterfly.model.parameters import JointKind
 from butterfly.model.terms import PARAMETERS
 from butterfly.report.finding_texts import estimate_verdict
 from butterfly.report.format import counted, fit_text
-from butterfly.report.numbers import estimate_numbers, residual_numbers, rests_on
+from butterfly.report.numbers import (
+    RESIDUAL_CAPTION,
+    RESIDUAL_COLUMNS,
+    estimate_numbers,
+    residual_numbers,
+    residual_row,
+    rests_on,
+)
 from butterfly.report.page import Fact
+from butterfly.result import TextTable
 from butterfly.verdict import Level, Verdict
 
 if TYPE_CHECKING:
@@ -45,10 +53,7 @@ class Compared(Tabulated):
         found: Estimate,
     ) -> Compared:
         """Tabulate logs, each simulated twice, and their residuals."""
-        from butterfly.report.residual import (  # noqa: PLC0415 - slow to import
-            residual_row,
-            residual_sentences,
-        )
+        from butterfly.report.residual import residual_sentences  # noqa: PLC0415 - slow to import
         from butterfly.report.three_way_page import with_courses  # noqa: PLC0415 - slow to import
 
         verdict, way = estimate_verdict(found), data.joint.way
@@ -79,6 +84,23 @@ class Compared(Tabulated):
             units=residual_units(data.joint),
             live=partial(with_courses, compared, own),
         )
+
+    def shown_rows(self) -> list[dict[str, str]]:
+        """Return FITs and errors of both simulators, formatted as text."""
+        return [
+            {
+                name: f"{row[name]:+z.2f}" if " error " in name and cell != "–" else cell
+                for name, cell in shown.items()
+                if name not in RESIDUAL_COLUMNS
+            }
+            for row, shown in zip(self.rows(), super().shown_rows(), strict=True)
+        ]
+
+    def further(self) -> list[TextTable]:
+        """Return the residuals of the grey box."""
+        headers, shown = ("log", *RESIDUAL_COLUMNS), super().shown_rows()
+        rows = [[row[name] for name in headers] for row in shown]
+        return [TextTable("Residuals", headers, rows, caption=RESIDUAL_CAPTION)]
 
     def figures(self) -> dict[str, Figure]:
         """Return the figures of its page, by name."""

@@ -87,6 +87,11 @@ class Run(_Done):
         found = self.identifications.items()
         return [{"estimator": name, **row} for name, each in found for row in each.rows()]
 
+    def shown_rows(self) -> list[dict[str, str]]:
+        """Return the parameters of each identification, rounded to their errors."""
+        found = self.identifications.items()
+        return [{"estimator": name, **row} for name, each in found for row in each.shown_rows()]
+
     def further(self) -> list[TextTable]:
         """Return the tables of each identification beside the truth, then those of an orbit."""
         true = {name: each["value"] for name, each in self.content["truth"].items()}
@@ -102,8 +107,10 @@ class Sweep(_Done):
     kind: ClassVar[str] = "sweep"
     table: ClassVar[str] = "recovery"
 
-    unsuccessful: int = 0
-    """Number of failed runs."""
+    @property
+    def unsuccessful(self) -> int:
+        """Number of runs of the last call without a result."""
+        return int(self.content["unsuccessful"])
 
     def further(self) -> list[TextTable]:
         """Return the tables of its report."""
@@ -206,15 +213,16 @@ def run(
         keep_experiment(source, folder)
         summary = run_sweep(plan, folder, workers, force=force, only=only, track=track)
         store = ResultStore(folder)
-        page = sweep_page(store.sweep(), store.table(RUNS), store.table(ESTIMATES))
+        plain = sweep_page(store.sweep(), store.table(RUNS), store.table(ESTIMATES))
+        more = {"unsuccessful": summary.unsuccessful, "tables": TextTable.of_page(plain)}
+        page = replace(plain, numbers=plain.numbers | more)
         write_page(page, folder / "report.html", figures=figures)
     counts = (
         f"{summary.runs} runs: {summary.done} done now, {summary.reused} already done, "
         f"{summary.unsuccessful} failed."
     )
     return Sweep.from_dict(
-        page.numbers | {"tables": TextTable.of_page(page)},
-        unsuccessful=summary.unsuccessful,
+        page.numbers,
         note=counts,
         reports=(folder / "report.html",),
         live=lambda _: page,

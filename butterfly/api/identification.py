@@ -257,6 +257,8 @@ class Identification(Identified, Result):
         figures: bool = False,
     ) -> None:
         """Write the page, as `Result.report` does, beside the true parameters where known."""
+        if figures:
+            _ = self.data  # raises where there is nothing to draw
         write_page(self.page(truth), Path(path), figures=figures)
 
     def page(self, truth: LumpedParameters | None = None) -> Page:
@@ -265,9 +267,11 @@ class Identification(Identified, Result):
 
         numbers, facts = self.to_dict(truth), self.facts()
         try:
-            return identification_page(self, self.notes, facts, numbers, truth)
+            _ = self.data
         except InputError as error:
             said = f"Without figures: the logs cannot be read ({error})."
+        else:
+            return identification_page(self, self.notes, facts, numbers, truth)
         sections = [Section(title=t.title, tables=(t.on_page(),)) for t in self.tables(truth)[1:]]
         first = first_screen(self, facts, truth)
         return replace(first, summary=[said, *self.notes], sections=sections, numbers=numbers)

@@ -23,8 +23,13 @@ from butterfly.identification.validate import Bootstrap, CrossValidation, Struct
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import JointKind
 from butterfly.report.finding_texts import estimate_verdict
-from butterfly.report.format import fit_text, label_of
-from butterfly.report.numbers import residual_numbers, rests_on
+from butterfly.report.format import fit_text, label_of, with_error
+from butterfly.report.numbers import (
+    RESIDUAL_CAPTION,
+    residual_numbers,
+    residual_row,
+    rests_on,
+)
 from butterfly.report.page import Fact
 from butterfly.report.summary import (
     best_experiment_text,
@@ -160,7 +165,7 @@ class Validated(Tabulated):
         kind, joint = InputKind(about["input"]), JointKind(about["joint"])
         units = {name: unit_of(name, kind, joint) for each in parts.values() for name in each}
         estimates = [
-            (name, *(cell_text(own.get(name)) for own in parts.values()), unit)
+            (name, *(_four_digits(own.get(name)) for own in parts.values()), unit)
             for name, unit in units.items()
         ]
         title = f"{about['name']}: FIT in %{FitSummary(**content['fit']['seen']).over}"
@@ -171,7 +176,7 @@ class Validated(Tabulated):
         ]
         if content["bootstrap"]:
             drawn = [
-                (name, *map(cell_text, (whole[name], own["lower"], own["upper"])), units[name])
+                (name, *_in_interval(whole[name], own["lower"], own["upper"]), units[name])
                 for name, own in content["bootstrap"].items()
             ]
             headers = ("", "estimate", "lower", "upper", "unit")
@@ -196,6 +201,16 @@ def _fit_cells(fits: Sequence[float | None]) -> tuple[str, ...]:
     known = [fit for fit in fits if fit is not None]
     numbers = [of(known) for of in (median, mean, min)] if known else [None] * 3
     return (*map(fit_text, numbers), f"{sum(fit > _WELL for fit in known)} of {len(known)}")
+
+
+def _four_digits(value: float | None) -> str:
+    return "–" if value is None else f"{value:#.4g}".rstrip(".")
+
+
+def _in_interval(*found: float | None) -> list[str]:
+    """Return a value, and the limits of its interval, to the digits that tell them apart."""
+    value, lower, upper = map(or_nan, found)
+    return [with_error(each, (upper - lower) / 4) for each in (value, lower, upper)]
 
 
 class Designed(Tabulated):
@@ -341,6 +356,7 @@ class Residual(Tabulated):
     """Free-run errors of an estimate, compared with the sensor noise."""
 
     kind: ClassVar[str] = "residual"
+    caption: ClassVar[str] = RESIDUAL_CAPTION
 
     @classmethod
     def of(
@@ -348,7 +364,6 @@ class Residual(Tabulated):
     ) -> Residual:
         """Analyse the residuals of an estimate, and tabulate those of the chosen logs."""
         from butterfly.report.residual import (  # noqa: PLC0415 - slow to import
-            residual_row,
             residual_sentences,
             with_residual_figures,
         )
@@ -375,7 +390,7 @@ class Residual(Tabulated):
     def facts(self) -> list[Fact]:
         """Return the numbers that matter most: of the log with the largest error."""
         worst = max(self.rows(), key=lambda row: math.inf if row[_ERROR] is None else row[_ERROR])
-        error, times = (cell_text(worst[key]) for key in (_ERROR, "residual over sensors"))
+        error, times = (cell_text(worst[key]) for key in (_ERROR, "error over sensor noise"))
         return [
             Fact("largest error", f"{error} %", f"of the motion, {label_of(worst)}"),
             Fact("over sensor noise", f"{times} ×", "encoder resolution and noise"),

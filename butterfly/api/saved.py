@@ -13,7 +13,7 @@ from butterfly.api.sources import root_of
 from butterfly.errors import InputError
 from butterfly.files import read_file, whole
 from butterfly.progress import budget
-from butterfly.result import Result
+from butterfly.result import Result, schema_number
 
 _MODULES = {
     "api.changed": "Changed",
@@ -57,11 +57,11 @@ def load(path: str | PathLike[str], *, root: str | PathLike[str] | None = None) 
         expected = "a saved result (--save, or its method save; the JSON of a report is not one)"
         raise InputError(file, "schema", schema, expected)
     kind = kinds[schema]
-    number = content.get("schema_number")
-    if number != kind.schema_number:
-        newer = isinstance(number, int) and number > kind.schema_number
+    number, own = content.get("schema_number"), schema_number(kind.kind)
+    if number != own:
+        newer = isinstance(number, int) and number > own
         remedy = "update butterfly" if newer else "identify and save again with this butterfly"
-        expected = f"{kind.schema_number}: {remedy}"
+        expected = f"{own}: {remedy}"
         raise InputError(file, "schema_number", number, expected)
     try:
         manifest = content.get("data", {}).get("manifest")

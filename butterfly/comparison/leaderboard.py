@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import count
 
 from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError
@@ -22,7 +23,7 @@ from butterfly.progress import Track, out_of_time, untracked
 class Entry:
     """One estimator on one data set."""
 
-    data: str  # its name
+    data: str  # its name, unlike that of the others
     method: str  # its label
     in_sample: FitSummary | None  # of the logs that the estimator saw; None if it refused them
     held_out: FitSummary | None  # of what was left out; None if nothing could be
@@ -40,14 +41,22 @@ def leaderboard(
     split: Split = Split.AUTO,
     track: Track = untracked,
 ) -> list[Entry]:
-    """Validate every estimator on every data set; best held-out median FIT first."""
-    pairs = [(data, estimator) for data in sets for estimator in estimators]
+    """Validate every estimator on every data set; best held-out median FIT first.
+
+    Of data sets with the same name, the later ones are numbered: *bench*, *bench (2)*.
+    """
+    named: dict[str, DataSet] = {}
+    for data in sets:
+        names = (f"{data.name} ({k})" if k > 1 else data.name for k in count(1))
+        name = next(each for each in names if each not in named)
+        named[name] = replace(data, name=name)
+    pairs = [(data, estimator) for data in named.values() for estimator in estimators]
     entries: list[Entry] = []
     for data, estimator in track(pairs, "Comparing estimators"):
         if entries and out_of_time("some of the estimators"):
             break
         entries.append(_entry(data, estimator, split))
-    order = [data.name for data in sets]
+    order = [*named]
     return sorted(entries, key=lambda each: (order.index(each.data), -_score(each)))
 
 

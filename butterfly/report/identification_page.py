@@ -234,7 +234,7 @@ def _logs_table(identification: Identified) -> PageTable:
 
 def _physical(identification: Identified) -> list[Section]:
     found = identification.separated()
-    title, headers, rows, _ = physical_table(found)
+    title, headers, rows, *_ = physical_table(found)
     text = "\n".join(physical_sentences(found))
     caption = "Derived from the parameters, and from what is known of motor and joint."
     table = PageTable(

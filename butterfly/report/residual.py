@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from plotly.graph_objects import Figure
@@ -19,17 +18,10 @@ from butterfly.model.parameters import JointKind
 from butterfly.report.figures import add, look, seen_samples
 from butterfly.report.finding_texts import finding_text
 from butterfly.report.log_figures import correlation_figure
+from butterfly.report.numbers import RESIDUAL_CAPTION, residual_row
 from butterfly.report.page import Page, PageTable, Section
 from butterfly.result import cell_text
 
-_CAPTION = (
-    "Error: rms of measured minus simulated motion, in % of the rms motion, averaged over steps of "
-    "the simulation. Next: the part that no small change of the parameters removes, and the error "
-    "that encoder resolution and noise explain. Bands: whether autocorrelation and "
-    "cross-correlation with the input stay within 95 % bands of sensor noise; one good log in "
-    "twenty does not. A misfit of 0.1 % of the motion counts for nothing: where the error is no "
-    "larger, the bands are as wide as the curves can be, and nothing is tested."
-)
 _EXPLAINED = (
     "The log with the largest error. Residual torque, averaged over short intervals in which the "
     "joint moves: a missing term that depends on time, angle or velocity shows as a curve. "
@@ -56,19 +48,6 @@ def residual_sentences(residuals: Residuals) -> list[str]:
     ]
 
 
-def residual_row(log: LogResiduals) -> dict[str, Any]:
-    """Return the residuals of a log as cells of a result's row."""
-    motion = log.motion or np.nan
-    return {
-        "error in % of the motion": 100 * log.error / motion,
-        "after small changes in %": 100 * log.left / motion,
-        "sensor noise in %": 100 * log.explained / motion,
-        "residual over sensors": log.times,
-        "outside its bands": bool(log.outside),
-        "missing terms explain in %": 100 * log.share,
-    }
-
-
 def residual_table(logs: Sequence[LogResiduals], picks: Sequence[int]) -> PageTable:
     """Make a table with a row per log, each of which chooses a log by its number."""
     rows = [{"log": log.label} | residual_row(log) for log in logs]
@@ -76,7 +55,7 @@ def residual_table(logs: Sequence[LogResiduals], picks: Sequence[int]) -> PageTa
         name="residuals",
         headers=tuple(rows[0]),
         rows=[(*map(cell_text, finite([*row.values()])),) for row in rows],
-        caption=_CAPTION,
+        caption=RESIDUAL_CAPTION,
         picks=picks,
     )
 

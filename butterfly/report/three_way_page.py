@@ -36,23 +36,24 @@ def with_courses(compared: Sequence[ThreeWay], own: Sequence[LogResiduals], page
     series = {name: Series.of_figures([*map(draw, compared)]) for name, draw in of_log.items()}
     stretches = [first_stretch(each.log) for each in compared]
     series["time"] = replace(series["time"], stretches=stretches)
-    *others, rows = page.sections
-    picked = replace(rows, tables=(replace(rows.tables[0], picks=range(len(own))),))
+    fits, residuals = (
+        replace(part, tables=(replace(part.tables[0], picks=range(len(own))),))
+        for part in page.sections
+    )
     sections = [
-        *others,
         Section(
             title="Measured against simulated",
             text="Free run: the simulators get the recorded input and the initial angle only. The "
             "phase plane shows the end of the log.",
             series={"time": series["time"], "phase": series["phase"]},
         ),
-        Section(
-            title="Residuals",
+        fits,
+        replace(
+            residuals,
             text="Correlations of the grey box's errors: sensor noise alone stays inside the "
             "bands. Below: the residual torque, averaged over short intervals.",
             series={"left-over": correlation_series(own), "residual": series["residual"]},
         ),
-        picked,
     ]
     return replace(
         page,

@@ -1,6 +1,7 @@
 """Results show, tabulate, save and report themselves; verbs take whatever holds data."""
 
 import json
+import re
 import shutil
 import sys
 from contextlib import suppress
@@ -14,6 +15,7 @@ import yaml
 
 import butterfly as bf
 from butterfly.api.identification import IdentifiedModel
+from butterfly.files import write_document
 from butterfly.identification.design import masses_at_hand
 from butterfly.identification.estimators import OutputError
 from butterfly.identification.splits import Split
@@ -207,6 +209,14 @@ def test_a_log_without_a_fit_is_left_out_of_tiles_and_tables(results):
     assert again.page().figures
 
 
+def test_a_narrow_interval_by_bootstrap_is_not_rounded_away(results):
+    content = results["validation"].to_dict()
+    p1 = content["parameters"]["p1"]["value"]
+    drawn = {"p1": {"lower": p1 * (1 - 1e-6), "upper": p1 * (1 + 1e-6)}}
+    (row,) = type(results["validation"]).from_dict(content | {"bootstrap": drawn}).tables()[-1].rows
+    assert len({*row[1:4]}) == 3
+
+
 def test_what_has_no_verdict_says_none(results):
     found = results["validation"]
     content = {key: value for key, value in found.to_dict().items() if key != "verdict"}
@@ -218,6 +228,13 @@ def test_what_has_no_verdict_says_none(results):
 def test_what_an_older_program_saved_is_refused_in_a_line():
     with pytest.raises(bf.InputError, match="schema_number: got 1; expected 2: identify and save"):
         bf.load(Path(__file__).parents[1] / "data/older/identification.json")
+
+
+@pytest.mark.parametrize("kind", ["comparison", "draws", "residual", "validation"])
+def test_an_older_result_of_a_kind_whose_keys_changed_is_to_be_saved_again(results, kind, tmp_path):
+    write_document(results[kind].to_dict() | {"schema_number": 2}, tmp_path / "r.json")
+    with pytest.raises(bf.InputError, match=r"got 2; expected 3: .* save again"):
+        bf.load(tmp_path / "r.json")
 
 
 @pytest.mark.parametrize("text", ["", "[1]", "{", "[" * 100_000, "\x00"])
@@ -234,6 +251,8 @@ def test_a_result_of_arrays_says_that_its_logs_are_not_to_be_found(data, tmp_pat
     again = bf.load(tmp_path / "r.json")
     with pytest.raises(bf.InputError, match="from one source of files"):
         _ = again.data
+    with pytest.raises(bf.InputError, match="from one source of files"):
+        again.report(tmp_path / "r.html", figures=True)
     assert again.page().summary[0].startswith("Without figures: the logs cannot be read")
     assert again.page().lead.tables[0].rows == found.page().lead.tables[0].rows
 
@@ -246,7 +265,13 @@ def test_what_the_tables_hold_is_what_the_verbs_find(data, results):
     assert designed[0]["mean"] == min(row["mean"] for row in designed if not row["warning"])
     assert compared.to_dataframe()["simulators apart in rad"].max() < 3e-3
     titles = [part.title for part in compared.page().parts]
-    assert titles == ["At a glance", "Measured against simulated", "Residuals", "In numbers"]
+    assert titles == ["At a glance", "Measured against simulated", "In numbers", "Residuals"]
+    plain, left = compared.tables()
+    assert all(re.fullmatch(r"[+-]\d+\.\d\d", cell) for cell in plain.rows[0][4:])
+    alone = results["residual"].tables()[0]
+    assert left.headers[4] == alone.headers[4] == "error over sensor noise"
+    for kind in ("comparison", "residual"):
+        assert results[kind].page().parts[-1].tables[-1].caption.startswith("Error: rms of")
     documents = [results[kind].to_dict() for kind in ("comparison", "residual")]
     assert [len(each["residuals"]["logs"]) for each in documents] == [4, 4]
     assert all(each["residuals"]["findings"] != each["findings"] != [] for each in documents)

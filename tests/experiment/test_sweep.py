@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+import butterfly as bf
 from butterfly.cli.output import ExitCode
 from butterfly.experiment.perform import perform
 from butterfly.experiment.record import OK, REFUSED
@@ -255,6 +256,8 @@ def test_a_sweep_is_run_and_reported_from_the_command_line(butterfly, folder):
     numbers = json.loads((one / "report.json").read_text())
     assert numbers["ok"] == 6
     assert json.loads(butterfly(*command, "--json", "-")[1]) == numbers
+    again = bf.load(one / "report.json")
+    assert (again.unsuccessful, again.to_dict()) == (0, numbers)
     assert planned(one / EXPERIMENT).tasks == plan.tasks
     assert butterfly(*command, "--only", "9")[0] == 2
 

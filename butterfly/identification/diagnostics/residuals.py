@@ -205,9 +205,9 @@ class Residuals:
         }
 
 
-def residual_units(joint: JointKind, place: str = "residuals.") -> dict[str, str]:
-    """Return the units of `Residuals.numbers` that stand in some place of a document."""
-    return {f"{place}logs.{name}": joint.way for name in _LENGTHS}
+def residual_units(joint: JointKind) -> dict[str, str]:
+    """Return the units of `Residuals.numbers` in the ``residuals`` of a document."""
+    return {f"residuals.logs.{name}": joint.way for name in _LENGTHS}
 
 
 def residuals_of(data: DataSet, estimate: Estimate, runs: Sequence[FreeRun] = ()) -> Residuals:
