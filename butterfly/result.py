@@ -225,13 +225,7 @@ class Result(ABC):
         return pd.DataFrame(self.rows())
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write the result as JSON for `butterfly.load`.
-
-        Raises
-        ------
-        InputError
-            If the file cannot be written.
-        """
+        """Write the result as JSON for `butterfly.load`."""
         write_document(self.to_dict(), Path(path))
 
     def report(self, path: str | PathLike[str], *, figures: bool = False) -> None:
@@ -243,11 +237,6 @@ class Result(ABC):
             The file.
         figures
             Also write the figures as PNG and SVG.
-
-        Raises
-        ------
-        InputError
-            If a file cannot be written.
         """
         from butterfly.report.page import write_page  # noqa: PLC0415 - a view
 

@@ -126,19 +126,21 @@ def inspect(
     track: Track = untracked,
     **description: Any,  # noqa: ANN401 - what `read` takes
 ) -> Inspection | RobotModel:
-    """Check logs for faults, and forecast which parameters they can tell; or describe a robot.
+    """Check logs for faults, and forecast which parameters they can tell.
+
+    Checks clock, gaps, saturation and clipping; several logs come worst first. Of an experiment or
+    a saved result: the robot's parameters instead.
 
     Parameters
     ----------
     source
-        Logs to check: a log, a folder, a manifest or a shipped data set's name. Or an experiment or
-        a saved identification, for its robot.
+        Logs, a folder of logs, a manifest, a saved result, an experiment, or a shipped name.
     logs
-        Numbers of the logs, shown without a forecast. Default: all.
+        Numbers of the logs, from 0, shown without a forecast. Default: all.
     hand_mass
         Mass of an identified moving body in kg; the motion does not depend on it. Default: chosen.
     added_mass
-        Added mass of the robot in kg.
+        Added mass in kg of the robot of an experiment or saved result, at ``arm`` (0.104 m).
     track
         Progress callback.
     description

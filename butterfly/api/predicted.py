@@ -100,11 +100,6 @@ class Drawn(Tabulated):
             File or folder to write.
         overwrite
             Whether to replace an existing CSV file.
-
-        Raises
-        ------
-        InputError
-            If a file cannot be written, or exists and may not be replaced.
         """
         path, rows = Path(path), self.rows()
         require_endings(path, ("", ".csv", ".parquet"))
@@ -145,11 +140,6 @@ class Drawn(Tabulated):
         ----------
         added_mass, hand_mass, timestep, integrator
             As in `IdentifiedModel.export`.
-
-        Raises
-        ------
-        InputError
-            If ``hand_mass`` is impossible for the draws.
         """
         from butterfly.twin.stand_alone import models  # noqa: PLC0415 - slow to import
 

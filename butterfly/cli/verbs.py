@@ -56,20 +56,6 @@ def _validate(ask: Ask, /, *more: _More, page: Report = NO_REPORT) -> ExitCode:
 
 
 def _inspect(ask: Ask, *, page: Report = NO_REPORT, facts: DataOptions = SILENT) -> ExitCode:
-    """Check logs for faults, and forecast which parameters they can tell.
-
-    Checks clock, gaps, saturation and clipping. Several logs: one line each, worst first. An
-    experiment or a saved result: prints the robot's parameters instead.
-
-    Parameters
-    ----------
-    source
-        Logs, a folder of logs, a manifest, a saved result, an experiment, or a shipped name.
-    logs
-        Numbers of the logs, from 0, shown without a forecast. Default: all.
-    added_mass
-        Added mass in kg of the robot of an experiment or saved result, at --arm (default 0.104 m).
-    """
     found = ask(root=facts.root, **facts.description())
     ended = show(found, **vars(page))
     if isinstance(found, bf.Inspection):

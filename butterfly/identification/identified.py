@@ -114,13 +114,7 @@ class Identified:
 
     @cached_property
     def data(self) -> DataSet:
-        """The logs; of a loaded result they are read again from where they were.
-
-        Raises
-        ------
-        InputError
-            If it is not known where they are, or they cannot be read.
-        """
+        """The logs; of a loaded result read again, InputError if they cannot be."""
         if self.logs is not None:
             return self.logs
         found = self.origin["manifest"]
@@ -146,10 +140,5 @@ class Identified:
         """Return the responses measured with an added mass, to compare with `model.linearised`.
 
         The mass is one of ``data.masses``; none if not given.
-
-        Raises
-        ------
-        InputError
-            If no sine was logged with it.
         """
         return measured_response(self.data.sines, added_mass)

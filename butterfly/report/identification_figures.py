@@ -200,11 +200,6 @@ class IdentificationPlots:
         ----------
         log
             The one with the middle FIT if not given.
-
-        Raises
-        ------
-        InputError
-            If there is no such log.
         """
         runs = self.identification.free_runs
         names = [run.log.name for run in runs]
