@@ -95,17 +95,12 @@ class TextTable(NamedTuple):
     detail: bool = False  # whether it is printed with --verbose alone
     caption: str = ""  # on a page
 
-    @staticmethod
-    def of_page(page: Page) -> list[dict[str, Any]]:
+    @classmethod
+    def of_page(cls, page: Page) -> list[dict[str, Any]]:
         """Return the tables of a page's sections, as JSON can hold them."""
         found = ((section.title, each) for section in page.sections for each in section.tables)
         return [
-            {
-                "title": title,
-                "headers": [*map(str, each.headers)],
-                "rows": [[*map(str, row)] for row in each.rows],
-                "caption": each.caption,
-            }
+            cls(title, [*map(str, each.headers)], [[*map(str, row)] for row in each.rows])._asdict()
             for title, each in found
         ]
 
@@ -114,9 +109,8 @@ class TextTable(NamedTuple):
         from butterfly.report.page import PageTable  # noqa: PLC0415 - a view
 
         rows = [(*map(str, row),) for row in self.rows]
-        columns = range(len(self.headers))
-        words = (k for k in columns if any(row[k][:1].isalpha() for row in rows))
         headers, caption = tuple(self.headers), self.caption
+        words = (k for k in range(len(headers)) if any(row[k][:1].isalpha() for row in rows))
         return PageTable(headers=headers, rows=rows, words=tuple(words), caption=caption)
 
 

@@ -216,17 +216,13 @@ def run(
         plain = sweep_page(store.sweep(), store.table(RUNS), store.table(ESTIMATES))
         more = {"unsuccessful": summary.unsuccessful, "tables": TextTable.of_page(plain)}
         page = replace(plain, numbers=plain.numbers | more)
-        write_page(page, folder / "report.html", figures=figures)
+        report = folder / "report.html"
+        write_page(page, report, figures=figures)
     counts = (
         f"{summary.runs} runs: {summary.done} done now, {summary.reused} already done, "
         f"{summary.unsuccessful} failed."
     )
-    return Sweep.from_dict(
-        page.numbers,
-        note=counts,
-        reports=(folder / "report.html",),
-        live=lambda _: page,
-    )
+    return Sweep.from_dict(page.numbers, note=counts, reports=(report,), live=lambda _: page)
 
 
 def _run_once(

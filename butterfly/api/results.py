@@ -24,12 +24,7 @@ from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import JointKind
 from butterfly.report.finding_texts import estimate_verdict
 from butterfly.report.format import fit_text, label_of, with_error
-from butterfly.report.numbers import (
-    RESIDUAL_CAPTION,
-    residual_numbers,
-    residual_row,
-    rests_on,
-)
+from butterfly.report.numbers import RESIDUAL_CAPTION, residual_numbers, residual_row, rests_on
 from butterfly.report.page import Fact
 from butterfly.report.summary import (
     best_experiment_text,
@@ -159,9 +154,8 @@ class Validated(Tabulated):
         found = {name: row["value"] for name, row in content["parameters"].items()}
         found |= content["unestimated"]
         whole = {name: found[name] for name in content["covariance"]["names"]}
-        parts = {"nothing": whole} | {
-            part["without"]: part["values"] for part in content["left_out"]
-        }
+        left_out = {part["without"]: part["values"] for part in content["left_out"]}
+        parts = {"nothing": whole, **left_out}
         kind, joint = InputKind(about["input"]), JointKind(about["joint"])
         units = {name: unit_of(name, kind, joint) for each in parts.values() for name in each}
         estimates = [
@@ -272,15 +266,12 @@ class Designed(Tabulated):
         """Return the numbers that matter most: of the first candidate."""
         best, *_ = rows = self.rows()
         (swing,) = (name for name in best if name.startswith("swing in "))
+        mean = cell_text(100 * or_nan(best["mean"]))
         return [
             Fact("best next experiment", best["input"], best["added mass"])
             if self._helps
             else Fact("best next experiment", "none helps", "standard errors stay as they are"),
-            Fact(
-                "standard errors after it",
-                f"{cell_text(100 * or_nan(best['mean']))} %",
-                "of those now, mean",
-            ),
+            Fact("standard errors after it", f"{mean} %", "of those now, mean"),
             Fact("swing", f"{cell_text(best[swing])} {swing.removeprefix('swing in ')}"),
             Fact("candidates", str(len(rows))),
         ]
@@ -363,10 +354,7 @@ class Residual(Tabulated):
         cls, data: DataSet, estimator: Estimator | None, found: Estimate, chosen: Sequence[int]
     ) -> Residual:
         """Analyse the residuals of an estimate, and tabulate those of the chosen logs."""
-        from butterfly.report.residual import (  # noqa: PLC0415 - slow to import
-            residual_sentences,
-            with_residual_figures,
-        )
+        from butterfly.report.residual import residual_sentences, with_residual_figures  # noqa: PLC0415 - slow to import
 
         verdict, residuals = estimate_verdict(found), residuals_of(data, found)
         worst = max(chosen, key=lambda k: residuals.logs[k].relative)

@@ -61,8 +61,7 @@ def load(path: str | PathLike[str], *, root: str | PathLike[str] | None = None) 
     if number != own:
         newer = isinstance(number, int) and number > own
         remedy = "update butterfly" if newer else "identify and save again with this butterfly"
-        expected = f"{own}: {remedy}"
-        raise InputError(file, "schema_number", number, expected)
+        raise InputError(file, "schema_number", number, f"{own}: {remedy}")
     try:
         manifest = content.get("data", {}).get("manifest")
         moved = None if root is None else Path(root)

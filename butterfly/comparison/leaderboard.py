@@ -23,7 +23,7 @@ from butterfly.progress import Track, out_of_time, untracked
 class Entry:
     """One estimator on one data set."""
 
-    data: str  # its name, unlike that of the others
+    data: str  # its name; of several of one name, the later ones are *bench (2)*, *bench (3)*
     method: str  # its label
     in_sample: FitSummary | None  # of the logs that the estimator saw; None if it refused them
     held_out: FitSummary | None  # of what was left out; None if nothing could be
@@ -41,10 +41,7 @@ def leaderboard(
     split: Split = Split.AUTO,
     track: Track = untracked,
 ) -> list[Entry]:
-    """Validate every estimator on every data set; best held-out median FIT first.
-
-    Of data sets with the same name, the later ones are numbered: *bench*, *bench (2)*.
-    """
+    """Validate every estimator on every data set; best held-out median FIT first."""
     named: dict[str, DataSet] = {}
     for data in sets:
         names = (f"{data.name} ({k})" if k > 1 else data.name for k in count(1))
@@ -56,8 +53,7 @@ def leaderboard(
         if entries and out_of_time("some of the estimators"):
             break
         entries.append(_entry(data, estimator, split))
-    order = [*named]
-    return sorted(entries, key=lambda each: (order.index(each.data), -_score(each)))
+    return sorted(entries, key=lambda each: ([*named].index(each.data), -_score(each)))
 
 
 def equals(entries: Sequence[Entry]) -> list[Entry]:

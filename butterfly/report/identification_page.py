@@ -234,19 +234,11 @@ def _logs_table(identification: Identified) -> PageTable:
 
 def _physical(identification: Identified) -> list[Section]:
     found = identification.separated()
-    title, headers, rows, *_ = physical_table(found)
-    text = "\n".join(physical_sentences(found))
     caption = "Derived from the parameters, and from what is known of motor and joint."
-    table = PageTable(
-        name="physical",
-        headers=tuple(headers),
-        rows=[tuple(map(str, row)) for row in rows],
-        words=(headers.index("unit"), headers.index("meaning")),
-        caption=caption,
-    )
-    if not (text or rows):
-        return []
-    return [Section(title=title, text=text, tables=(table,) if rows else ())]
+    text, table = "\n".join(physical_sentences(found)), physical_table(found)
+    page = replace(table._replace(caption=caption).on_page(), name="physical")
+    tables = (page,) if table.rows else ()
+    return [Section(title=table.title, text=text, tables=tables)] if text or tables else []
 
 
 def _resonances_table(identification: Identified) -> PageTable:

@@ -81,8 +81,7 @@ def residual_numbers(residuals: Residuals, estimate: Estimate) -> dict[str, Any]
 
 def residual_row(log: LogResiduals) -> dict[str, Any]:
     """Return the residuals of a log as cells of a result's row."""
-    lengths = (log.error, log.left, log.explained)
-    shares = (100 * each / (log.motion or np.nan) for each in lengths)
+    shares = (100 * x / (log.motion or np.nan) for x in (log.error, log.left, log.explained))
     cells = (*shares, log.times, bool(log.outside), 100 * log.share or np.nan)
     return dict(zip(RESIDUAL_COLUMNS, cells, strict=True))
 
@@ -115,11 +114,7 @@ def record_document(record: RunRecord) -> dict[str, Any]:
     return document(
         "run-record",
         f"Run {record.key}",
-        {
-            **content,
-            "made_with": record.versions,
-            "estimates": [_estimate(each) for each in record.estimates],
-        },
+        content | {"made_with": record.versions, "estimates": [*map(_estimate, record.estimates)]},
         verdict=verdict,
         summary=() if verdict is None else verdict.lines,
         units={"seconds": "s", "estimates.fit": "%", "estimates.held_out": "%"},
@@ -162,11 +157,7 @@ def _unit_of_column(name: str) -> str:
 
 def run_verdict(record: RunRecord) -> Verdict | None:
     """Return the worst verdict on the estimates of a run; None if there is none."""
-    found = {
-        each.estimator: estimate_verdict(each.estimate)
-        for each in record.estimates
-        if each.estimate is not None
-    }
+    found = {e.estimator: estimate_verdict(e.estimate) for e in record.estimates if e.estimate}
     if record.orbit is not None and record.orbit.verdict is not None:
         level = Level.of_verdict(record.orbit.verdict)
         found[NEAR_ORBIT] = Verdict(level, ("see the orbit's findings.",))

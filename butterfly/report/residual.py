@@ -20,7 +20,7 @@ from butterfly.report.finding_texts import finding_text
 from butterfly.report.log_figures import correlation_figure
 from butterfly.report.numbers import RESIDUAL_CAPTION, residual_row
 from butterfly.report.page import Page, PageTable, Section
-from butterfly.result import cell_text
+from butterfly.result import TextTable, cell_text
 
 _EXPLAINED = (
     "The log with the largest error. Residual torque, averaged over short intervals in which the "
@@ -51,13 +51,9 @@ def residual_sentences(residuals: Residuals) -> list[str]:
 def residual_table(logs: Sequence[LogResiduals], picks: Sequence[int]) -> PageTable:
     """Make a table with a row per log, each of which chooses a log by its number."""
     rows = [{"log": log.label} | residual_row(log) for log in logs]
-    return PageTable(
-        name="residuals",
-        headers=tuple(rows[0]),
-        rows=[(*map(cell_text, finite([*row.values()])),) for row in rows],
-        caption=RESIDUAL_CAPTION,
-        picks=picks,
-    )
+    cells = [[*map(cell_text, finite([*row.values()]))] for row in rows]
+    table = TextTable("", tuple(rows[0]), cells, caption=RESIDUAL_CAPTION)
+    return replace(table.on_page(), name="residuals", picks=picks)
 
 
 def with_residual_figures(

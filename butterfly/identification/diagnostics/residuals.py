@@ -154,22 +154,21 @@ class Residuals:
     @property
     def relative(self) -> float:
         """Rms over the logs of error over motion."""
-        return self._over_motion([log.error for log in self.logs])
+        return self._over_motion("error")
 
     @property
     def explained(self) -> float:
         """Rms over the logs of the sensor's errors over motion."""
-        return self._over_motion([log.explained for log in self.logs])
+        return self._over_motion("explained")
 
     @property
     def left(self) -> float:
         """Rms over the logs of the residuals after small changes of the parameters, over motion."""
-        return self._over_motion([log.left for log in self.logs])
+        return self._over_motion("left")
 
-    def _over_motion(self, lengths: Sequence[float]) -> float:
+    def _over_motion(self, length: str) -> float:
         """Return the rms over the logs that move of a length over the motion."""
-        pairs = zip(lengths, self.logs, strict=True)
-        shares = [each / log.motion for each, log in pairs if log.motion]
+        shares = [getattr(log, length) / log.motion for log in self.logs if log.motion]
         return float(np.sqrt(np.mean(np.square(shares)))) if shares else np.inf
 
     @property
