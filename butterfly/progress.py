@@ -63,8 +63,10 @@ def stopped_text(seconds: float, left_out: Iterable[str]) -> str:
     skipped = ", ".join(left_out)
     if math.isfinite(seconds):
         return f"Search stopped after {seconds:g} s. Skipped: {skipped}. Drop --budget to go on."
-    most = f"{SIMULATIONS} simulations of all logs, or {SAMPLES / 1e6:g} million samples"
-    return f"Search stopped after {most}. Skipped: {skipped}. Use fewer --terms."
+    return (
+        f"Search stopped after {SIMULATIONS} simulations of all logs, or {SAMPLES / 1e6:g} million "
+        f"samples. Skipped: {skipped}. Use fewer --terms."
+    )
 
 
 _NO_SEARCH = Search()
