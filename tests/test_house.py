@@ -18,11 +18,11 @@ PACKAGE = ROOT / "butterfly"
 
 CEILINGS = {
     "files of the package": 215,
-    "lines of the package": 43_200,
-    "lines of tests": 32_268,
+    "lines of the package": 43_249,
+    "lines of tests": 32_675,
     "names of classes that exist twice": 0,
     "modules in import circles": 0,
-    "tuned numbers of identification": 63,
+    "tuned numbers of identification": 61,
 }
 
 

@@ -35,7 +35,7 @@ class Report:
     Parameters
     ----------
     report
-        Write an HTML report to this file, its numbers beside it (.json).
+        Write an HTML report, its numbers beside it (.json).
     figures
         Write the report's figures as PNG and SVG too.
     """
