@@ -15,24 +15,23 @@ from butterfly.files import read_file, whole
 from butterfly.progress import budget
 from butterfly.result import Result, schema_number
 
-_MODULES = {
-    "api.changed": "Changed",
-    "api.compared": "Compared Leaderboard",
-    "api.experiments": "Run Sweep",
-    "api.identification": "Identification",
-    "api.predicted": "Drawn Predicted",
-    "api.results": "Designed Residual Selection Validated",
-    "report.inspection": "Inspection",
-    "report.parameter_table": "Separated",
+_KINDS = {
+    "butterfly.change": ("api.changed", "Changed"),
+    "butterfly.comparison": ("api.compared", "Compared"),
+    "butterfly.leaderboard": ("api.compared", "Leaderboard"),
+    "butterfly.run": ("api.experiments", "Run"),
+    "butterfly.sweep": ("api.experiments", "Sweep"),
+    "butterfly.identification": ("api.identification", "Identification"),
+    "butterfly.draws": ("api.predicted", "Drawn"),
+    "butterfly.prediction": ("api.predicted", "Predicted"),
+    "butterfly.design": ("api.results", "Designed"),
+    "butterfly.residual": ("api.results", "Residual"),
+    "butterfly.selection": ("api.results", "Selection"),
+    "butterfly.validation": ("api.results", "Validated"),
+    "butterfly.inspection": ("report.inspection", "Inspection"),
+    "butterfly.physical": ("report.parameter_table", "Separated"),
 }
-"""Results that can be saved, by their module, which is imported when one is loaded."""
-
-
-def _kinds() -> dict[str, Any]:
-    """Return the classes of saved results by their schema."""
-    pairs = [(import_module(f"butterfly.{m}"), names.split()) for m, names in _MODULES.items()]
-    classes = [getattr(module, name) for module, names in pairs for name in names]
-    return {f"butterfly.{each.kind}": each for each in classes}
+"""Module and class of results that can be saved, by schema; one is imported when it is loaded."""
 
 
 def load(path: str | PathLike[str], *, root: str | PathLike[str] | None = None) -> Result:
@@ -52,11 +51,12 @@ def load(path: str | PathLike[str], *, root: str | PathLike[str] | None = None) 
     """
     file = Path(path)
     content = _content(file)
-    schema, kinds = content.get("schema"), _kinds()
-    if not isinstance(schema, str) or schema not in kinds:
+    schema = content.get("schema")
+    if not isinstance(schema, str) or schema not in _KINDS:
         expected = "a saved result (--save, or its method save; the JSON of a report is not one)"
         raise InputError(file, "schema", schema, expected)
-    kind = kinds[schema]
+    module, name = _KINDS[schema]
+    kind: Any = getattr(import_module(f"butterfly.{module}"), name)
     number, own = content.get("schema_number"), schema_number(kind.kind)
     if number != own:
         newer = isinstance(number, int) and number > own

@@ -16,7 +16,6 @@ from butterfly.arrays import Samples
 from butterfly.errors import InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.encoder_offset import reading_of
-from butterfly.identification.findings import Ending
 from butterfly.identification.fit import (
     Box,
     Equations,
@@ -275,8 +274,7 @@ class Problem:
         count = cells or cells_of(len(self.motion), len(self.keys))
         bread = None if end.at.loss is Loss.LINEAR else end.at.bread
         found = replace(end.at.cells(self.names, self.lower, count), bread=bread)
-        ending = Ending.CONVERGED if end.converged else Ending.STOPPED
-        return replace(found, ending=ending, unsettled=found.next_step)
+        return found if end.converged else found.stopped(found.next_step)
 
 
 def labels_of(keys: Iterable[Key]) -> tuple[str, ...]:

@@ -142,7 +142,7 @@ class CellEquations:
     residuals: Samples
     log: NDArray[np.intp]  # (k,) index of each cell's log; cells of a log are in order of time
     ending: Ending = Ending.CONVERGED  # how the solver ended
-    # (n,) last or next step of the values, if the solver may have stopped before its end
+    # (n,) last or next step of the values, if the solver was stopped
     unsettled: Samples | None = None
     # (n, n) derivatives of the gradient, where the weights depend on the residuals
     bread: Samples | None = None
