@@ -161,18 +161,6 @@ def _cell(value: Any, kind: pa.DataType) -> Any:  # noqa: ANN401 - whatever a fi
     return json.dumps(value, default=str) if isinstance(value, dict | list) else str(value)
 
 
-class Recovery(NamedTuple):
-    """How one estimator recovers one parameter."""
-
-    estimator: str
-    parameter: str
-    runs: int
-    median: float  # deviation from the truth, as a share; NaN without any
-    rms: float
-    largest: float
-    coverage: float  # of 95 % intervals; NaN without any
-
-
 @dataclass(frozen=True, eq=False)
 class Estimates:
     """Estimated parameters of a sweep as (n,) columns."""
@@ -254,17 +242,23 @@ class Estimates:
                 found[owner] = row
         return self.take(np.isin(np.arange(sizes.size), list(found.values())))
 
-    def recovery(self) -> Iterator[Recovery]:
-        """Yield the recovery of each parameter, by estimator."""
+    def recovery(self) -> Iterator[dict[str, Any]]:
+        """Yield how each estimator recovers each parameter: deviations as shares, NaN of none."""
         for estimator in self.estimators:
             for parameter in self.distinct("parameter"):
                 group = self.where(estimator=estimator, parameter=parameter)
-                known, spread = group.deviating["deviation"], (math.nan, math.nan, math.nan)
-                if known.size:
-                    rms = float(np.sqrt(np.mean(known**2)))
-                    spread = float(np.median(known)), rms, float(np.abs(known).max())
                 if runs := int(group["value"].size):
-                    yield Recovery(estimator, parameter, runs, *spread, group.coverage)
+                    known = group.deviating["deviation"]
+                    known = known if known.size else np.array([math.nan])
+                    yield {
+                        "estimator": estimator,
+                        "parameter": parameter,
+                        "runs": runs,
+                        "median_deviation": float(np.median(known)),
+                        "rms_deviation": float(np.sqrt(np.mean(known**2))),
+                        "largest_deviation": float(np.abs(known).max()),
+                        "coverage": group.coverage,
+                    }
 
 
 def column(table: pa.Table, name: str) -> NDArray[Any]:
