@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from functools import partial
@@ -14,7 +13,7 @@ import numpy as np
 
 from butterfly.api.identification import Identification, IdentifiedModel
 from butterfly.api.results import Tabulated, about_log
-from butterfly.files import replacing, write_xml
+from butterfly.files import write_xml
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.parameter import unit_of
@@ -22,10 +21,10 @@ from butterfly.identification.predict import OF_NEW_LOG, OF_PARAMETERS, Paramete
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, JointKind, LumpedParameters
 from butterfly.model.terms import PARAMETERS, TERMS
-from butterfly.outputs import call, mark_of, require_endings
+from butterfly.outputs import call, require_endings
 from butterfly.report.finding_texts import estimate_notes, estimate_verdict
 from butterfly.report.format import fit_text
-from butterfly.report.numbers import estimate_numbers
+from butterfly.report.numbers import estimate_numbers, write_columns
 from butterfly.report.page import Fact
 from butterfly.twin.forms import DEFAULTS, Options
 
@@ -108,23 +107,8 @@ class Drawn(Tabulated):
                 write_xml(path / f"{number:04d}.xml", model, "draw")
             return
         names = {key: f"{key} [{self.units[f'rows.{key}']}]" for key in rows[0]}
-        if path.suffix.lower() == ".parquet":
-            import pyarrow as pa  # noqa: PLC0415 - slow to import
-            from pyarrow import parquet  # noqa: PLC0415
-
-            columns = {name: [row[key] for row in rows] for key, name in names.items()}
-            marked = pa.table(columns).replace_schema_metadata({"butterfly.draws": ""})
-            with replacing(path, mark_of(path, "draws")) as draft:
-                parquet.write_table(marked, draft)
-            return
-        with (
-            call(overwrite=overwrite),
-            replacing(path) as draft,
-            draft.open("w", newline="", encoding="utf-8") as file,
-        ):
-            writer = csv.writer(file)
-            writer.writerow(names.values())
-            writer.writerows(row.values() for row in rows)
+        with call(overwrite=overwrite):
+            write_columns(path, "draws", {names[k]: [row[k] for row in rows] for k in names})
 
     def models(
         self,

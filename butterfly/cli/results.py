@@ -10,9 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import pyarrow as pa
-import pyarrow.compute as pc
 from cyclopts import Parameter as Option
-from pyarrow import csv, parquet
 
 from butterfly.cli.options import OUT
 from butterfly.cli.output import ExitCode, say, show_progress, show_table, write_json
@@ -22,14 +20,12 @@ from butterfly.experiment.record import OK, RunRecord
 from butterfly.experiment.source import EXPERIMENT, read_experiment
 from butterfly.experiment.store import SWEEP, ResultStore
 from butterfly.experiment.sweep_tables import ESTIMATES, RUNS
-from butterfly.files import replacing
 from butterfly.identification.findings import Ending
 from butterfly.identification.parameter import Parameter, or_nan
 from butterfly.logs.log import InputKind
-from butterfly.outputs import mark_of
 from butterfly.report.finding_texts import estimate_verdict
 from butterfly.report.format import field_label, field_name, field_unit, with_error
-from butterfly.report.numbers import record_document, rows_document, runs_document
+from butterfly.report.numbers import record_document, rows_document, runs_document, write_columns
 from butterfly.report.parameter_table import parameter_texts
 from butterfly.result import document
 
@@ -140,11 +136,7 @@ def table(
             say(f"The first {_MOST} of {found.num_rows} rows; --out FILE writes all.")
         show_rows(f"{folder}: {name}", found, asked=columns is not None)
     else:
-        with replacing(out, mark_of(out, "table")) as draft:
-            if out.suffix.lower() == ".csv":
-                csv.write_csv(without_formulas(found), draft)
-            else:
-                parquet.write_table(found.replace_schema_metadata({"butterfly.table": ""}), draft)
+        write_columns(out, "table", dict(zip(found.column_names, found.columns, strict=True)))
         say(f"{found.num_rows} rows: {out}")
     plan = folder / EXPERIMENT
     kind = read_experiment(plan).input_kind if plan.exists() else InputKind.TORQUE
@@ -224,18 +216,6 @@ def column_named(name: str, names: Sequence[str]) -> str:
         expected = ", or ".join(meant) or nearest(name, names)
         raise InputError("--columns", name, "an unknown column", expected)
     return meant[0]
-
-
-def without_formulas(table: pa.Table) -> pa.Table:
-    """Return a table with an apostrophe before each text that looks like a formula."""
-    for k, field in enumerate(table.schema):
-        if not pa.types.is_string(field.type):
-            continue
-        texts = table.column(k)
-        taken = pc.match_substring_regex(texts, r"^[=+\-@\t\r]")
-        quoted = pc.binary_join_element_wise("'", texts, "")
-        table = table.set_column(k, field, pc.if_else(taken, quoted, texts))
-    return table
 
 
 def is_run(path: Path) -> bool:

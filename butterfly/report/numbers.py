@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from butterfly.experiment.record import EstimateRecord, RunRecord
+from butterfly.files import replacing
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.residuals import LogResiduals, Residuals
 from butterfly.identification.estimators import Estimator
@@ -19,6 +21,7 @@ from butterfly.identification.parameter import lumped_numbers, unit_of
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import PARAMETERS
+from butterfly.outputs import mark_of
 from butterfly.report.finding_texts import estimate_verdict, finding_text, values_of
 from butterfly.result import document
 from butterfly.verdict import Level, Verdict
@@ -145,6 +148,29 @@ def rows_document(name: str, table: pa.Table, kind: InputKind) -> dict[str, Any]
         {"count": table.num_rows, "rows": rows},
         units={column: unit for column, unit in units.items() if unit},
     )
+
+
+def write_columns(path: Path, kind: str, columns: Mapping[str, Any]) -> None:
+    """Write (n,) columns by name as CSV, or as Parquet by the ending of the path.
+
+    In CSV an apostrophe stands before each text that a spreadsheet would take for a formula.
+    """
+    import pyarrow as pa  # noqa: PLC0415 - slow to import
+    import pyarrow.compute as pc  # noqa: PLC0415
+    from pyarrow import csv, parquet  # noqa: PLC0415
+
+    table = pa.table(columns).replace_schema_metadata({f"butterfly.{kind}": ""})
+    with replacing(path, mark_of(path, kind)) as draft:
+        if path.suffix.lower() == ".parquet":
+            parquet.write_table(table, draft)
+            return
+        for k, field in enumerate(table.schema):
+            if pa.types.is_string(field.type):
+                texts = table.column(k)
+                taken = pc.match_substring_regex(texts, r"^[=+\-@\t\r]")
+                quoted = pc.binary_join_element_wise("'", texts, "")
+                table = table.set_column(k, field, pc.if_else(taken, quoted, texts))
+        csv.write_csv(table, draft)
 
 
 def _unit_of_column(name: str) -> str:
