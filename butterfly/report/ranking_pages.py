@@ -16,16 +16,7 @@ from plotly.subplots import make_subplots
 
 from butterfly.arrays import Samples
 from butterfly.identification.parameter import or_nan
-from butterfly.report.figures import (
-    GREY,
-    PALETTE,
-    add,
-    log_ticks,
-    logs_panel,
-    look,
-    panel,
-    panels,
-)
+from butterfly.report.figures import GREY, PALETTE, add, log_ticks, look, panel, panels, rows_panel
 from butterfly.report.format import fit_text, label_of, with_error
 from butterfly.report.summary import medians_of
 from butterfly.result import Result
@@ -64,7 +55,7 @@ class TablePlots:
         """Draw columns in per cent, a row for each log."""
         rows = self.result.rows()
         labels = [*map(label_of, rows)]
-        figure = logs_panel(labels, title)
+        figure = rows_panel(labels, title)
         for number, name in enumerate(columns):
             colour, symbol = look(number)
             marker = {"color": colour, "symbol": symbol + "-open" * (number % 2)}
@@ -173,7 +164,7 @@ class TablePlots:
         names = [f"{row['input']}, {row['added mass']}" for row in rows]
         short = [wrap(name, _BROAD, max_lines=2, placeholder=" …") for name in names]
         across = "standard errors after this run<br>in % of the present ones"
-        figure = logs_panel(["\n".join(lines) for lines in short], across)
+        figure = rows_panel(["\n".join(lines) for lines in short], across)
         means = [100 * or_nan(row["mean"]) for row in rows]
         return figure.update_xaxes(range=[min(0.0, *means), 105.0]).add_scatter(
             x=means,
