@@ -28,7 +28,6 @@ from butterfly.identification.data import DataSet, read_data_set
 from butterfly.identification.parameter import lumped_numbers
 from butterfly.logs.manifest import read_manifest
 from butterfly.logs.mat import write_mat
-from butterfly.model.parameters import LumpedParameters
 from butterfly.outputs import call
 from butterfly.progress import Track, untracked
 from butterfly.report.format import fit_text
@@ -94,8 +93,7 @@ class Run(_Done):
 
     def further(self) -> list[TextTable]:
         """Return the tables of each identification beside the truth, then those of an orbit."""
-        true = {name: each["value"] for name, each in self.content["truth"].items()}
-        named = (each.tables(LumpedParameters(**true)) for each in self.identifications.values())
+        named = (each.tables() for each in self.identifications.values())
         orbit = (self.content["orbit"] or {}).get("tables", [])
         return [*chain(*named), *(TextTable(**each) for each in orbit)]
 
@@ -237,10 +235,10 @@ def _run_once(
     outcome = outcome_of(task, experiment, result)
     store.write(outcome)
     record, identified = outcome.record, result.identifications
-    answers = {name: Identification.of(found) for name, found in identified.items()}
     truth, reports = experiment.plant.robot.lumped, _reports(record)
+    answers = {name: Identification.of(found) for name, found in identified.items()}
     for name, found in zip(reports, answers.values(), strict=False):
-        found.report(folder / name, truth=truth, figures=figures)
+        found.report(folder / name, figures=figures)
     page = None
     if result.orbit is not None:
         carried = result.orbit.calibration.rounds[0].logs[0].added_mass
@@ -268,7 +266,7 @@ def _run_once(
             "seed": record.seed,
             "experiment": source.content,
             "truth": lumped_numbers(truth, experiment.input_kind),
-            "estimates": [each.to_dict(truth) for each in answers.values()],
+            "estimates": [each.to_dict() for each in answers.values()],
             "refused": [
                 {"estimator": each.estimator, "error": each.error}
                 for each in record.estimates

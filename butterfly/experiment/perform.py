@@ -193,8 +193,8 @@ class RunResult:
         except ButterflyError as error:
             self._estimates.append(EstimateRecord(estimator=spec.label, error=str(error)))
             return
+        self.identifications[spec.label] = replace(identified, truth=self._truth)
         found = identified.estimate
-        self.identifications[spec.label] = identified
         held_out = np.array(list(identified.held_out.values()))
         names, how = (*found.names, *found.known.fixed), self._experiment.validation
         record = EstimateRecord(

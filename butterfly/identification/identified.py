@@ -73,6 +73,9 @@ class Identified:
     made_by: Estimator | None = None
     """The estimator; None for a result that was loaded."""
 
+    truth: LumpedParameters | None = None
+    """The true parameters of the bare hand, where the logs were simulated."""
+
     @property
     def parameters(self) -> LumpedParameters:
         """The parameters of the bare hand."""

@@ -21,7 +21,6 @@ from butterfly.identification.identified import Identified
 from butterfly.identification.validate import CrossValidation, Structure
 from butterfly.logs.log import Log
 from butterfly.logs.thinning import thinned
-from butterfly.model.parameters import LumpedParameters
 from butterfly.model.prior import Prior
 from butterfly.model.terms import PARAMETERS, TERMS, offered
 from butterfly.report.agreement_texts import agreement_table
@@ -107,9 +106,9 @@ def _fit(identification: Identified) -> str:
     )
 
 
-def tables(identification: Identified, truth: LumpedParameters | None) -> list[TextTable]:
+def tables(identification: Identified) -> list[TextTable]:
     """Return parameters beside the true ones if known, physical ones, and FIT of others."""
-    estimate, fit = identification.estimate, identification.fit
+    estimate, fit, truth = identification.estimate, identification.fit, identification.truth
     rows = [*map(parameter_texts, estimate.table(truth))]
     title = f"{identification.origin['name']}: {estimate.method}"
     compared = ("true", "deviation", "unit") if truth else ("unit", "meaning")
