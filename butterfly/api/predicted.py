@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import partial
 from os import PathLike
@@ -41,6 +41,7 @@ class Drawn(Tabulated):
     """Parameter draws of the bare joint in SI units: one row each, with equal weights."""
 
     kind: ClassVar[str] = "draws"
+    plots: ClassVar[Mapping[str, str]] = {"corner": "corner"}
 
     found: Identification | None = None
     """The identification; None for loaded draws."""
@@ -69,11 +70,6 @@ class Drawn(Tabulated):
                 "rows": [{key: getattr(each, key) for key in columns} for each in draws.parameters],
             },
         )
-
-    def figures(self) -> dict[str, Figure]:
-        """Return the figures of its page, by name."""
-        drawn = self.plot.corner()
-        return {} if drawn is None else {"corner": drawn}
 
     def facts(self) -> list[Fact]:
         """Return the numbers that matter most."""

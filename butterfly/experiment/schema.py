@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import product
 from pathlib import Path
 from typing import Annotated
@@ -117,18 +117,7 @@ class PlantSpec(StrictModel):
     @property
     def rig(self) -> Rig:
         """The robot with how it is run."""
-        return Rig(
-            robot=self.robot,
-            simulator=self.simulator,
-            clock=self.clock,
-            encoder=self.encoder,
-            path=self.path,
-            faults=self.faults,
-            servo=self.servo,
-            torque_off=self.torque_off,
-            supply=self.supply,
-            run_in=self.run_in,
-        )
+        return Rig(**{each.name: getattr(self, each.name) for each in fields(Rig)})
 
     @model_validator(mode="after")
     def _possible(self) -> PlantSpec:

@@ -70,10 +70,12 @@ class TablePlots:
             )
         return figure
 
-    def frequencies(self) -> Figure:
-        """Draw how the simulators' steady responses differ from the logs', by added mass."""
-        figure = panels("frequency in rad/s", ("amplitude error in %", "phase error in °"), 480)
+    def frequencies(self) -> Figure | None:
+        """Draw how the simulators' responses to sines differ from the logs', by added mass."""
         rows = [row for row in self.result.rows() if row["phase error MuJoCo in °"] is not None]
+        if not rows:
+            return None
+        figure = panels("frequency in rad/s", ("amplitude error in %", "phase error in °"), 480)
         masses = sorted({row["added mass in kg"] for row in rows})
         for (number, mass), name in product(enumerate(masses), _SIMULATORS):
             (colour, symbol), (mark, size) = look(number), _SIMULATORS[name]
@@ -146,9 +148,11 @@ class TablePlots:
         figure.update_yaxes(categoryorder="array", categoryarray=names[::-1], range=ends)
         return figure
 
-    def choices(self) -> Figure:
-        """Draw the median FIT with each set of terms, in sample and held out."""
+    def choices(self) -> Figure | None:
+        """Draw the median FIT with each set of terms, in sample and held out; None of one set."""
         figure, rows = panel("fitted terms", "median FIT in %", 340), self.result.rows()
+        if len(rows) == 1:
+            return None
         names = [", ".join(row["terms"]) or "none" for row in rows]
         fits = [*map(medians_of, rows)]
         for number, name in enumerate(fits[0]):

@@ -18,6 +18,7 @@ from butterfly.identification.design import HELPS, Candidate
 from butterfly.identification.encoder_offset import OffsetKind, encoder_offsets
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identified import Identified
+from butterfly.identification.parameter import Parameter
 from butterfly.identification.validate import CrossValidation, Structure
 from butterfly.logs.log import Log
 from butterfly.logs.thinning import thinned
@@ -108,12 +109,10 @@ def _fit(identification: Identified) -> str:
 
 def tables(identification: Identified) -> list[TextTable]:
     """Return parameters beside the true ones if known, physical ones, and FIT of others."""
-    estimate, fit, truth = identification.estimate, identification.fit, identification.truth
-    rows = [*map(parameter_texts, estimate.table(truth))]
-    title = f"{identification.origin['name']}: {estimate.method}"
-    compared = ("true", "deviation", "unit") if truth else ("unit", "meaning")
+    estimate, fit = identification.estimate, identification.fit
+    rows = estimate.table(identification.truth)
     found = [
-        _columns(title, rows, "estimate", *compared, "mark"),
+        values_table(f"{identification.origin['name']}: {estimate.method}", rows),
         _columns("Errors and intervals", rows, "error", "interval", "left_out", detail=True),
     ]
     if estimate.agreement:
@@ -168,12 +167,20 @@ def _of_logs(identification: Identified, residuals: Mapping[str, Any]) -> list[F
     return [*servo, Fact("model error", error, noise)]
 
 
+def values_table(title: str, rows: Sequence[Parameter]) -> TextTable:
+    """Tabulate the values of parameters, beside the true ones if these are known."""
+    known = any(each.true is not None for each in rows)
+    compared = ("true", "deviation", "unit") if known else ("unit", "meaning")
+    return _columns(title, rows, "estimate", *compared, "mark")
+
+
 def _columns(
-    title: str, rows: Sequence[Mapping[str, str]], *columns: str, detail: bool = False
+    title: str, rows: Sequence[Parameter], *columns: str, detail: bool = False
 ) -> TextTable:
     """Return some columns of parameters as texts."""
     headers = ("", *(_HEADERS.get(each, each) for each in columns))
-    return TextTable(title, headers, [[row[c] for c in ("name", *columns)] for row in rows], detail)
+    cells = [[row[c] for c in ("name", *columns)] for row in map(parameter_texts, rows)]
+    return TextTable(title, headers, cells, detail)
 
 
 def loop_rows(identification: Identified) -> list[tuple[str, ...]]:
