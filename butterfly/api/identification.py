@@ -58,7 +58,7 @@ if TYPE_CHECKING:
     from butterfly.report.identification_figures import IdentificationPlots
     from butterfly.twin.twin import Twin, Written
 
-_UNITS = {"fit.horizon": "s"} | dict.fromkeys(
+_UNITS = {"fit.horizon": "s", "zeros": "rad"} | dict.fromkeys(
     ("fit", "fits", "velocity_fits", "held_out", "drive_fits", "against.fit"), "%"
 )
 _SAVED = ("summary", "chosen", "against", "residuals")
@@ -103,6 +103,7 @@ class Identification(Identified, Result):
             held_out=_fits(content.get("held_out", {})),
             mean_errors=_fits(content.get("mean_errors", {})),
             drive_fits=_fits(content.get("drive_fits", {})),
+            zeros=_fits(content.get("zeros", {})),
             saved={key: content[key] for key in _SAVED if key in content},
         )
         found.separated()  # these fail where something names what there is not
@@ -132,6 +133,7 @@ class Identification(Identified, Result):
                 "held_out": self.held_out,
                 "mean_errors": self.mean_errors,
                 "drive_fits": self.drive_fits,
+                "zeros": self.zeros,
                 "physical": physical_numbers(self.separated()),
                 "chosen": basis["chosen"],
                 **of_logs,

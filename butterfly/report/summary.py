@@ -119,7 +119,7 @@ def tables(identification: Identified, truth: LumpedParameters | None) -> list[T
     ]
     if estimate.agreement:
         found.append(agreement_table(estimate.agreement))
-    if (derived := physical_table(identification.separated())).rows:
+    if (derived := physical_table(identification.separated(), identification.zeros)).rows:
         found.append(derived)
     if estimate.resonances:
         resonances = [(str(mass), f"{w:.4f}") for mass, w in estimate.resonances.items()]
