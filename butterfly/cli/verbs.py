@@ -97,11 +97,13 @@ def _predict(
     if out is not None and pairs:
         raise InputError("butterfly predict", "--out", out, "an identification to draw from")
     given = parse_pairs(result, "--with") if pairs else Path(result)
-    found = ask(result=given, bands=bands or (page.report is not None and not pairs))
+    banded = bands or (page.report is not None and not pairs)
+    chosen = ask.keywords["draws"], ask.keywords["seed"]
+    drawn = bf.draws(result, *chosen) if out is not None and not banded else None
+    found = ask(result=given, bands=banded)
     ended = show(found, **vars(page))
     if out is not None:
-        drawn = found.drawn or bf.draws(result, ask.keywords["draws"], ask.keywords["seed"])
-        drawn.write(out)
+        (drawn or found.drawn).write(out)
         say(f"Draws: {out}")
     return ended
 
