@@ -158,6 +158,7 @@ def test_recordings_put_together_and_pieces_of_a_log_are_told_apart(butterfly, t
     path = tmp_path / "two.csv"
     np.savetxt(path, rows, delimiter=",", header="time,input,angle", comments="")
     out = done(butterfly("inspect", path, "--restarts", "--verbose"))
+    assert all(f"two.csv (part {k})" in out for k in (1, 2))
     np.savetxt(path, rows[:200], delimiter=",", header="time,input,angle", comments="")
     out = done(butterfly("inspect", path, "--from", "0.5", "--to", "1.5"))
     assert "101" in out
