@@ -4,12 +4,13 @@ import hashlib
 import json
 import re
 from dataclasses import replace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
 import butterfly as bf
-from butterfly.logs import thesis_logs
+from butterfly.logs import manifest_draft, thesis_logs
 from butterfly.logs.csv import write_csv
 from butterfly.logs.manifest import read_manifest
 from tests.cli.one_line import assert_one_line_error, done
@@ -117,9 +118,14 @@ def test_a_manifest_is_drafted_of_any_logs_with_what_is_said_of_them(butterfly, 
     assert butterfly("inspect", loose)[0] == 0
 
 
-def test_columns_of_usual_words_are_taken_and_not_asked_for(butterfly, loose):
-    _, out, _ = butterfly("manifest", loose, "--units", "time=ms,angle=deg")
+def test_columns_of_usual_words_are_taken_and_not_asked_for(butterfly, loose, monkeypatch):
+    read = Mock(side_effect=manifest_draft.read_entry)
+    monkeypatch.setattr(manifest_draft, "read_entry", read)
+    _, out, _ = butterfly("manifest", loose, "--units", "time=ms,angle=deg,mass=g")
     assert "- columns" not in out
+    assert read.call_count == 1
+    places = "# - {file: ..., added_mass: (g), arm: (m), omega: (rad/s), amplitude: (V)}"
+    assert places in (loose / "manifest.yaml").read_text(encoding="utf-8")
     found = read_manifest(loose / "manifest.yaml").columns
     assert found == {"time": "t", "input": "volts", "angle": "phi"}
     assert butterfly("inspect", loose, "--repair", "unwrap")[0] == 0
