@@ -212,7 +212,8 @@ class Accuracy:
         errors = [*self.errors.values()]
         text = f"Largest error against our own simulation: {self.worst:.2g} {self.unit}"
         if len(errors) > 1:
-            text += f" in {len(errors)} logs (median {np.median(errors):.2g} {self.unit})"
+            middle = f"(median {np.median(errors):.2g} {self.unit})"
+            text += f" in {len(errors)} logs, each with its own mass {middle}"
         more = f"; {self.besides} more logs not compared" if self.besides else ""
         return f"{text}{more}."
 
