@@ -58,10 +58,10 @@ if TYPE_CHECKING:
     from butterfly.report.identification_figures import IdentificationPlots
     from butterfly.twin.twin import Twin, Written
 
-_UNITS = {"fit.horizon": "s"} | dict.fromkeys(
+_UNITS = {"fit.horizon": "s", "zeros": "rad"} | dict.fromkeys(
     ("fit", "fits", "velocity_fits", "held_out", "drive_fits", "against.fit"), "%"
 )
-_OF_LOGS = ("fits", "velocity_fits", "held_out", "mean_errors", "drive_fits")  # by their names
+_OF_LOGS = ("fits", "velocity_fits", "held_out", "mean_errors", "drive_fits", "zeros")  # by name
 _SAVED = ("summary", "chosen", "against", "residuals")
 
 

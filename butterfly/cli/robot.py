@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -11,7 +12,7 @@ from cyclopts.validators import Number
 
 import butterfly as bf
 from butterfly.cli.options import OUT, WRITTEN, HandMass
-from butterfly.cli.output import ExitCode, say, say_verdict, show_progress
+from butterfly.cli.output import ExitCode, asked, say, say_verdict, show_progress
 from butterfly.cli.written import OutputFile
 from butterfly.errors import InputError
 from butterfly.twin.forms import DEFAULTS, FORMS, INTEGRATORS, WITH_A_BODY, Options
@@ -213,6 +214,9 @@ def export(
         Added mass, at --arm.
     """
     from butterfly.api.inspected import robot_of  # noqa: PLC0415 - slow to import
+    from butterfly.api.sources import is_data  # noqa: PLC0415
+    from butterfly.files import locate  # noqa: PLC0415
+    from butterfly.model.parameters import NO_ADDED_MASS  # noqa: PLC0415
     from butterfly.twin.forms import write_twin  # noqa: PLC0415
 
     if actuator and to != "bam":
@@ -220,11 +224,14 @@ def export(
     named = robot_of(source, hand_mass=hand_mass, added_mass=added_mass, arm=arm)
     if named.judged is not None:
         say_verdict(named.judged)
-    asked = Options(timestep=timestep, integrator=integrator, actuator=actuator)
-    made = write_twin(to, named.twin, asked, out)
-    say(f"Twin: {out}, {made.about}.")
+    options = Options(timestep=timestep, integrator=integrator, actuator=actuator)
+    made = write_twin(to, named.twin, options, out)
+    added = named.twin.added if to != "bam" else NO_ADDED_MASS
+    say(f"Twin: {out}, {made.about}{f', with {added}' if added.mass else ''}.")
     for sentence in (*made.left_out, *((made.accuracy.sentence,) if made.accuracy else ())):
         say(sentence)
     if named.note and to in WITH_A_BODY:
         say(named.note)
+    if not asked.silent and is_data(locate(source)):
+        print(f"Next: butterfly compare {shlex.quote(str(source))}")
     return ExitCode.of(named.judged)

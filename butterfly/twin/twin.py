@@ -54,6 +54,7 @@ class Twin:
     known: Prior = NO_PRIOR  # what was known of it
     ratios: bool = False  # whether the parameters are ratios to p1
     robot: Robot | None = None  # that of an experiment, whose shape is known, not its motion alone
+    zeros: tuple[float, ...] = ()  # readings in rad of the logs' encoders at angle 0
     mass: float | None = None  # in kg, on which no motion depends; a possible one if None
     # whether what swings across the ground's gravity is drawn as the Butterfly robot's hand
     is_butterfly: bool = False
@@ -87,6 +88,7 @@ class Twin:
             servo=ServoLoop.of(loop, whole=False) if loop else None,
             known=Prior.of(origin.get("known", {})),
             ratios=estimate.ratios,
+            zeros=tuple(found.zeros.values()),
             mass=mass,
             is_butterfly=manifest.get("shape") == "butterfly",
             recorded=recorded,
@@ -124,6 +126,16 @@ class Twin:
         beside = hand.mass * hand.com_offset / mass
         below = (hand.mass * hand.com_distance + added.mass * added.arm) / mass
         return Body(mass, beside, below, p1 - mass * (beside**2 + below**2))
+
+    @property
+    def zero_lines(self) -> tuple[str, ...]:
+        """Say how the encoder's angle follows from the twin's, if that is known."""
+        if not self.zeros:
+            return ()
+        ends = dict.fromkeys(f"{round(each(self.zeros), 4) + 0.0:g}" for each in (min, max))
+        return (
+            f"Encoder's angle = angle here + zero; zero = {' to '.join(ends)} rad in the logs.",
+        )
 
     @property
     def identifier(self) -> str:
@@ -200,7 +212,8 @@ class Accuracy:
         errors = [*self.errors.values()]
         text = f"Largest error against our own simulation: {self.worst:.2g} {self.unit}"
         if len(errors) > 1:
-            text += f" in {len(errors)} logs (median {np.median(errors):.2g} {self.unit})"
+            middle = f"(median {np.median(errors):.2g} {self.unit})"
+            text += f" in {len(errors)} logs, each with its own mass {middle}"
         more = f"; {self.besides} more logs not compared" if self.besides else ""
         return f"{text}{more}."
 

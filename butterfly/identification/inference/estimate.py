@@ -29,7 +29,6 @@ from butterfly.verdict import Level
 OF_VERDICT = ("p1", "p4")
 """Parameters of the scale, whose half-widths decide the verdict."""
 
-_DOUBTED = {FindingKind.SEARCH_STOPPED, FindingKind.APPROXIMATE}
 _LARGEST = float(np.finfo(float).max) ** 0.25  # of any number: squares of such are numbers too
 _FINDINGS = TypeAdapter(tuple[Finding, ...])
 _CONTRASTS = TypeAdapter(tuple[Contrast, ...])
@@ -253,7 +252,7 @@ class Estimate:
             return Level.WARNING
         widths = self.relative_half_widths
         near = all(widths.get(name, 0.0) <= PRECISE for name in OF_VERDICT)
-        doubted = any(each.kind in _DOUBTED for each in self.findings)
+        doubted = any(each.doubts for each in self.findings)
         return Level.GOOD if near and not doubted else Level.CARE
 
     @property
