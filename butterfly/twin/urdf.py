@@ -61,6 +61,11 @@ def _missing(twin: Twin, options: Options) -> Iterator[str]:
         yield f"Delay each effort yourself by {late} (delay {delay})."
     if twin.servo is not None:
         yield f"The servo's loop ({twin.servo.law}) is not included: the command is its drive's."
+    if twin.loaded.p2 or twin.loaded.coulomb:
+        yield (
+            "An importer may drop damping and friction, as that of Isaac Sim 6.1.0 does "
+            "(IsaacSim#841): look for both in what it made."
+        )
     yield from left_out(twin, "URDF")
 
 
