@@ -200,9 +200,9 @@ class Rig:
     def rough_and_fine(
         self, seed: int | np.random.SeedSequence
     ) -> tuple[Callable[..., Log], Callable[..., Log]] | None:
-        """Return `run` with exact readings, and of a finer rig: what differs is MuJoCo's error.
+        """Return `run` with exact readings, and that of a finer rig; None for the exact grey box.
 
-        None for the grey box, which is exact.
+        What differs is MuJoCo's error.
         """
         if self.simulator is not Simulator.MUJOCO:
             return None

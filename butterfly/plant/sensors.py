@@ -16,9 +16,7 @@ from butterfly.logs.log import Log
 VELOCITY_LAG = 0.006
 """Lag in s of the velocity that the Butterfly robot's own controller records."""
 
-FINEST = 1 << 60
-"""Steps per turn, finer than any angle in double precision."""
-
+FINEST = 1 << 60  # steps per turn, finer than any angle in double precision
 _BYTES_PER_CYCLE = 64  # timestamps, input, angle and velocity of a log, and copies
 _SHORTEST = 0.1  # least interval, relative to the nominal one
 _MULTIPLIER, _MODULUS = 16807, 2147483647  # Park & Miller's minimal standard generator

@@ -62,10 +62,7 @@ def _missing(twin: Twin, options: Options) -> Iterator[str]:
     if twin.servo is not None:
         yield f"The servo's loop ({twin.servo.law}) is not included: the command is its drive's."
     if twin.loaded.p2 or twin.loaded.coulomb:
-        yield (
-            "An importer may drop damping and friction, as that of Isaac Sim 6.1.0 does "
-            "(IsaacSim#841): look for both in what it made."
-        )
+        yield "Importers may drop damping and friction (Isaac Sim 6.1.0, IsaacSim#841): check both."
     yield from left_out(twin, "URDF")
 
 
