@@ -65,6 +65,7 @@ class FindingKind(StrEnum):
     NO_MISFIT = "no-misfit"  # the same, where sensor noise explains it
     ABSOLUTE = "absolute"
     RATIOS = "ratios"
+    PLANT = "plant"  # share by which the simulator's own error moves the value that it hits most
     RESTS_ON = "rests-on"  # scales that no log can show, given without an uncertainty
 
 

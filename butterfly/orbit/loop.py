@@ -19,7 +19,12 @@ from butterfly.logs.log import Log
 from butterfly.model.energy import Orbit
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.orbit.controller import Dithered, EnergyShaping, Target, VelocityEstimator, gain_for
-from butterfly.orbit.recalibration import Recalibration, RecalibrationOptions, recalibrate
+from butterfly.orbit.recalibration import (
+    LoopEquations,
+    Recalibration,
+    RecalibrationOptions,
+    recalibrate,
+)
 from butterfly.plant.motor import ControlLaw
 from butterfly.plant.sensors import FilteredDifference
 from butterfly.progress import Track, untracked
@@ -139,13 +144,16 @@ def calibrate(
     schedule: OrbitSchedule,
     options: RecalibrationOptions = RecalibrationOptions(),
     *,
+    plants: tuple[RunLaw, RunLaw] | None = None,
     rng: np.random.Generator,
     track: Track = untracked,
 ) -> Calibration:
     """Hold the orbit, re-calibrate next to it, and hold it better.
 
     ``believed`` are parameters of the bare hand to begin with, from small swings say, ``zero`` is
-    the encoder reading in rad of the hanging hand; the dither is drawn from ``rng``.
+    the encoder reading in rad of the hanging hand; the dither is drawn from ``rng``. Of a simulated
+    rig the intervals include the simulator's own error: what changes from the first of its
+    ``plants`` to the second, which is solved more finely, if both draw the same random numbers.
     """
     require_number("believed parameters", positive=True, p1=believed.p1, p4=believed.p4)
     loaded = {mass: believed.with_added_mass(mass) for mass in schedule.added_masses}
@@ -163,6 +171,14 @@ def calibrate(
         if change <= schedule.parameter_tolerance:
             ending = "the parameters have converged"
             break
+    if plants is not None:
+        found = rounds[-1].recalibration
+        names, tried = found.estimate.names, []
+        for plant in plants:
+            logs = _runs(plant, loaded, zero, schedule, np.random.default_rng(0))
+            tried.append(LoopEquations(logs, zero, options).fit(names)[0].values)
+        found = replace(found, estimate=found.estimate.resting_on(tried[1] - tried[0]))
+        rounds[-1] = replace(rounds[-1], recalibration=found)
     return Calibration(rounds=tuple(rounds), ending=ending)
 
 
@@ -175,16 +191,8 @@ def _round(
     *,
     rng: np.random.Generator,
 ) -> Round:
-    """Run the controller from every start, on every orbit, with every added mass; re-calibrate."""
-    logs: list[Log] = []
-    for added, model in loaded.items():
-        runs = [(start, schedule.target(model)) for start in schedule.starts]
-        runs += [(each, Orbit.of_amplitude(model, each)) for each in schedule.orbits]
-        for start, orbit in runs:
-            law: ControlLaw = schedule.law(orbit, zero)
-            if schedule.dither > 0 and logs:
-                law = Dithered(law, schedule.dither, 2 * math.pi / orbit.period, rng)
-            logs.append(rig(law, start, schedule.duration, added))
+    """Run the controller with what is believed; re-calibrate."""
+    logs = _runs(rig, loaded, zero, schedule, rng)
     believed = loaded[schedule.added_masses[0]]
     nominal, first = schedule.target(believed), logs[0]
     since = first.time[0] + _SETTLED * (first.time[-1] - first.time[0])
@@ -197,6 +205,26 @@ def _round(
         amplitude=swing(first, zero, since),
         recalibration=recalibrate(logs, zero, options),
     )
+
+
+def _runs(
+    rig: RunLaw,
+    loaded: dict[AddedMass, LumpedParameters],
+    zero: float,
+    schedule: OrbitSchedule,
+    rng: np.random.Generator,
+) -> list[Log]:
+    """Run the controller from every start, on every orbit, with every added mass."""
+    logs: list[Log] = []
+    for added, model in loaded.items():
+        runs = [(start, schedule.target(model)) for start in schedule.starts]
+        runs += [(each, Orbit.of_amplitude(model, each)) for each in schedule.orbits]
+        for start, orbit in runs:
+            law: ControlLaw = schedule.law(orbit, zero)
+            if schedule.dither > 0 and logs:
+                law = Dithered(law, schedule.dither, 2 * math.pi / orbit.period, rng)
+            logs.append(rig(law, start, schedule.duration, added))
+    return logs
 
 
 def _largest_change(before: LumpedParameters, after: LumpedParameters) -> float:
@@ -259,13 +287,16 @@ def study_orbit(
     *,
     amplitudes: tuple[float, ...] = (),
     small_swings: Estimate | None = None,
+    plants: tuple[RunLaw, RunLaw] | None = None,
     rng: np.random.Generator,
     name: str = "orbit",
     description: str = "",
     track: Track = untracked,
 ) -> OrbitStudy:
     """Calibrate, compare free runs, and use models of orbits of ``amplitudes`` crosswise."""
-    calibration = calibrate(rig, believed, zero, schedule, options, rng=rng, track=track)
+    calibration = calibrate(
+        rig, believed, zero, schedule, options, plants=plants, rng=rng, track=track
+    )
     carried = schedule.added_masses[0]
     final = calibration.parameters
 

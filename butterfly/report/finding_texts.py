@@ -411,6 +411,10 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         f"{_both([_RESTS_ON[name] for name in finding.parameters])}. A spring "
         "at small swings appears as p3."
     ),
+    FindingKind.PLANT: (
+        "All values rest on the simulator, too: solved more finely it moves {names} by "
+        "{percent:.1g} %, the others by less of their intervals. These include it."
+    ),
     FindingKind.ABSOLUTE: "Absolute values, scaled by the known masses.",
     FindingKind.RATIOS: (
         "No known mass was added, so values are ratios to p1: enough to design a controller."

@@ -182,7 +182,7 @@ def _parameters_table(study: OrbitStudy, truth: LumpedParameters | None) -> Page
             for row, bar, first in zip(texts, bars, before, strict=True)
         ],
         caption=f"{forest_caption(bars)} SI units; ratios if the added mass was not changed. "
-        "Intervals include the leave-one-run-out estimates.",
+        "Intervals include the leave-one-run-out estimates and the simulator's own error.",
     )
 
 

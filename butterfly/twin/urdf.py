@@ -67,6 +67,8 @@ def _missing(twin: Twin, options: Options) -> Iterator[str]:
         yield f"Delay each effort yourself by {late} (delay {delay})."
     if twin.servo is not None:
         yield f"The servo's loop ({twin.servo.law}) is not included: the command is its drive's."
+    if twin.loaded.p2 or twin.loaded.coulomb:
+        yield "Importers may drop damping and friction (Isaac Sim 6.1.0, IsaacSim#841): check both."
     yield from left_out(twin, "URDF")
 
 

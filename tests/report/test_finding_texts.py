@@ -52,6 +52,7 @@ NUMBERS = {
     FindingKind.SOURCES_CONFLICT: (4.23, "4.2 standard uncertainties"),
     FindingKind.CONTRADICTED: (5.61, "5.6 standard errors"),
     FindingKind.SEARCH_STOPPED: (60.0, "after 60 s"),
+    FindingKind.PLANT: (4.21e-5, "0.004 %"),
 }
 OF_BODY = {FindingKind.CONTRADICTED: ("viscous_friction", "inertia")}
 """Physical parameters instead of the model's."""

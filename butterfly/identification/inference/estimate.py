@@ -309,6 +309,21 @@ class Estimate:
         """Return the estimate with further findings."""
         return replace(self, findings=(*self.findings, *more))
 
+    def resting_on(self, error: Samples) -> Estimate:
+        """Return the estimate with (n,) errors of its logs' simulator, as standard uncertainty."""
+        covariance = np.outer(error, error)
+        wider = half_widths(covariance, np.full(error.size, np.inf))
+        below = np.hypot(self.values - self.lower, wider)
+        most = int(np.argmax(np.abs(error) / np.maximum(self.farther, np.finfo(float).tiny)))
+        share = abs(error[most]) / max(abs(self.values[most]), abs(error[most]))
+        told = Finding(FindingKind.PLANT, (self.names[most],), number=float(share))
+        return replace(
+            self,
+            covariance=self.covariance + covariance,
+            lower=np.maximum(self.values - below, lower_bounds(self.names)),
+            upper=self.values + np.hypot(self.upper - self.values, wider),
+        ).with_findings(told)
+
     def with_contrasts(self, more: tuple[Contrast, ...], rivals: Iterable[Samples]) -> Estimate:
         """Return the estimate with contrasts of its free runs first, if they explain more.
 
