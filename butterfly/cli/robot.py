@@ -173,6 +173,8 @@ def _with_run(source: Path, number: int) -> Experiment:
 _TWINS = tuple(sorted({ending for _, *endings in FORMS.values() for ending in endings}))
 _Form: Any = Literal[tuple(FORMS)]
 _Integrator: Any = Literal[INTEGRATORS]
+_OF_COMMAND: Any = {"group": WRITTEN, "validator": Number(gt=0)}
+_OF_FORMS = {"actuator": "bam", "smoothing": "compensation", "command_limit": "compensation"}
 
 
 def export(
@@ -186,14 +188,16 @@ def export(
     ] = DEFAULTS.timestep,
     integrator: Annotated[_Integrator, Parameter(group=WRITTEN)] = DEFAULTS.integrator,
     actuator: Annotated[str | None, Parameter(group=WRITTEN, metavar="NAME")] = None,
+    smoothing: Annotated[float | None, Parameter(**_OF_COMMAND, metavar="rad/s")] = None,
+    command_limit: Annotated[float | None, Parameter(**_OF_COMMAND, metavar="unit")] = None,
     hand_mass: HandMass = None,
     added_mass: AddedMass = 0.0,
     arm: Arm = None,
 ) -> ExitCode:
-    """Export the identified joint (its twin) to MuJoCo, URDF, C and others.
+    """Export the identified joint (its twin) to MuJoCo, URDF, C and others, or what cancels it.
 
     Also prints what the format cannot represent, and how far the twin's motion is from our own
-    simulation at the given time step.
+    simulation at the given time step; of a compensation, how far its command may be off.
 
     Parameters
     ----------
@@ -203,13 +207,20 @@ def export(
         File to write.
     to
         Format: MuJoCo model (mjcf), lines to paste into your MJCF (snippet), URDF (urdf), actuator
-        settings for mjlab and Isaac Lab (actuator), a C99 header (c), or JSON for BAM (bam).
+        settings for mjlab and Isaac Lab (actuator), a C99 header (c), JSON for BAM (bam), the
+        command that cancels gravity and friction in C or Python (compensation), or gains of WPILib
+        as JSON (wpilib).
     timestep
         Time step of your simulator.
     integrator
         MuJoCo integrator: RK4 is more accurate, implicitfast is common in learning frameworks.
     actuator
         BAM's name of the servo, such as xl330. Default: from the servo's law.
+    smoothing
+        Speed below which compensated friction has the wanted direction. Default: the error of a
+        velocity by the logs' encoder.
+    command_limit
+        Largest command of a compensation. Default: of the drive, or what the joint needs.
     added_mass
         Added mass, at --arm.
     """
@@ -219,16 +230,25 @@ def export(
     from butterfly.model.parameters import NO_ADDED_MASS  # noqa: PLC0415
     from butterfly.twin.forms import write_twin  # noqa: PLC0415
 
-    if actuator and to != "bam":
-        raise InputError("export", "--actuator", actuator, "--to bam as well")
+    asked = Options(
+        timestep=timestep,
+        integrator=integrator,
+        actuator=actuator,
+        smoothing=smoothing,
+        command_limit=command_limit,
+    )
+    for name, form in _OF_FORMS.items():
+        if getattr(asked, name) and to != form:
+            option = f"--{name.replace('_', '-')}"
+            raise InputError("export", option, getattr(asked, name), f"--to {form} as well")
     named = robot_of(source, hand_mass=hand_mass, added_mass=added_mass, arm=arm)
     if named.judged is not None:
         say_verdict(named.judged)
-    options = Options(timestep=timestep, integrator=integrator, actuator=actuator)
-    made = write_twin(to, named.twin, options, out)
+    made = write_twin(to, named.twin, asked, out)
     added = named.twin.added if to != "bam" else NO_ADDED_MASS
-    say(f"Twin: {out}, {made.about}{f', with {added}' if added.mass else ''}.")
-    for sentence in (*made.left_out, *((made.accuracy.sentence,) if made.accuracy else ())):
+    say(f"{made.title}: {out}, {made.about}{f', with {added}' if added.mass else ''}.")
+    accuracy = (made.accuracy.sentence,) if made.accuracy else ()
+    for sentence in (*made.said, *made.left_out, *accuracy):
         say(sentence)
     if named.note and to in WITH_A_BODY:
         say(named.note)

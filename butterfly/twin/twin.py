@@ -14,6 +14,7 @@ import numpy as np
 from butterfly.errors import ButterflyError
 from butterfly.identification.free_run import Setting
 from butterfly.identification.identified import Identified
+from butterfly.identification.inference.estimate import Estimate
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import (
     GRAVITY,
@@ -58,6 +59,8 @@ class Twin:
     mass: float | None = None  # in kg, on which no motion depends; a possible one if None
     # whether what swings across the ground's gravity is drawn as the Butterfly robot's hand
     is_butterfly: bool = False
+    # whose covariance says how well its parameters are known; None if they are exact
+    estimate: Estimate | None = field(default=None, compare=False)
     # returns logs of its motion, and what each is simulated with
     recorded: Callable[[], Sequence[tuple[Log, Setting]]] = field(default=tuple, compare=False)
 
@@ -82,6 +85,7 @@ class Twin:
         return cls(
             name=origin["name"],
             parameters=estimate.parameters,
+            estimate=estimate,
             added=replace(added, gravity=gravity, joint=joint),
             joint=joint,
             kind=InputKind(origin["input"]),
@@ -234,3 +238,5 @@ class Written:
     left_out: tuple[str, ...] = ()
     # error against our own simulation; None for a format without simulation
     accuracy: Accuracy | None = None
+    title: str = "Twin"  # what it is
+    said: tuple[str, ...] = ()  # sentences on its use

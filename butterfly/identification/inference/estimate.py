@@ -18,7 +18,7 @@ from butterfly.identification.inference.agreement import Contrast
 from butterfly.identification.inference.blocks import Condition
 from butterfly.identification.inference.covariance import half_widths
 from butterfly.identification.inference.identifiability import precision
-from butterfly.identification.levels import PRECISE
+from butterfly.identification.levels import PRECISE, SPREADS
 from butterfly.identification.parameter import Parameter, meaning_of, or_none, unit_of
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
@@ -265,6 +265,14 @@ class Estimate:
     def farther(self) -> Samples:
         """(n,) distances of each value from the farther limit of its interval."""
         return np.maximum(self.upper - self.values, self.values - self.lower)
+
+    @property
+    def interval_covariance(self) -> Samples:
+        """(n, n) covariance, enlarged so that its standard errors are those of the intervals."""
+        errors = self.standard_errors
+        widest = np.maximum(self.farther / SPREADS, errors)
+        scale = np.divide(widest, errors, out=np.ones_like(errors), where=errors > 0)
+        return np.asarray(self.covariance * np.outer(scale, scale))
 
     @property
     def relative_half_widths(self) -> dict[str, float]:
