@@ -150,8 +150,8 @@ def rows_document(name: str, table: pa.Table, kind: InputKind) -> dict[str, Any]
 def _unit_of_column(name: str) -> str:
     if name.startswith(("fit_", "held_out_", "holdout_")):
         return "%"
-    if name.startswith("orbit_") and name != "orbit_rounds":
-        return "rad"
+    if name.startswith("orbit_") and name not in {"orbit_rounds", "orbit_differing"}:
+        return "rad/s" if name.endswith("speed") else "rad"
     return "the row's unit" if name in _IN_THEIR_UNIT else ""
 
 
