@@ -57,11 +57,11 @@ def loop_margins(orbit: Orbit, gamma: float, *, lag: float = 0.0) -> Margins:
     require_number("loop_margins", positive=True, gamma=gamma)
     p = orbit.parameters
     now = max(p.delay, 0.0) + p.time_constant + lag
-    transverse, swings = _Transverse.of(orbit), _Swings.below(orbit)
+    transverse, smaller = _Transverse.of(orbit), _Smaller.below(orbit)
 
     def holds(factor: float, more: float) -> bool:
         strength, delay = factor * gamma, now + more
-        return swings.carry(strength, delay) and transverse.multiplier(strength, delay) < 1
+        return smaller.carry(strength, delay) and transverse.multiplier(strength, delay) < 1
 
     multiplier = transverse.multiplier(gamma, now)
     if not holds(1.0, 0.0):
@@ -138,7 +138,7 @@ class _Transverse:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Swings:
+class _Smaller:
     """Orbits of the same kind and less energy, and what the loop does to them in a period."""
 
     inertia: float  # kg m^2
@@ -150,17 +150,17 @@ class _Swings:
     friction: Samples  # (n, samples) N m
 
     @classmethod
-    def below(cls, orbit: Orbit) -> _Swings:
+    def below(cls, orbit: Orbit) -> _Smaller:
         p, shares = orbit.parameters, np.sin(np.pi * (np.arange(_LEVELS) + 0.5) / _LEVELS / 2) ** 2
         missing = _DEEPEST * (orbit.energy - orbit.least) * shares
         energies = (orbit.energy - missing).tolist()
-        swings = [Orbit.of_energy(p, each, orbit.direction or 1) for each in energies]
-        motions = [each.solution(np.arange(_SAMPLES) / _SAMPLES * each.period) for each in swings]
+        orbits = [Orbit.of_energy(p, each, orbit.direction or 1) for each in energies]
+        motions = [each.solution(np.arange(_SAMPLES) / _SAMPLES * each.period) for each in orbits]
         return cls(
             inertia=p.p1,
             slows=not orbit.direction,
             p4=abs(p.p4),
-            periods=np.array([swing.period for swing in swings]),
+            periods=np.array([each.period for each in orbits]),
             missing=missing,
             velocity=np.array([velocity for _, velocity in motions]),
             friction=np.array(

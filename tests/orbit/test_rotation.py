@@ -107,26 +107,42 @@ def test_of_a_fast_hand_the_delay_margin_is_that_of_an_even_turn():
     assert loop_margins(orbit, gamma).delay == pytest.approx(expected, rel=0.01)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("share", "multiplier"), [(1.5, 0.02), (4.0, 0.02)])
-def test_the_loop_holds_the_turn_within_the_delay_margin_and_loses_it_beyond(share, multiplier):
-    orbit = Orbit.of_energy(replace(THESIS, p2=0.0), share * TOP)
-    gamma = gain_for(orbit, multiplier)
+def _late(orbit, gamma, delay):
+    """Energies over the orbit's in the last of 50 turns of a hand whose commands are late."""
     begin, speed = orbit.start
+    turned = robot(TorqueDrive(gain=10.0), viscous=orbit.parameters.p2)
+    joint = GreyBoxJoint(turned, angle=begin, velocity=1.01 * speed)
+
+    class Exact:
+        def update(self, *_):
+            return joint.velocity
+
+    law = EnergyShaping(orbit, gamma, velocity=Exact())
+    log = under_law(joint, law, 50 * orbit.period, 2e-3, path=CommandPath(delay=delay))
+    last = log.time > 45 * orbit.period
+    velocity = np.gradient(log.angle[last], log.time[last])
+    return energy(THESIS, log.angle[last], velocity) / orbit.energy
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("share", [1.5, 4.0])
+def test_the_loop_holds_the_turn_within_the_delay_margin_and_loses_it_beyond(share):
+    orbit = Orbit.of_energy(replace(THESIS, p2=0.0), share * TOP)
+    gamma = gain_for(orbit, 0.02)
     late = loop_margins(orbit, gamma, lag=1e-3).delay
+    assert np.abs(_late(orbit, gamma, 0.9 * late) - 1).max() < 0.02
+    assert np.abs(_late(orbit, gamma, 1.1 * late) - 1).max() > 0.1
 
-    def astray(delay):
-        joint = GreyBoxJoint(robot(TorqueDrive(gain=10.0), viscous=0.0), velocity=1.01 * speed)
-        law = EnergyShaping(orbit, gamma, velocity=Observer(orbit.parameters, bandwidth=400.0))
-        path = CommandPath(delay=delay)
-        log = under_law(joint, law, 40 * orbit.period, 2e-3, path=path)
-        last = log.time > 36 * orbit.period
-        velocity = np.gradient(log.angle[last], log.time[last])
-        return np.abs(energy(THESIS, log.angle[last], velocity) / orbit.energy - 1).max()
 
-    assert begin == 0
-    assert astray(0.9 * late) < 0.02
-    assert astray(1.1 * late) > 0.1
+@pytest.mark.slow
+@pytest.mark.parametrize(("p2", "share", "multiplier"), [(1e-3, 1.05, 0.5), (2e-3, 1.2, 0.7)])
+def test_friction_made_up_for_late_brings_the_hand_back_below_the_top(p2, share, multiplier):
+    """The balance of powers says so a little early: slower turns gain some more while they last."""
+    orbit = Orbit.of_energy(replace(THESIS, p2=p2), share * TOP)
+    gamma = gain_for(orbit, multiplier)
+    late = loop_margins(orbit, gamma, lag=1e-3).delay
+    assert _late(orbit, gamma, 0.9 * late).min() * share > 0.97
+    assert _late(orbit, gamma, 1.4 * late).min() * share < 0.9
 
 
 @pytest.mark.parametrize("direction", WAYS)
