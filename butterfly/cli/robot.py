@@ -230,7 +230,7 @@ def export(
     from butterfly.model.parameters import NO_ADDED_MASS  # noqa: PLC0415
     from butterfly.twin.forms import write_twin  # noqa: PLC0415
 
-    asked = Options(
+    options = Options(
         timestep=timestep,
         integrator=integrator,
         actuator=actuator,
@@ -238,13 +238,13 @@ def export(
         command_limit=command_limit,
     )
     for name, form in _OF_FORMS.items():
-        if getattr(asked, name) and to != form:
+        if getattr(options, name) and to != form:
             option = f"--{name.replace('_', '-')}"
-            raise InputError("export", option, getattr(asked, name), f"--to {form} as well")
+            raise InputError("export", option, getattr(options, name), f"--to {form} as well")
     named = robot_of(source, hand_mass=hand_mass, added_mass=added_mass, arm=arm)
     if named.judged is not None:
         say_verdict(named.judged)
-    made = write_twin(to, named.twin, asked, out)
+    made = write_twin(to, named.twin, options, out)
     added = named.twin.added if to != "bam" else NO_ADDED_MASS
     say(f"{made.title}: {out}, {made.about}{f', with {added}' if added.mass else ''}.")
     accuracy = (made.accuracy.sentence,) if made.accuracy else ()

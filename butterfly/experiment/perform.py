@@ -178,6 +178,7 @@ class RunResult:
             zero,
             control,
             control.recalibration,
+            also=control.also,
             amplitudes=control.cross_check,
             small_swings=small_swings,
             plants=rig.rough_and_fine(experiment.orbit_seed),

@@ -10,7 +10,7 @@ import numpy as np
 from plotly.graph_objects import Figure
 
 from butterfly.report.figures import GREY, look, panel, seen_samples
-from butterfly.report.page import Page, PageTable, Section, write_html
+from butterfly.report.page import Page, PageTable, Section, write_page
 from butterfly.report.pictures import write_pictures
 from butterfly.thesis.claims import ThesisFigure
 
@@ -38,7 +38,7 @@ def write_thesis(
     for each in figures:
         each.write(folder)
     write_pictures(page.figures, folder)
-    write_html(page, folder / "thesis.html")
+    write_page(page, folder / "thesis.html")
     return folder / "thesis.html"
 
 

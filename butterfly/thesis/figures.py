@@ -60,7 +60,7 @@ def synthetic_figures(synthetic: Synthetic) -> list[ThesisFigure]:
 def _swing(number: int, log: Log, robot: LumpedParameters) -> ThesisFigure:
     assert log.excitation is not None  # noqa: S101 - it is a sine
     omega = log.excitation.omega
-    said = abs(Linearisation.of(robot).response(omega)) * log.excitation.amplitude
+    said = float(abs(Linearisation.of(robot).response(omega))) * log.excitation.amplitude
     seen = rms_amplitude(log.angle[steady_window(log, omega)])
     largest = math.degrees(np.abs(log.angle).max())
     curves = {"simulated": Curve("line", {"time_s": log.time, "angle_rad": log.angle})}

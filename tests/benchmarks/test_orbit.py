@@ -93,7 +93,7 @@ def _effect(name):
     options = RecalibrationOptions(**told)
     study = study_orbit(rig, small, 0.0, setting.sixty_degrees(), options, rng=rng)
     rounds = study.calibration.rounds
-    swings = [round(math.degrees(each.amplitude), 2) for each in rounds]
+    swings = [round(math.degrees(each.reached), 2) for each in rounds]
     errors = map(math.degrees, study.errors.values())
     return (*errors, swings, rounds[-1].recalibration.estimate.names)
 
@@ -118,7 +118,7 @@ def _swings(seed):
     ]
     lowest = min(each.recalibration.estimate.values.min() for loop in loops for each in loop.rounds)
     assert lowest >= 0
-    return [[round(math.degrees(each.amplitude), 2) for each in loop.rounds] for loop in loops]
+    return [[round(math.degrees(each.reached), 2) for each in loop.rounds] for loop in loops]
 
 
 def test_the_loop_over_random_draws():

@@ -31,7 +31,7 @@ def study():
 
 
 def test_an_orbit_is_studied_from_runs_that_begin_hanging(study):
-    assert study.calibration.rounds[-1].amplitude == pytest.approx(math.radians(60), abs=0.02)
+    assert study.calibration.rounds[-1].reached == pytest.approx(math.radians(60), abs=0.02)
     assert study.errors["re-calibrated"] < study.errors["generic"]
 
 
