@@ -117,7 +117,8 @@ class PlantSpec(StrictModel):
     @property
     def rig(self) -> Rig:
         """The robot with how it is run."""
-        return Rig(**{each.name: getattr(self, each.name) for each in fields(Rig)})
+        names = {each.name for each in fields(Rig)} - {"fine"}
+        return Rig(**{name: getattr(self, name) for name in names})
 
     @model_validator(mode="after")
     def _possible(self) -> PlantSpec:
