@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from butterfly.identification.findings import Ending, FindingKind
+from butterfly.model.terms import lower_bounds
 from butterfly.orbit.loop import PERIODS, beside_orbit, calibrate, study_orbit
 from butterfly.orbit.recalibration import RecalibrationOptions
 from butterfly.plant.rig import Simulator
@@ -67,6 +68,20 @@ def test_intervals_include_the_simulator_s_own_error_and_without_it_miss_the_tru
     error = whole.values[at] / ratio - 1
     assert (told.parameters, told.number) == (("p3",), pytest.approx(-error, rel=0.2))
     assert not any(each.kind is FindingKind.PLANT for each in alone.findings)
+
+
+@pytest.mark.parametrize("share", [0.0, 1e-3, 1e3])
+def test_a_simulator_s_error_adds_to_each_interval_in_quadrature(study, share):
+    found = study.estimate
+    error = share * found.standard_errors * np.where(np.arange(found.values.size) % 2, 1, -1)
+    wider = found.resting_on(error)
+    limits = np.stack([found.lower, found.upper])
+    by = np.hypot(limits - found.values, 1.96 * np.abs(error))
+    lower = np.maximum(found.values - by[0], lower_bounds(found.names))
+    np.testing.assert_allclose(wider.lower, lower, rtol=1e-4)
+    np.testing.assert_allclose(wider.upper, found.values + by[1], rtol=1e-4)
+    spread = wider.standard_errors**2 - found.standard_errors**2
+    np.testing.assert_allclose(spread, error**2, rtol=1e-6, atol=1e-9 * found.covariance.max())
 
 
 def test_the_grey_box_has_no_error_of_its_own():
