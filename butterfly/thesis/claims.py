@@ -29,7 +29,7 @@ def near(what: str, said: float, seen: float, unit: str = "", within: float = 0.
     return Claim(f"{what} {said:.4g}{unit} (here {seen:.4g}{unit})", bool(holds))
 
 
-class Curve(NamedTuple):
+class Plotted(NamedTuple):
     """Two columns, each a name with its unit and (n,) values, drawn against each other."""
 
     look: str  # line, dots, circles or crosses
@@ -43,7 +43,7 @@ class ThesisFigure:
     name: str  # of its files
     title: str
     axes: tuple[str, str]
-    curves: Mapping[str, Curve]
+    curves: Mapping[str, Plotted]
     claims: Sequence[Claim]
     marks: Mapping[str, float] = field(default_factory=dict)  # abscissae that are printed
     logarithmic: str = ""  # axes, of "xy"

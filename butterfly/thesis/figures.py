@@ -18,7 +18,7 @@ from butterfly.model.parameters import NO_ADDED_MASS, LumpedParameters
 from butterfly.signals.frequency_response import steady_window
 from butterfly.signals.spectrum import periodogram, resample, rms_amplitude, uniform_grid
 from butterfly.thesis import tables
-from butterfly.thesis.claims import CLOSE, Claim, Curve, ThesisFigure, digits, near
+from butterfly.thesis.claims import CLOSE, Claim, Plotted, ThesisFigure, digits, near
 from butterfly.thesis.method import scripted_amplitude, scripted_resonance
 from butterfly.thesis.tables import COARSE, Synthetic
 
@@ -50,7 +50,7 @@ def synthetic_figures(synthetic: Synthetic) -> list[ThesisFigure]:
         log, said = clean[omega], size * float(abs(Linearisation.of(robot).response(omega)))
         seen = rms_amplitude(log.angle[steady_window(log, omega)])
         most = math.degrees(np.abs(log.angle).max())
-        curves = {"simulated": Curve("line", {"time_s": log.time, "angle_rad": log.angle})}
+        curves = {"simulated": Plotted("line", {"time_s": log.time, "angle_rad": log.angle})}
         claims = [
             Claim(f"within ±{_SWING:g}° (here ±{most:.2f}°)", most <= _SWING),
             near("steady amplitude A|G(jω)| (20) of", 1e3 * said, 1e3 * seen, " mrad"),
@@ -58,7 +58,7 @@ def synthetic_figures(synthetic: Synthetic) -> list[ThesisFigure]:
         title = f"Figure {number}: response to a sine of {omega:g} rad/s"
         swings.append(ThesisFigure(f"figure_{number:02d}", title, _TIME, curves, claims))
     time, angle = clean[4.0].time[::COARSE], clean[4.0].angle[::COARSE]
-    dots = Curve("dots", {"coarse_time_s": time, "coarse_angle_rad": angle})
+    dots = Plotted("dots", {"coarse_time_s": time, "coarse_angle_rad": angle})
     curves, step = {**swings[0].curves, "down-sampled": dots}, float(np.diff(time).mean())
     title = "Figure 5: the response of Figure 3, down-sampled"
     claims = [near("a step of", _STEP, step, " s")]
@@ -73,7 +73,7 @@ def _leakage(angle: Samples, step: float, omega: float) -> ThesisFigure:
     for kind, window in (("", _WINDOW), ("whole_", whole)):
         bins, power = periodogram(angle[-math.floor(window / step) :], step)
         columns = {f"{kind}omega_rad_per_s": bins, f"{kind}power_rad2": power}
-        curves[f"last {window:.4g} s"] = Curve("line", columns)
+        curves[f"last {window:.4g} s"] = Plotted("line", columns)
         beside.append(100 * (1 - np.sort(power)[-3:].sum() / power.sum()))
     bins, power = curves[f"last {_WINDOW:g} s"].columns.values()
     others = _other_peaks(bins, power)
@@ -111,9 +111,9 @@ def _gains(
     exact, line = (np.abs(Linearisation.of(robot).response(w)) for w in (omega, fine))
     off, above = 100 * np.abs(quiet / exact - 1).max(), 100 * ((loud / quiet).max() - 1)
     tops, peak = [omega[each.argmax()] for each in (quiet, loud)], resonance_frequency(robot)
-    crosses = Curve("crosses", {"omega_rad_per_s": omega, "gain_without_noise": quiet})
-    circles = Curve("circles", {"omega_rad_per_s": omega, "gain_with_noise": loud})
-    curve = Curve("line", {"curve_omega_rad_per_s": fine, "linearisation_gain": line})
+    crosses = Plotted("crosses", {"omega_rad_per_s": omega, "gain_without_noise": quiet})
+    circles = Plotted("circles", {"omega_rad_per_s": omega, "gain_with_noise": loud})
+    curve = Plotted("line", {"curve_omega_rad_per_s": fine, "linearisation_gain": line})
     axes = ("frequency in rad/s", "gain in rad per unit of input")
     marks = {"(73)": peak, "(100) in Table 1": float(tables.TABLE_1_PRINTED[1].split()[0])}
     claims = [
@@ -151,11 +151,11 @@ def real_figures(root: Path | None) -> list[ThesisFigure]:
     top = float(bins[power.argmax()])
     other, share = next(each for each in _other_peaks(bins, power) if each[0] < top)
     swing = {
-        "measured": Curve("line", {"time_s": log.time, "angle_rad": log.angle}),
-        "resampled": Curve("dots", {"coarse_time_s": grid, "coarse_angle_rad": angle}),
+        "measured": Plotted("line", {"time_s": log.time, "angle_rad": log.angle}),
+        "resampled": Plotted("dots", {"coarse_time_s": grid, "coarse_angle_rad": angle}),
     }
-    stamps = {"interval": Curve("dots", {"time_s": log.time[1:], "interval_ms": interval})}
-    spectrum = {"measured": Curve("line", {"omega_rad_per_s": bins, "power_rad2": power})}
+    stamps = {"interval": Plotted("dots", {"time_s": log.time[1:], "interval_ms": interval})}
+    spectrum = {"measured": Plotted("line", {"omega_rad_per_s": bins, "power_rad2": power})}
     swinging = [
         near("amplitude of the input", 0.1, rms_amplitude(log.input)),
         Claim(f"not centred (here about {rest:.2f} rad)", abs(rest) > CLOSE),
@@ -198,7 +198,7 @@ def _real_gains(sines: Sequence[tuple[Log, Sine]]) -> ThesisFigure:
             low.append(20 * math.log10(size) - points[-1].gain_db)
         gains = np.array([point.gain_db for point in points])
         columns = {f"omega_{name}g_rad_per_s": np.array(omega), f"gain_{name}g_dB": gains}
-        curves[f"{name} g"] = Curve("circles", columns)
+        curves[f"{name} g"] = Plotted("circles", columns)
         second, first = sorted(points, key=lambda point: point.gain_db)[-2:]
         found.append(scripted_resonance(first, second))
     printed = {f"{mass}:{pair}" for mass, row in _TABLE_3.items() for pair in row.split()}

@@ -20,7 +20,7 @@ from butterfly.model.parameters import LumpedParameters
 from butterfly.orbit.controller import gain_for
 from butterfly.orbit.recalibration import RecalibrationOptions, recalibrate
 from butterfly.signals.polynomials import slope
-from butterfly.thesis.claims import CLOSE, Claim, Curve, ThesisFigure, near
+from butterfly.thesis.claims import CLOSE, Claim, Plotted, ThesisFigure, near
 
 AMPLITUDE = np.pi / 3
 """Of the nominal motion in rad."""
@@ -108,11 +108,13 @@ def _by_scale(robot: LumpedParameters, loop: ClosedLoop) -> ThesisFigure:
     both, held = losses.values()
     power = np.polyfit(np.log(_FACTORS), np.log(both), 1)[0]
     claims = [
-        near("a factor on p1 and p3 changes the loss with the power", 2, float(power)),
-        near("with p1 held the loss is least at p3 times", 1, float(_FACTORS[held.argmin()])),
-        near("else at p1 and p3 times", 1, float(_FACTORS[both.argmin()])),
+        near("a factor on p1 and p3 scales the loss with the power", 2, float(power)),
+        near("p1 held: it is least at a factor of", 1, float(_FACTORS[held.argmin()])),
+        near("p1 and p3 free: at a factor of", 1, float(_FACTORS[both.argmin()])),
     ]
-    curves = {k: Curve("line", {"factor": _FACTORS, f"loss by {k}": v}) for k, v in losses.items()}
+    curves = {
+        k: Plotted("line", {"factor": _FACTORS, f"loss by {k}": v}) for k, v in losses.items()
+    }
     title, axes = "Loss of (118), 0.1 mrad of noise", ("factor on the true values", "loss in J²")
     about = (
         "(118) minimises squares of I(t) − exp(−p4 γ ∫θ̇² dt) I(t − h), where I = E − E* is linear "
@@ -138,13 +140,13 @@ def _by_case(robot: LumpedParameters) -> ThesisFigure:
     names, off = np.array([*cases]), float(np.abs(balanced - 1).max())
     found = ", ".join(f"{share:.2g}" for share in fitted[1:])
     claims = [
-        near("exact controller, no noise: (118) finds p4 times", 1, float(fitted[0])),
-        Claim(f"else, too (here {found} times)", float(np.abs(fitted - 1).max()) < CLOSE),
-        Claim(f"the energy balance finds it always (here within {100 * off:.1g} %)", off < CLOSE),
+        near("exact controller, no noise: (118) finds a share of p4 of", 1, float(fitted[0])),
+        Claim(f"so it does in the other cases (here {found})", float(np.abs(fitted - 1).max()) < CLOSE),
+        Claim(f"the energy balance does in all (here within {100 * off:.1g} %)", off < CLOSE),
     ]
     curves = {
-        "(118)": Curve("crosses", {"case": names, "share by (118)": fitted}),
-        "energy balance (114)": Curve("circles", {"case": names, "share by balance": balanced}),
+        "(118)": Plotted("crosses", {"case": names, "share by (118)": fitted}),
+        "energy balance (114)": Plotted("circles", {"case": names, "share by balance": balanced}),
     }
     title, axes = "p4 by (118), and by the energy balance", ("case", "share of the true p4")
     about = (

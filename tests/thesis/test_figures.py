@@ -7,7 +7,7 @@ import pytest
 
 from butterfly.cli.experiments import thesis_robot
 from butterfly.report.thesis_page import drawn, write_thesis
-from butterfly.thesis.claims import Claim, Curve, ThesisFigure, near
+from butterfly.thesis.claims import Claim, Plotted, ThesisFigure, near
 from butterfly.thesis.figures import real_figures, synthetic_figures
 from butterfly.thesis.tables import TABLE_4_PRINTED
 
@@ -67,9 +67,9 @@ def test_numbers_agree_within_a_share_or_a_bound():
 
 def test_a_figure_is_written_as_numbers_pictures_and_a_page(synthetic, tmp_path):
     about = {"omega": np.array([1.0, 2.0]), "gain": np.array([3.0, 4.0])}
-    words = Curve("crosses", {"case": np.array(["a", "b"]), "share": np.array([0.0, 1.0])})
+    words = Plotted("crosses", {"case": np.array(["a", "b"]), "share": np.array([0.0, 1.0])})
     claims = [Claim("one (here 1)", True), Claim("two (here 3)", False)]
-    small = ThesisFigure("small", "A title", ("x", "y"), {"a": Curve("line", about)}, claims)
+    small = ThesisFigure("small", "A title", ("x", "y"), {"a": Plotted("line", about)}, claims)
     named = replace(small, name="named", curves={"b": words})
     figures = [small, named, synthetic["figure_07"]]
     page = write_thesis(tmp_path, figures, {"summary": ["A summary."]})
