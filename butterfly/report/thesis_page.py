@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from plotly.graph_objects import Figure
 
 from butterfly.report.figures import GREY, look, panel, seen_samples
@@ -45,11 +44,10 @@ def write_thesis(folder: Path, figures: Sequence[ThesisFigure], numbers: dict[st
 def drawn(figure: ThesisFigure) -> Figure:
     """Draw a figure, with a line in grey at each abscissa that is printed."""
     found, heights = panel(*figure.axes), []
-    some: slice | NDArray[np.intp]
     for number, (name, (kind, columns)) in enumerate(figure.curves.items()):
         (x, y), colour = columns.values(), look(number)[0]
         if kind in _MARKERS:
-            some, (symbol, size) = slice(None, None, -(-x.size // _MOST)), _MARKERS[kind]
+            some, (symbol, size) = np.arange(0, x.size, -(-x.size // _MOST)), _MARKERS[kind]
             style = {"mode": "markers", "marker": {"color": colour, "symbol": symbol, "size": size}}
         else:
             some, style = seen_samples([y], _MOST), {"mode": "lines", "line": {"color": colour}}
@@ -57,6 +55,6 @@ def drawn(figure: ThesisFigure) -> Figure:
         heights += [y.min(), y.max()]
     for (name, at), dash in zip(figure.marks.items(), _DASHES, strict=False):
         line, span = {"color": GREY, "dash": dash}, [min(heights), max(heights)]
-        found.add_scatter(x=[at, at], y=span, mode="lines", line=line, name=f"{name}: {at:.4g}")
+        found.add_scatter(x=[at, at], y=span, mode="lines", line=line, name=f"{name}: {at:.5g}")
     found.update_layout({f"{axis}axis": {"type": "log"} for axis in figure.logarithmic})
     return found.update_xaxes(range=figure.shown)

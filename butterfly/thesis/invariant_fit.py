@@ -141,7 +141,9 @@ def _by_case(robot: LumpedParameters) -> ThesisFigure:
     found = ", ".join(f"{share:.2g}" for share in fitted[1:])
     claims = [
         near("exact controller, no noise: (118) finds a share of p4 of", 1, float(fitted[0])),
-        Claim(f"so it does in the other cases (here {found})", float(np.abs(fitted - 1).max()) < CLOSE),
+        Claim(
+            f"so it does in the other cases (here {found})", float(np.abs(fitted - 1).max()) < CLOSE
+        ),
         Claim(f"the energy balance does in all (here within {100 * off:.1g} %)", off < CLOSE),
     ]
     curves = {

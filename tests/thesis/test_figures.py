@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from butterfly.cli.experiments import thesis_robot
+from butterfly.cli.experiments import reproduce, thesis_robot
 from butterfly.report.thesis_page import drawn, write_thesis
 from butterfly.thesis.claims import Claim, Plotted, ThesisFigure, near
 from butterfly.thesis.figures import real_figures, synthetic_figures
@@ -82,3 +82,11 @@ def test_a_figure_is_written_as_numbers_pictures_and_a_page(synthetic, tmp_path)
     assert "Agrees: one (here 1). Does not: two (here 3)." in text
     marks = [trace for trace in drawn(synthetic["figure_07"]).data if trace.mode == "lines"]
     assert [trace.x[0] for trace in marks] == pytest.approx([3.8788, 3.774], abs=1e-4)
+
+
+@pytest.mark.slow
+def test_the_command_draws_all_figures(logs_folder, tmp_path):
+    reproduce("thesis", root=logs_folder, out=tmp_path)
+    names = {path.stem for path in tmp_path.iterdir()}
+    assert len(list(tmp_path.glob("*.svg"))) == 14
+    assert names >= {"thesis", "figure_12", "resonance", "regression", "invariant_scale"}

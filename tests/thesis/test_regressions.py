@@ -1,7 +1,5 @@
 """(82) to (90) against exact data, the parabola they assume, and errors with latent abscissae."""
 
-import math
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -101,4 +99,3 @@ def test_the_figures_say_what_is_biased_and_what_is_not():
     errors, biases = p1.curves["(84) linear"].columns.values()
     rise = np.diff(np.log(biases[:4])) / np.diff(np.log(errors[:4]))
     assert np.mean(rise) == pytest.approx(2, abs=0.3)  # as the square of the errors
-    assert math.isclose(resonance.curves["(90)"].columns["spacing_rad_per_s"][0], 0.01)
