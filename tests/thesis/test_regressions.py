@@ -9,6 +9,7 @@ from scipy.optimize import curve_fit, least_squares
 from butterfly.cli.experiments import thesis_robot
 from butterfly.errors import InputError
 from butterfly.model.parameters import AddedMass
+from butterfly.thesis.method import ScriptedAmplitude, scripted_resonance
 from butterfly.thesis.regressions import (
     WEIGHTS,
     between,
@@ -45,6 +46,13 @@ def test_a_pendulum_s_resonance_is_exactly_between_the_gains_beside_it(w, at, da
     gain, top = (1 / np.sqrt((a0 - y) ** 2 + damping**2 * y) for y in (x, w**2))
     found = between(np.sqrt(x), gain, lambda g: np.sqrt(np.maximum(g**-2 - top**-2, 0)))
     assert found == pytest.approx(w, rel=1e-6)
+
+
+def test_100_is_90_with_the_largest_gain_for_the_peak_as_the_script_has_it():
+    omega, gain = np.array([3.5, 4.0, 4.5]), np.array([33.0, 44.0, 30.0])
+    points = [ScriptedAmplitude(*each) for each in zip(omega, gain, strict=True)]
+    found = between(omega, gain, lambda g: np.sqrt(g**2 + gain.max() ** 2))
+    assert found == pytest.approx(scripted_resonance(points[1], points[0]), rel=1e-12)
 
 
 def test_the_largest_gains_come_in_their_order_and_two_are_needed():
