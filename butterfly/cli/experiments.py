@@ -107,17 +107,21 @@ def reproduce(
     """
     from butterfly.result import document  # noqa: PLC0415 - slow to import
     from butterfly.thesis.figures import real_figures, synthetic_figures  # noqa: PLC0415
-    from butterfly.thesis.tables import has_real_logs, reproduce  # noqa: PLC0415
+    from butterfly.thesis.invariant_fit import invariant_figures  # noqa: PLC0415
+    from butterfly.thesis.regressions import regression_figures  # noqa: PLC0415
+    from butterfly.thesis.tables import TABLE_1_PRINTED, has_real_logs, reproduce  # noqa: PLC0415
 
     synthetic, real = thesis_robot(), has_real_logs(root)
     rows, figures = reproduce(synthetic, root), []
     title = "The thesis: published and reproduced values"
-    headers = ("figures", "published", "reproduced", "same", "corrected")
-    cells = [
-        (row.what, row.published, row.obtained, "yes" if row.agrees else "no", row.corrected)
-        for row in rows
-    ]
-    show_table(title, headers, cells)
+    show_table(
+        title,
+        ("figures", "published", "reproduced", "same", "corrected"),
+        [
+            (row.what, row.published, row.obtained, "yes" if row.agrees else "no", row.corrected)
+            for row in rows
+        ],
+    )
     for row in rows:
         if row.note:
             say(f"{row.what}: {row.note}")
@@ -125,27 +129,22 @@ def reproduce(
         say("Tables 4 and 5 need the real logs: run `butterfly fetch` or pass --root FOLDER.")
     if out is not None:
         figures = [*synthetic_figures(synthetic), *(real_figures(root) if real else [])]
+        table_1 = next(row for row in rows if row.published == TABLE_1_PRINTED[1])
+        figures += regression_figures(synthetic, table_1)
+        figures += invariant_figures(synthetic.rig.robot.lumped)
     for figure in figures:
         say(f"{figure.title}. {figure.sentence}")
-    alike, claims = sum(row.agrees for row in rows), [c for each in figures for c in each.claims]
-    summary = [f"{alike} of {len(rows)} published values are reproduced."]
-    if claims:
-        holding = sum(claim.holds for claim in claims)
-        summary.append(f"{holding} of {len(claims)} statements on {len(figures)} figures agree.")
     content = {
         "rows": [{**asdict(row), "same": row.agrees} for row in rows],
-        "figures": [
-            {"name": each.name, "title": each.title, "claims": [c._asdict() for c in each.claims]}
-            for each in figures
-        ],
+        "figures": [{k: getattr(f, k) for k in ("name", "title", "sentence")} for f in figures],
     }
+    alike = sum(row.agrees for row in rows)
+    summary = (f"{alike} of {len(rows)} published values are reproduced.",)
     numbers = document("reproduction", title, content, summary=summary)
     if out is not None:
-        from butterfly.report.page import PageTable  # noqa: PLC0415
         from butterfly.report.thesis_page import write_thesis  # noqa: PLC0415
 
-        table = PageTable(headers=headers, rows=cells, words=(1, 2, 4))
-        say(f"Report: {write_thesis(out, table, figures, numbers)}")
+        say(f"Report: {write_thesis(out, figures, numbers)}")
     write_json(numbers)
 
 

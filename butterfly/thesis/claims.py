@@ -7,12 +7,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import zip_longest
 from pathlib import Path
-from typing import Literal, NamedTuple
-
-import numpy as np
+from typing import NamedTuple
 
 from butterfly.arrays import Samples
-from butterfly.files import replacing
+from butterfly.files import write_file
 
 CLOSE = 0.01
 """Share of a number that is negligible beside it."""
@@ -31,10 +29,10 @@ def near(what: str, said: float, seen: float, unit: str = "", within: float = 0.
     return Claim(f"{what} {said:.4g}{unit} (here {seen:.4g}{unit})", bool(holds))
 
 
-class Curve(NamedTuple):
-    """Two columns, each a name with its unit and (n,) numbers, drawn against each other."""
+class Plotted(NamedTuple):
+    """Two columns, each a name with its unit and (n,) values, drawn against each other."""
 
-    look: Literal["line", "dots", "circles", "crosses"]
+    look: str  # line, dots, circles or crosses
     columns: Mapping[str, Samples]
 
 
@@ -45,11 +43,12 @@ class ThesisFigure:
     name: str  # of its files
     title: str
     axes: tuple[str, str]
-    curves: Mapping[str, Curve]
+    curves: Mapping[str, Plotted]
     claims: Sequence[Claim]
     marks: Mapping[str, float] = field(default_factory=dict)  # abscissae that are printed
     logarithmic: str = ""  # axes, of "xy"
     shown: tuple[float, float] | None = None  # part of the first axis that is drawn
+    about: str = ""  # what it shows
 
     @property
     def sentence(self) -> str:
@@ -63,10 +62,10 @@ class ThesisFigure:
     def write(self, folder: Path) -> None:
         """Write all columns as ``folder``/NAME.csv."""
         columns = {k: v for each in self.curves.values() for k, v in each.columns.items()}
-        with replacing(folder / f"{self.name}.csv") as draft:
-            rows = list(zip_longest(*columns.values(), fillvalue=math.nan))
-            header = ",".join(columns)
-            np.savetxt(draft, rows, fmt="%.9g", delimiter=",", header=header, comments="")
+        values = zip_longest(*(each.tolist() for each in columns.values()), fillvalue=math.nan)
+        rows = [[x if isinstance(x, str) else f"{x:.9g}" for x in row] for row in values]
+        lines = [",".join(row) for row in ([*columns], *rows, [""])]
+        write_file(folder / f"{self.name}.csv", "\n".join(lines))
 
 
 def digits(values: Iterable[float]) -> str:

@@ -9,18 +9,17 @@ from pathlib import Path
 
 import numpy as np
 
-from butterfly.arrays import Samples
-from butterfly.errors import InputError
 from butterfly.files import shipped
 from butterfly.identification.data import read_data_set
-from butterfly.identification.estimators import HarmonicBalance
+from butterfly.identification.estimators import HarmonicBalance, Linear
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.logs.manifest import read_manifest
 from butterfly.logs.thesis_logs import found_folder
 from butterfly.model.control_bridge import transfer_function
 from butterfly.model.greybox import simulate
 from butterfly.model.linear import resonance_frequency
-from butterfly.model.parameters import AddedMass
+from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
+from butterfly.model.prior import Prior
 from butterfly.plant.rig import Rig
 from butterfly.signals.frequency_response import ResponsePoint, response_point
 from butterfly.thesis.claims import digits
@@ -34,13 +33,10 @@ from butterfly.thesis.method import (
 COARSE = 4
 """Keep every n-th sample of the synthetic data, as the scripts do: 0.04 s."""
 
-WINDOW = 45.0
-"""Length in s of the end of a record that the first script uses."""
-
 TABLE_1_PRINTED = ("3.8788 4.0671 4.4156 4.8812 5.4194", "3.7740 3.7705 4.0492 4.4680 5.0265")
 TABLE_4_PRINTED = "4.1915 5.7650 6.2847"
+_WINDOW = 45.0  # s at the end of a record that the first script uses
 _START = 0.01  # rad, at which the Simulink model starts
-_ITERATIONS = 30  # of the complex fit
 _TABLE_2_PRINTED = ("0.0033 0.0453", "0.0033 0.0100 0.0606")
 
 
@@ -116,10 +112,10 @@ def scripted_point(log: Log) -> ScriptedAmplitude:
     """Dominant DFT bin and gain in dB, as in the thesis's first script."""
     assert log.excitation is not None  # noqa: S101 - synthetic logs are sines
     step = log.mean_step
-    coarse = log.angle[::COARSE][-math.floor(WINDOW / (COARSE * step)) - 1 :]
-    fine = log.angle[-math.floor(WINDOW / step) - 1 :] - (coarse.max() + coarse.min()) / 2
+    coarse = log.angle[::COARSE][-math.floor(_WINDOW / (COARSE * step)) - 1 :]
+    fine = log.angle[-math.floor(_WINDOW / step) - 1 :] - (coarse.max() + coarse.min()) / 2
     power = np.abs(np.fft.fft(coarse)[1 : coarse.size // 2]) ** 2
-    amplitude = math.sqrt(2 * step / WINDOW * float(np.sum(fine**2)))
+    amplitude = math.sqrt(2 * step / _WINDOW * float(np.sum(fine**2)))
     return ScriptedAmplitude(
         omega=2 * math.pi * (int(np.argmax(power)) + 1) / ((coarse.size - 1) * COARSE * step),
         gain_db=20 * math.log10(amplitude / log.excitation.amplitude),
@@ -133,32 +129,14 @@ def _scripted_resonance(points: Sequence[ScriptedAmplitude]) -> float:
     return scripted_resonance(points[first], points[int(np.argmax(np.delete(gains, first)))])
 
 
-def complex_fit(points: Sequence[ResponsePoint]) -> tuple[Samples, Samples]:
-    """Return (3,) a1, a0, b0 of b0/(-w^2 + j a1 w + a0), and their (3, 3) covariance.
+def complex_resonance(points: Sequence[ResponsePoint]) -> float:
+    """Return the resonance (73) in rad/s from the complex responses of one loaded robot.
 
-    Maximum likelihood of complex responses of one robot: Sanathanan and Koerner's iteration,
-    weighted by the measured errors. Each row is divided by the previous denominator, so response
-    errors are minimised, whose Gaussian likelihood is then largest.
+    p1 is taken as 1, which makes the others a1, a0 and b0 of (72).
     """
-    if len({point.added_mass for point in points}) > 1:
-        raise InputError("resonance", "added mass", "several", "one")
-    omega = np.array([point.omega for point in points])
-    response = np.array([point.gain for point in points])
-    error = np.array([point.angle.amplitude_error / abs(point.input) for point in points])
-    error = np.maximum(error, 1e-15 * np.abs(response))
-    weight = 1 / (error * omega**2)
-    for _ in range(_ITERATIONS):
-        matrix = np.column_stack([1j * omega * response, response, -np.ones(omega.size)])
-        rows = matrix * weight[:, None]
-        target = omega**2 * response * weight
-        rows = np.concatenate([rows.real, rows.imag])
-        target = np.concatenate([target.real, target.imag])
-        scale = np.linalg.norm(rows, axis=0)
-        values = np.linalg.lstsq(rows / scale, target, rcond=None)[0] / scale
-        denominator = values[1] - omega**2 + 1j * omega * values[0]
-        weight = 1 / (error * np.abs(denominator))
-    normal = np.linalg.inv((rows / scale).T @ (rows / scale)) / np.outer(scale, scale)
-    return values, normal
+    bare = [replace(point, added_mass=NO_ADDED_MASS) for point in points]
+    found = Linear().of_points(bare, Prior.of({"p1": 1.0})).named
+    return resonance_frequency(LumpedParameters(p1=1.0, **found))
 
 
 def _table_1(synthetic: Synthetic) -> tuple[dict[AddedMass, float], dict[AddedMass, float]]:
@@ -167,8 +145,7 @@ def _table_1(synthetic: Synthetic) -> tuple[dict[AddedMass, float], dict[AddedMa
     for added in synthetic.added_masses:
         logs = [synthetic_log(synthetic, added, sine, noise=True) for sine in synthetic.sines]
         scripted[added] = _scripted_resonance([scripted_point(log) for log in logs])
-        (a1, a0, _), _ = complex_fit([response_point(log) for log in logs])
-        right[added] = math.sqrt(a0 - a1**2 / 2)  # (73)
+        right[added] = complex_resonance([response_point(log) for log in logs])
     return scripted, right
 
 

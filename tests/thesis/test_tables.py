@@ -8,7 +8,6 @@ from butterfly.logs import thesis_logs
 from butterfly.logs.log import Sine
 from butterfly.model.parameters import AddedMass
 from butterfly.plant.sensors import Clock
-from butterfly.thesis.figure_data import write_figure_data
 from butterfly.thesis.tables import _scripted_resonance, reproduce, scripted_point, synthetic_log
 
 
@@ -50,20 +49,3 @@ def test_the_synthetic_tables_need_no_real_logs(monkeypatch, tmp_path):
     monkeypatch.delenv("BUTTERFLY_LOGS", raising=False)
     monkeypatch.setattr(thesis_logs, "own_folder", lambda: tmp_path)
     assert [row.what for row in reproduce(thesis_robot())][-1].startswith("Table 2")
-
-
-def test_the_data_of_every_figure_is_written(logs_folder, tmp_path):
-    paths = write_figure_data(tmp_path, thesis_robot(), logs_folder)
-    assert [path.name for path in paths] == [f"figure_{k:02d}.csv" for k in range(3, 13)]
-    tables = {int(path.stem[-2:]): np.genfromtxt(path, delimiter=",", names=True) for path in paths}
-    spectrum = tables[6]
-    peak = spectrum["omega_rad_per_s"][np.argmax(spectrum["power_rad2"])]
-    assert abs(peak - 4.0) < 0.1
-    gains = tables[8]
-    at = np.interp(4.0, gains["curve_omega_rad_per_s"], gains["linearisation_gain"])
-    measured = gains["gain_without_noise"][gains["omega_rad_per_s"] == 4.0][0]
-    assert abs(measured / at - 1) < 0.05
-    assert np.nanmedian(tables[10]["interval_s"]) < 0.002
-    real = tables[11]
-    assert abs(real["omega_rad_per_s"][np.argmax(real["power_rad2"])] - 14.0) < 0.2
-    assert np.isfinite(tables[12]["gain_52g_dB"]).all()

@@ -1,0 +1,158 @@
+"""The thesis's re-calibration (118), beside the energy balance that replaces it.
+
+(118) fits the decay (114) of the invariant I = E - E* (110), and neither the recorded input nor p2:
+it believes that the controller is exact. What else the input did is put down to p4.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.integrate import cumulative_trapezoid, solve_ivp
+from scipy.optimize import least_squares
+
+from butterfly.arrays import Samples
+from butterfly.identification.test_functions import HALF_WIDTH, VELOCITY_SHARE, Balance
+from butterfly.logs.log import InputKind, Intersample, Log
+from butterfly.model.energy import Orbit, energy
+from butterfly.model.parameters import LumpedParameters
+from butterfly.orbit.controller import gain_for
+from butterfly.orbit.recalibration import RecalibrationOptions, recalibrate
+from butterfly.signals.polynomials import slope
+from butterfly.thesis.claims import CLOSE, Claim, Plotted, ThesisFigure, near
+
+AMPLITUDE = np.pi / 3
+"""Of the nominal motion in rad."""
+
+_STEP = 1e-3  # s
+_PERIODS, _PARTS = 16, 50  # of the nominal motion, and of each of them: T/h
+_START = 0.8  # of the amplitude
+_MULTIPLIER = 0.5  # share of I that a period leaves
+_FACTORS = np.geomspace(0.1, 10, 21)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ClosedLoop:
+    """A run of (5) under (103), (109) in continuous time, from beside the orbit."""
+
+    log: Log
+    gamma: float  # of the controller, in units of the input per rad/s and J
+    period: float  # of its orbit in s
+
+    @classmethod
+    def of(
+        cls, robot: LumpedParameters, believed: LumpedParameters, noise: float = 0.0
+    ) -> ClosedLoop:
+        """Simulate a controller's believed robot for the real one; noise of the angle in rad."""
+        orbit = Orbit.of_amplitude(believed, AMPLITUDE)
+        gamma = gain_for(orbit, _MULTIPLIER)
+
+        def command(angle: Samples, velocity: Samples) -> Samples:
+            excess = energy(believed, angle, velocity) - orbit.energy
+            return np.asarray(velocity * (believed.p2 / believed.p4 - gamma * excess))
+
+        def rates(_: float, state: Samples) -> list[float]:
+            angle, velocity = state
+            torque = robot.p4 * command(angle, velocity) - robot.p3 * np.sin(angle)
+            return [velocity, (torque - robot.p2 * velocity) / robot.p1]
+
+        time = np.arange(0, _PERIODS * orbit.period, _STEP)
+        start, span = [_START * AMPLITUDE, 0.0], (0.0, time[-1])
+        angle, velocity = solve_ivp(rates, span, start, "DOP853", time, rtol=1e-10, atol=1e-12).y
+        measured = angle + noise * np.random.default_rng(0).standard_normal(time.size)
+        kinds = {"input_kind": InputKind.TORQUE, "intersample": Intersample.FIRST_ORDER_HOLD}
+        log = Log(time, command(angle, velocity), measured, **kinds)  # type: ignore[arg-type]
+        return cls(log=log, gamma=gamma, period=orbit.period)
+
+    def residuals(self, values: LumpedParameters) -> Samples:
+        """Return the (n,) differences in J whose squares (118) sums.
+
+        The exponents are integrals along the recorded motion, with which (114) is exact.
+        """
+        angle, reach = self.log.angle, round(VELOCITY_SHARE * HALF_WIDTH / _STEP)
+        velocity = slope(angle, reach, 4, _STEP)
+        area = cumulative_trapezoid(velocity**2, dx=_STEP, initial=0)
+        excess = energy(values, angle, velocity) - energy(values, AMPLITUDE, 0.0)
+        some = slice(None, None, round(self.period / _PARTS / _STEP))
+        decay = np.exp(-values.p4 * self.gamma * np.diff(area[some]))
+        return np.asarray(excess[some][1:] - decay * excess[some][:-1])
+
+    def fitted(self, start: LumpedParameters) -> LumpedParameters:
+        """Return p3 and p4 by (118), with the p1 of where it starts."""
+
+        def found(shares: Samples) -> LumpedParameters:
+            return replace(start, p3=shares[0] * start.p3, p4=shares[1] * start.p4)
+
+        def residuals(shares: Samples) -> Samples:
+            return self.residuals(found(shares)) / start.p3
+
+        return found(least_squares(residuals, [1.0, 1.0], bounds=(0, np.inf)).x)
+
+    def balanced(self, inertia: float) -> LumpedParameters:
+        """Return all parameters by the energy balance with the recorded input, given p1."""
+        options = RecalibrationOptions(balance=Balance.ENERGY, candidates=())
+        return recalibrate([self.log], 0.0, options).loaded(inertia=inertia)
+
+
+def invariant_figures(robot: LumpedParameters) -> list[ThesisFigure]:
+    """Return what (118) makes of a robot's scale, and of its p4 in several cases."""
+    return [_by_scale(robot, ClosedLoop.of(robot, robot, 1e-4)), _by_case(robot)]
+
+
+def _by_scale(robot: LumpedParameters, loop: ClosedLoop) -> ThesisFigure:
+    losses = {}
+    for name, scaled in {"p1 and p3": ("p1", "p3"), "p3 with p1 held": ("p3",)}.items():
+        tried = [replace(robot, **{k: f * getattr(robot, k) for k in scaled}) for f in _FACTORS]
+        losses[name] = np.array([np.mean(loop.residuals(each) ** 2) for each in tried])
+    both, held = losses.values()
+    power = np.polyfit(np.log(_FACTORS), np.log(both), 1)[0]
+    claims = [
+        near("a factor on p1 and p3 scales the loss with the power", 2, float(power)),
+        near("p1 held: it is least at a factor of", 1, float(_FACTORS[held.argmin()])),
+        near("p1 and p3 free: at a factor of", 1, float(_FACTORS[both.argmin()])),
+    ]
+    curves = {
+        k: Plotted("line", {"factor": _FACTORS, f"loss by {k}": v}) for k, v in losses.items()
+    }
+    title, axes = "Loss of (118), 0.1 mrad of noise", ("factor on the true values", "loss in J²")
+    about = (
+        "(118) minimises squares of I(t) − exp(−p4 γ ∫θ̇² dt) I(t − h), where I = E − E* is linear "
+        "in p1 and p3. It does not use the recorded input."
+    )
+    name = "invariant_scale"
+    return ThesisFigure(name, title, axes, curves, claims, logarithmic="xy", about=about)
+
+
+def _by_case(robot: LumpedParameters) -> ThesisFigure:
+    cases = {
+        "exact": (robot, 0.0),
+        "1 mrad of noise": (robot, 1e-3),
+        "3 mrad of noise": (robot, 3e-3),
+        "p3 10 % off": (replace(robot, p3=1.1 * robot.p3), 0.0),
+        "p4 20 % off": (replace(robot, p4=1.2 * robot.p4), 0.0),
+        "p2 left out": (replace(robot, p2=0.0), 0.0),
+    }
+    loops = [ClosedLoop.of(robot, *case) for case in cases.values()]
+    start = replace(robot, p3=1.1 * robot.p3, p4=0.8 * robot.p4)
+    fitted = np.array([loop.fitted(start).p4 for loop in loops]) / robot.p4
+    balanced = np.array([loop.balanced(robot.p1).p4 for loop in loops]) / robot.p4
+    names, off = np.array([*cases]), float(np.abs(balanced - 1).max())
+    found = ", ".join(f"{share:.2g}" for share in fitted[1:])
+    claims = [
+        near("exact controller, no noise: (118) finds a share of p4 of", 1, float(fitted[0])),
+        Claim(
+            f"so it does in the other cases (here {found})", float(np.abs(fitted - 1).max()) < CLOSE
+        ),
+        Claim(f"the energy balance does in all (here within {100 * off:.1g} %)", off < CLOSE),
+    ]
+    curves = {
+        "(118)": Plotted("crosses", {"case": names, "share by (118)": fitted}),
+        "energy balance (114)": Plotted("circles", {"case": names, "share by balance": balanced}),
+    }
+    title, axes = "p4 by (118), and by the energy balance", ("case", "share of the true p4")
+    about = (
+        f"{_PERIODS} periods, p1 held; noise of the angle, or a controller that goes by wrong "
+        "values. The energy balance (114) takes the recorded input from the same log."
+    )
+    return ThesisFigure("invariant_p4", title, axes, curves, claims, about=about)

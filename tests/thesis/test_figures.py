@@ -1,0 +1,92 @@
+"""Figures 3 to 12: their data, what they are said to show, and how they are written."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from butterfly.cli.experiments import reproduce, thesis_robot
+from butterfly.report.thesis_page import drawn, write_thesis
+from butterfly.thesis.claims import Claim, Plotted, ThesisFigure, near
+from butterfly.thesis.figures import real_figures, synthetic_figures
+from butterfly.thesis.tables import TABLE_4_PRINTED
+
+
+@pytest.fixture(scope="module")
+def synthetic():
+    return {figure.name: figure for figure in synthetic_figures(thesis_robot())}
+
+
+def _columns(figure):
+    return {k: v for curve in figure.curves.values() for k, v in curve.columns.items()}
+
+
+def test_the_synthetic_figures_agree_but_for_the_peaks_that_leakage_makes(synthetic):
+    assert list(synthetic) == [f"figure_{k:02d}" for k in range(3, 9)]
+    failing = [c.text for figure in synthetic.values() for c in figure.claims if not c.holds]
+    assert len(failing) == 1
+    assert "other peaks" in failing[0]
+    spectrum, gains = (_columns(synthetic[name]) for name in ("figure_06", "figure_08"))
+    peak = spectrum["omega_rad_per_s"][np.argmax(spectrum["power_rad2"])]
+    assert abs(peak - 4.0) < 0.1
+    at = np.interp(4.0, gains["curve_omega_rad_per_s"], gains["linearisation_gain"])
+    measured = gains["gain_without_noise"][gains["omega_rad_per_s"] == 4.0][0]
+    assert abs(measured / at - 1) < 0.05
+
+
+def test_another_robot_does_not_agree():
+    robot = thesis_robot()
+    louder = [replace(sine, amplitude=1e3 * sine.amplitude) for sine in robot.sines]
+    swing = synthetic_figures(replace(robot, sines=louder))[0]
+    assert [claim.holds for claim in swing.claims] == [False, False]
+    assert swing.sentence.startswith("Does not: within ±10°")
+
+
+def test_the_real_figures_have_the_resonances_of_table_4_and_not_the_gains(logs_folder):
+    swing, stamps, spectrum, gains = real_figures(logs_folder)
+    assert all(claim.holds for figure in (swing, stamps) for claim in figure.claims)
+    assert [claim.holds for claim in spectrum.claims] == [True, False]
+    assert [claim.holds for claim in gains.claims] == [True, False, False]
+    assert list(gains.marks.values()) == [float(x) for x in TABLE_4_PRINTED.split()]
+    assert "13.9" in gains.claims[1].text  # dB: a 25th of the samples
+    assert np.median(_columns(stamps)["interval_ms"]) < 2
+    assert (
+        sum(
+            curve.columns[f"omega_{name[:-2]}g_rad_per_s"].size
+            for name, curve in gains.curves.items()
+        )
+        == 41
+    )
+
+
+def test_numbers_agree_within_a_share_or_a_bound():
+    assert near("a", 2.0, 2.01).holds
+    assert not near("a", 2.0, 2.03).holds
+    assert near("a", 0.0, 0.5, within=0.6).holds
+
+
+def test_a_figure_is_written_as_numbers_pictures_and_a_page(synthetic, tmp_path):
+    about = {"omega": np.array([1.0, 2.0]), "gain": np.array([3.0, 4.0])}
+    words = Plotted("crosses", {"case": np.array(["a", "b"]), "share": np.array([0.0, 1.0])})
+    claims = [Claim("one (here 1)", True), Claim("two (here 3)", False)]
+    small = ThesisFigure("small", "A title", ("x", "y"), {"a": Plotted("line", about)}, claims)
+    named = replace(small, name="named", curves={"b": words})
+    figures = [small, named, synthetic["figure_07"]]
+    page = write_thesis(tmp_path, figures, {"summary": ["A summary."]})
+    for figure in figures:
+        for ending in ("csv", "png", "svg"):
+            assert (tmp_path / f"{figure.name}.{ending}").stat().st_size > 0
+    assert (tmp_path / "small.csv").read_text() == "omega,gain\n1,3\n2,4\n"
+    assert (tmp_path / "named.csv").read_text() == "case,share\na,0\nb,1\n"
+    text = page.read_text(encoding="utf-8")
+    assert "Agrees: one (here 1). Does not: two (here 3)." in text
+    marks = [trace for trace in drawn(synthetic["figure_07"]).data if trace.mode == "lines"]
+    assert [trace.x[0] for trace in marks] == pytest.approx([3.8788, 3.774], abs=1e-4)
+
+
+@pytest.mark.slow
+def test_the_command_draws_all_figures(logs_folder, tmp_path):
+    reproduce("thesis", root=logs_folder, out=tmp_path)
+    names = {path.stem for path in tmp_path.iterdir()}
+    assert len(list(tmp_path.glob("*.svg"))) == 14
+    assert names >= {"thesis", "figure_12", "resonance", "regression", "invariant_scale"}
