@@ -11,7 +11,6 @@ from scipy.special import ellipe, ellipk
 
 from butterfly.experiment.perform import perform
 from butterfly.experiment.schema import Experiment, TargetSpec
-from butterfly.identification.test_functions import Bumps
 from butterfly.logs.health import Repair, examine
 from butterfly.model.energy import Orbit, energy
 from butterfly.model.parameters import NO_ADDED_MASS, LumpedParameters, TorqueDrive
@@ -272,12 +271,3 @@ def test_its_page_names_what_was_wanted_and_whether_both_agree(both):
     assert np.nanmax(np.abs(angles)) <= 180.1
     *_, table = next(each.tables for each in page.sections if each.title.startswith("Two orbits"))
     assert table.headers[1:3] == ("-458.4°/s", "60°")
-
-
-@pytest.mark.parametrize("half_width", [0.1, 0.25])
-def test_many_turns_of_angle_are_no_acceleration_to_the_test_functions(half_width):
-    step, size = 4e-3, 400
-    bumps = Bumps(half_width=half_width, step=step, size=size, margin=80)
-    angle = 500 - 30 * step * np.arange(size)
-    assert np.abs(bumps.means(angle, 2)).max() < 1e-8
-    np.testing.assert_allclose(bumps.means(angle**2, 2), 2 * 30**2, rtol=1e-3)
