@@ -191,7 +191,8 @@ def _also_section(study: OrbitStudy, also: Calibration) -> Section:
     return Section(
         title="Two orbits, one robot",
         text="Each estimate is from its orbit alone. They agree if the 95 % interval of their "
-        "difference contains 0.\n" + "\n".join(_also_sentences(study, also)),
+        "difference contains 0, which by chance one parameter in twenty does not.\n"
+        + "\n".join(_also_sentences(study, also)),
         tables=(PageTable(headers=("", *headers, "difference", "agree"), rows=rows),),
     )
 

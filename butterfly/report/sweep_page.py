@@ -274,13 +274,13 @@ def _orbits_table(runs: pa.Table) -> PageTable:
     rows = []
     for row in held.slice(0, _ORBITS).to_pylist():
         turns = row["orbit_speed"] is not None
-        sizes = ("target_speed", "speed") if turns else ("target", "amplitude")
-        said = [
-            f"{math.degrees(row[f'orbit_{name}']):.4g}"
-            for name in (*sizes, "error_generic", "error_recalibrated")
-        ]
-        said[:2] = [f"{each}{'°/s' if turns else '°'}" for each in said[:2]]
-        rows.append((str(row["number"]), *said, str(row["orbit_rounds"])))
+        names, unit = (
+            (("target_speed", "speed"), "°/s") if turns else (("target", "amplitude"), "°")
+        )
+        sizes = (f"{math.degrees(row[f'orbit_{name}']):.4g}{unit}" for name in names)
+        names = ("error_generic", "error_recalibrated")
+        errors = (f"{math.degrees(row[f'orbit_{name}']):.4g}" for name in names)
+        rows.append((str(row["number"]), *sizes, *errors, str(row["orbit_rounds"])))
     headers = ("run", "target", "reached", "generic, rms in °", "re-calibrated", "rounds")
     return PageTable(headers=headers, rows=rows)
 
