@@ -273,14 +273,13 @@ def _orbits_table(runs: pa.Table) -> PageTable:
     held = runs.filter(np.isfinite([column(runs, name) for name in names]).any(axis=0))
     rows = []
     for row in held.slice(0, _ORBITS).to_pylist():
-        turns = row["orbit_speed"] is not None
-        names, unit = (
-            (("target_speed", "speed"), "°/s") if turns else (("target", "amplitude"), "°")
-        )
-        sizes = (f"{math.degrees(row[f'orbit_{name}']):.4g}{unit}" for name in names)
-        names = ("error_generic", "error_recalibrated")
-        errors = (f"{math.degrees(row[f'orbit_{name}']):.4g}" for name in names)
-        rows.append((str(row["number"]), *sizes, *errors, str(row["orbit_rounds"])))
+        amplitude = (("target", "amplitude"), "°")
+        speed = (("target_speed", "speed"), "°/s")
+        sizes, unit = amplitude if row["orbit_speed"] is None else speed
+        errors = ("error_generic", "error_recalibrated")
+        angles = {name: math.degrees(row[f"orbit_{name}"]) for name in (*sizes, *errors)}
+        said = [f"{angle:.4g}{unit if name in sizes else ''}" for name, angle in angles.items()]
+        rows.append((str(row["number"]), *said, str(row["orbit_rounds"])))
     headers = ("run", "target", "reached", "generic, rms in °", "re-calibrated", "rounds")
     return PageTable(headers=headers, rows=rows)
 
