@@ -94,6 +94,8 @@ class Bumps:
                 (-8 * inside**3 + 48 * s**2 * inside**2) / self.half_width**2,
             ]
         )
+        # a sum is not quite an integral, but many turns of angle are no acceleration
+        derivatives[2] -= derivatives[0] * (derivatives[2].sum() / derivatives[0].sum())
         parts = -(-s.size // self._stride)
         weights = np.zeros((3, parts * self._stride))
         weights[:, : s.size] = derivatives / derivatives[0].sum()

@@ -10,7 +10,7 @@ import numpy as np
 from plotly.graph_objects import Figure
 
 from butterfly.arrays import Samples
-from butterfly.experiment.record import OrbitRecord
+from butterfly.experiment.record import AlsoRecord, OrbitRecord
 from butterfly.identification.parameter import Parameter, lumped_numbers
 from butterfly.model.energy import Orbit, energy
 from butterfly.model.parameters import LumpedParameters
@@ -61,8 +61,9 @@ def orbit_page(study: OrbitStudy, truth: LumpedParameters | None = None) -> Page
             tables=(PageTable(headers=("model", "rms error in °"), rows=errors),),
         ),
     ]
-    if study.also is not None:
-        sections.append(_also_section(study, study.also))
+    compared = _compared(study)
+    if compared is not None:
+        sections.append(_also_section(study, *compared))
     if study.amplitudes:
         sections.append(
             Section(
@@ -124,7 +125,7 @@ def _sentences(study: OrbitStudy) -> list[str]:
     better = generic / max(study.errors["re-calibrated"], 1e-12)
     recalibration = last.recalibration
     rejected = ", ".join(recalibration.rejected) or "none"
-    begun = study.small_swings
+    begun, compared = study.small_swings, _compared(study)
     return [
         _reached_sentence(study.calibration),
         f"Near the orbit, the error of the free run is "
@@ -134,7 +135,7 @@ def _sentences(study: OrbitStudy) -> list[str]:
         f"terms that did not help on held-out data: {rejected}.",
         *estimate_notes(study.estimate),
         *([] if begun is None else [f"Initial model: {estimate_verdict(begun).lines[0]}"]),
-        *([] if study.also is None else _also_sentences(study, study.also)),
+        *([] if compared is None else _also_sentences(*compared)),
     ]
 
 
@@ -159,24 +160,25 @@ def _reached_sentence(calibration: Calibration) -> str:
     )
 
 
-def _also_sentences(study: OrbitStudy, also: Calibration) -> list[str]:
-    """Say what the other orbit came to, and whether both say the same of the robot."""
+def _compared(study: OrbitStudy) -> tuple[Calibration, AlsoRecord] | None:
+    """Return the other orbit of a study, if any, and what both say of the robot."""
     record = OrbitRecord.of(study).also
-    assert record is not None  # noqa: S101 - there is another orbit
-    differing = record.differing
-    agreeing = [name for name in record.differences if name not in differing]
+    return None if study.also is None or record is None else (study.also, record)
+
+
+def _also_sentences(also: Calibration, record: AlsoRecord) -> list[str]:
+    """Say what the other orbit came to, and whether both say the same."""
+    agreeing = [name for name in record.differences if name not in record.differing]
     said = f"Both orbits agree within their 95 % intervals on {', '.join(agreeing) or 'nothing'}"
-    if differing:
-        said += f", not on {', '.join(differing)}"
+    if record.differing:
+        said += f", not on {', '.join(record.differing)}"
     return [f"Another orbit: {_reached_sentence(also)}", f"{said}."]
 
 
-def _also_section(study: OrbitStudy, also: Calibration) -> Section:
+def _also_section(study: OrbitStudy, also: Calibration, record: AlsoRecord) -> Section:
     """Put the estimates of both orbits beside each other."""
-    record = OrbitRecord.of(study).also
-    assert record is not None  # noqa: S101 - there is another orbit
     rounds = (study.calibration.rounds[-1], also.rounds[-1])
-    headers = [f"{math.degrees(each.wanted):.4g}{_named(each.orbit)[1]}" for each in rounds]
+    headers = [f"{degrees_said(each.wanted)}{_named(each.orbit)[1]}" for each in rounds]
     found = rounds[0].recalibration
     values = [each.recalibration.estimate.named for each in rounds]
     rows = [
@@ -188,10 +190,13 @@ def _also_section(study: OrbitStudy, also: Calibration) -> Section:
         )
         for name, limits in record.differences.items()
     ]
+    text = (
+        "Each estimate is from its orbit alone. They agree if the 95 % interval of their "
+        "difference contains 0, which by chance one parameter in twenty does not."
+    )
     return Section(
         title="Two orbits, one robot",
-        text="Each estimate is from its orbit alone. They agree if the 95 % interval of their "
-        "difference contains 0.\n" + "\n".join(_also_sentences(study, also)),
+        text="\n".join([text, *_also_sentences(also, record)]),
         tables=(PageTable(headers=("", *headers, "difference", "agree"), rows=rows),),
     )
 

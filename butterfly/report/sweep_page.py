@@ -266,13 +266,12 @@ def _orbits_table(runs: pa.Table) -> PageTable:
     held = runs.filter(np.isfinite([column(runs, name) for name in names]).any(axis=0))
     rows = []
     for row in held.slice(0, _ORBITS).to_pylist():
-        turns = row["orbit_speed"] is not None
-        sizes = ("target_speed", "speed") if turns else ("target", "amplitude")
-        said = [
-            f"{math.degrees(row[f'orbit_{name}']):.4g}"
-            for name in (*sizes, "error_generic", "error_recalibrated")
-        ]
-        said[:2] = [f"{each}{'°/s' if turns else '°'}" for each in said[:2]]
+        amplitude = (("target", "amplitude"), "°")
+        speed = (("target_speed", "speed"), "°/s")
+        sizes, unit = amplitude if row["orbit_speed"] is None else speed
+        errors = ("error_generic", "error_recalibrated")
+        angles = {name: math.degrees(row[f"orbit_{name}"]) for name in (*sizes, *errors)}
+        said = [f"{angle:.4g}{unit if name in sizes else ''}" for name, angle in angles.items()]
         rows.append((str(row["number"]), *said, str(row["orbit_rounds"])))
     headers = ("run", "target", "reached", "generic, rms in °", "re-calibrated", "rounds")
     return PageTable(headers=headers, rows=rows)

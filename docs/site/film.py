@@ -31,9 +31,10 @@ def draw(path: Path, experiment: str, held: str) -> None:
         folder = Path(name)
         ran = bf.run(experiment, out=folder)
         log = bf.read(folder / held, input="torque").logs[0]
-        (found,) = ran.identifications.values()
-    run = FreeRun.of(log, Setting(parameters=found.estimate.parameters, zero=0.0))
-    robot = read_experiment(experiment).plant.robot
+    spec = read_experiment(experiment)
+    found = [each.estimate.parameters for each in ran.identifications.values()]
+    run = FreeRun.of(log, Setting(parameters=(*found, spec.control.believed)[0], zero=0.0))
+    robot = spec.plant.robot
     kept = log.time <= log.time[0] + SECONDS
     motion = (np.asarray(each)[kept] for each in (log.time, log.angle, run.simulated))
     times, measured, simulated = motion

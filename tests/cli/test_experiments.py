@@ -66,7 +66,8 @@ def test_an_orbit_is_calibrated_and_reported(butterfly, tmp_path):
         ("{amplitude: 1.0472}", "{amplitude: 4.0}", "between 0 and pi"),
         ("p4: 9.0", "p4: -9.0", "believed parameters: p4"),
         ("starts:", "start:", "'starts' (did you mean that?)"),
-        ("{amplitude: 1.0472}", "{}", "amplitude, energy, state"),
+        ("{amplitude: 1.0472}", "{}", "amplitude, energy, speed, state"),
+        ("{amplitude: 1.0472}", "{speed: 1.0}", "rad/s either way"),
     ],
 )
 def test_an_orbit_that_cannot_be_is_refused_in_a_line(butterfly, tmp_path, old, new, part):
