@@ -37,8 +37,6 @@ from butterfly.result import Answer, TextTable, cell_text
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
-    from butterfly.report.ranking_pages import TablePlots
-
 _ERROR = "error in % of the motion"  # column
 _SAID_BY_LABEL = {"log", "added mass in kg", "frequency in rad/s"}
 _SEEN, _HELD_OUT = "FIT in sample in %", "FIT held out in %"  # columns
@@ -59,7 +57,7 @@ class Tabulated(Answer):
     """A table with figures."""
 
     plots: ClassVar[Mapping[str, str]] = {"fits": "fits"}
-    """Its figures: by their names on the page, what draws them of `TablePlots`."""
+    """Its figures: by their names on the page, what draws them in `report.ranking_pages`."""
 
     def shown_rows(self) -> list[dict[str, str]]:
         """Return the rows formatted as text, a log by its short name."""
@@ -69,16 +67,11 @@ class Tabulated(Answer):
             for row in self.rows()
         ]
 
-    @property
-    def plot(self) -> TablePlots:
-        """The figures, as plotly figures."""
-        from butterfly.report.ranking_pages import TablePlots  # noqa: PLC0415 - slow to import
-
-        return TablePlots(self)
-
     def figures(self) -> dict[str, Figure]:
         """Return the figures of its page, by name."""
-        made = {name: getattr(self.plot, method)() for name, method in self.plots.items()}
+        from butterfly.report import ranking_pages  # noqa: PLC0415 - slow to import
+
+        made = {name: getattr(ranking_pages, draw)(self) for name, draw in self.plots.items()}
         return {name: figure for name, figure in made.items() if figure is not None}
 
     def fit_facts(self, column: str, label: str) -> list[Fact]:

@@ -80,6 +80,7 @@ def identification_page(
     states = [health.condition for health in data.health]
     lost = int(np.sum(~np.isfinite(fits)))  # they have no FIT
     bands = [log.band for log in residuals.logs]
+    held_out = [(name, fit_text(fit)) for name, fit in identification.held_out.items()]
     sections = [
         Section(
             title="Frequency response",
@@ -117,14 +118,18 @@ def identification_page(
         ),
         *tabulated("Resonances", _resonances_table(identification)),
         *tabulated("Against other parameters", _against_table(identification)),
-        *tabulated("Held out", _held_out_table(identification)),
+        *tabulated(
+            "Held out",
+            PageTable(name="held-out", headers=("log", "FIT in %"), rows=held_out),
+            "Logs that were not used for the fit, simulated with its values.",
+        ),
     ]
     return replace(
         first_screen(identification, facts),
         summary=notes,
         sections=sections,
         numbers=numbers,
-        place=_place(identification),
+        place=str((identification.origin["manifest"] or {}).get("root") or ""),
         logs=[f"{run.log.label} – FIT {fit_text(run.fit)} %" for run in runs],
         chosen=chosen,
         pictures={
@@ -146,16 +151,7 @@ def first_screen(identification: Identified, facts: Sequence[Fact]) -> Page:
         verdict=estimate_verdict(identification.estimate),
         facts=facts,
         lead=_lead(identification),
-        summary=(),
-        sections=(),
-        numbers={},
     )
-
-
-def _place(identification: Identified) -> str:
-    """Return the folder of the logs; nothing if they came from no files."""
-    root = (identification.origin["manifest"] or {}).get("root")
-    return "" if root is None else str(root)
 
 
 def _lead(identification: Identified) -> Section:
@@ -270,9 +266,3 @@ def _against_table(identification: Identified) -> PageTable:
 
 def _fits(fit: FitSummary) -> list[str]:
     return [fit_text(each) for each in (fit.median, fit.mean, fit.worst)]
-
-
-def _held_out_table(identification: Identified) -> PageTable:
-    rows = [(name, fit_text(value)) for name, value in identification.held_out.items()]
-    caption = "Logs that were not used for the fit, simulated with its values."
-    return PageTable(name="held-out", headers=("log", "FIT in %"), rows=rows, caption=caption)

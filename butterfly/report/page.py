@@ -160,9 +160,9 @@ class Page:
     name: str
     description: str
     kind: str
-    summary: Sequence[str]
-    sections: Sequence[Section]
-    numbers: dict[str, Any]  # what it says, for programs: anything that JSON can hold
+    summary: Sequence[str] = ()
+    sections: Sequence[Section] = ()
+    numbers: dict[str, Any] = field(default_factory=dict)  # what it says, for programs, as JSON
     verdict: Verdict | None = None  # on the estimate that it rests on
     badge: Badge | None = None  # that of the verdict if not given
     facts: Sequence[Fact] = ()
