@@ -133,7 +133,8 @@ def _comparison_sentences(compared: Sequence[ThreeWay]) -> list[str]:
     )
     return [
         f"{counted(len(compared), 'log')}, same parameters and recorded input. Median FIT: {said}.",
-        f"Largest difference between the simulators: {apart:.2g} {way}.",
+        f"Largest difference between the simulators: {apart:.2g} {way}, with MuJoCo as `run` steps "
+        "it; `export` measures its file in its own steps.",
     ]
 
 

@@ -342,11 +342,13 @@ def _write_logs(experiment: Experiment, result: RunResult, folder: Path) -> list
     if result.logs:
         manifest = write_logs(experiment, result.logs, folder)
         written += [*map(file_of, result.logs), manifest.name]
-    rounds = () if result.orbit is None else result.orbit.calibration.rounds
-    for number, each in enumerate(rounds):
-        for part, log in enumerate(each.logs):
-            written.append(f"round{number}_run{part}.mat")
-            write_mat(log, folder / written[-1])
+    study = result.orbit
+    held = {} if study is None else {"": study.calibration, "also_": study.also}
+    for prefix, calibration in held.items():
+        for number, each in enumerate(calibration.rounds if calibration else ()):
+            for part, log in enumerate(each.logs):
+                written.append(f"{prefix}round{number}_run{part}.mat")
+                write_mat(log, folder / written[-1])
     return written
 
 

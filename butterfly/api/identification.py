@@ -58,10 +58,10 @@ if TYPE_CHECKING:
     from butterfly.report.identification_figures import IdentificationPlots
     from butterfly.twin.twin import Twin, Written
 
-_UNITS = {"fit.horizon": "s"} | dict.fromkeys(
+_UNITS = {"fit.horizon": "s", "zeros": "rad"} | dict.fromkeys(
     ("fit", "fits", "velocity_fits", "held_out", "drive_fits", "against.fit"), "%"
 )
-_OF_LOGS = ("fits", "velocity_fits", "held_out", "mean_errors", "drive_fits")  # by their names
+_OF_LOGS = ("fits", "velocity_fits", "held_out", "mean_errors", "drive_fits", "zeros")  # by name
 _SAVED = ("summary", "chosen", "against", "residuals")
 
 
@@ -359,6 +359,8 @@ class IdentifiedModel:
         hand_mass: float | None = None,
         timestep: float = DEFAULTS.timestep,
         integrator: Literal["RK4", "implicitfast"] = DEFAULTS.integrator,
+        smoothing: float | None = None,
+        command_limit: float | None = None,
         overwrite: bool = False,
     ) -> Written:
         """Export the joint (its twin), as ``butterfly export`` does.
@@ -376,12 +378,22 @@ class IdentifiedModel:
             Time step of your simulator in s.
         integrator
             MuJoCo integrator.
+        smoothing
+            Of a compensation: speed in rad/s below which friction has the wanted direction.
+            Default: the error of a velocity by the logs' encoder.
+        command_limit
+            Of a compensation: largest command. Default: of the drive, or what the joint needs.
         overwrite
-            Whether to replace an existing file of a format that holds no mark: C, JSON.
+            Whether to replace an existing file of a format that holds no mark: C, Python, JSON.
         """
         from butterfly.twin.forms import write_twin  # noqa: PLC0415 - slow to import
 
-        options = Options(timestep=timestep, integrator=integrator)
+        options = Options(
+            timestep=timestep,
+            integrator=integrator,
+            smoothing=smoothing,
+            command_limit=command_limit,
+        )
         with call(overwrite=overwrite):
             twin = self.twin(added_mass, hand_mass=hand_mass)
             written = write_twin(to, twin, options, Path(path))

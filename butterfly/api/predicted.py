@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import partial
+from operator import itemgetter
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
@@ -217,7 +218,8 @@ class Predicted(Tabulated):
         fits = self.fit_facts("FIT in %", "of the predictions") if self.measured else []
         inside = f"{OF_NEW_LOG}: inside in %"
         shares = [row[inside] for row in self.rows() if row.get(inside) is not None]
-        band = Fact("samples inside the band", f"{np.mean(shares or [0]):.1f} %", "expected: 95 %")
+        worst = f"expected: 95 %; worst log {min(shares, default=0.0):.0f} %"
+        band = Fact("samples inside the band", f"{np.mean(shares or [0]):.1f} %", worst)
         return [*fits, *([band] if shares else []), Fact("logs", str(len(self.rows())))]
 
 
@@ -256,9 +258,13 @@ def _followed(predictions: Sequence[Prediction], *, measured: bool) -> list[str]
     }
     inside = {name: 100 * np.average(each, weights=sizes) for name, each in shares.items()}
     if OF_NEW_LOG in inside:
+        share, worst = min(zip(shares[OF_NEW_LOG], predictions, strict=True), key=itemgetter(0))
+        least = (
+            f"; in {worst.run.log.name} {100 * share:.0f} %, the least" if predictions[1:] else ""
+        )
         sentences.append(
             f"{inside[OF_NEW_LOG]:.1f} % of the measured samples are inside the band of a new log "
-            "(expected: 95 %)."
+            f"(expected: 95 %){least}."
         )
     if OF_PARAMETERS in inside:
         sentences.append(

@@ -76,9 +76,14 @@ _RUN: dict[str, _OfRun] = {
     "logs": (_COUNT, lambda record: record.logs if record else None),
     "verdict": (_TEXT, lambda record: record.verdict if record else None),
     "unconverged": (_COUNT, lambda record: record.unconverged if record else None),
-    "orbit_rounds": _of_orbit(lambda orbit: len(orbit.amplitudes_rad), _COUNT),
+    "orbit_rounds": _of_orbit(lambda orbit: len(orbit.reached), _COUNT),
     "orbit_target": _of_orbit(lambda orbit: orbit.target_rad),
-    "orbit_amplitude": _of_orbit(lambda orbit: orbit.amplitudes_rad[-1]),
+    "orbit_amplitude": _of_orbit(lambda orbit: next(iter(orbit.amplitudes_rad[-1:]), None)),
+    "orbit_target_speed": _of_orbit(lambda orbit: orbit.target_rad_s),
+    "orbit_speed": _of_orbit(lambda orbit: next(iter(orbit.speeds_rad_s[-1:]), None)),
+    "orbit_differing": _of_orbit(
+        lambda orbit: ", ".join(orbit.also.differing) if orbit.also else None, _TEXT
+    ),
     "orbit_error_generic": _of_orbit(lambda orbit: orbit.free_run_rms_rad.get("generic")),
     "orbit_error_recalibrated": _of_orbit(
         lambda orbit: orbit.free_run_rms_rad.get("re-calibrated")

@@ -15,7 +15,7 @@ import numpy as np
 from butterfly.errors import InputError, listed
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import HELPS, Candidate
-from butterfly.identification.encoder_offset import OffsetKind, encoder_offsets
+from butterfly.identification.encoder_offset import EncoderOffset, OffsetKind, encoder_offsets
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identified import Identified
 from butterfly.identification.parameter import Parameter
@@ -117,7 +117,7 @@ def tables(identification: Identified) -> list[TextTable]:
     ]
     if estimate.agreement:
         found.append(agreement_table(estimate.agreement))
-    if (derived := physical_table(identification.separated())).rows:
+    if (derived := physical_table(identification.separated(), identification.zeros)).rows:
         found.append(derived)
     if estimate.resonances:
         resonances = [(str(mass), f"{w:.4f}") for mass, w in estimate.resonances.items()]
@@ -257,14 +257,19 @@ def zero_sentences(logs: Sequence[Log], known: Prior) -> list[str]:
     logs = [thinned(log) for log in logs]
     zeros = encoder_offsets(logs, [_response(log) for log in logs])
     found, guessed = [], []
-    for zero in dict.fromkeys(zeros):
-        own = [log for log, each in zip(logs, zeros, strict=True) if each == zero]
+    for said in dict.fromkeys(map(_zero_text, zeros)):
+        own = [log for log, each in zip(logs, zeros, strict=True) if _zero_text(each) == said]
         where = "" if len(own) == len(logs) else f" {_named(own, logs)}"
-        if zero.kind is OffsetKind.GUESS:
-            guessed.append(f"The encoder zero{where} is a guess: {REMEDY}.")
+        if said:
+            found.append(f"{said}{where}")
         else:
-            found.append(f"{zero}{where}")
+            guessed.append(f"The encoder zero{where} is a guess: {REMEDY}.")
     return [*([f"Encoder zero: {'; '.join(found)}."] if found else []), *guessed]
+
+
+def _zero_text(zero: EncoderOffset) -> str:
+    """Return an encoder zero as it is printed; "" of a guess."""
+    return "" if zero.kind is OffsetKind.GUESS else str(zero)
 
 
 def _named(own: Sequence[Log], logs: Sequence[Log]) -> str:

@@ -262,17 +262,19 @@ def _failures_table(runs: pa.Table) -> PageTable:
 
 
 def _orbits_table(runs: pa.Table) -> PageTable:
-    held = runs.filter(np.isfinite(column(runs, "orbit_amplitude")))
-    angles = ("target", "amplitude", "error_generic", "error_recalibrated")
-    rows = [
-        (
-            str(row["number"]),
-            *(f"{math.degrees(row[f'orbit_{name}']):.4g}" for name in angles),
-            str(row["orbit_rounds"]),
-        )
-        for row in held.slice(0, _ORBITS).to_pylist()
-    ]
-    headers = ("run", "target in °", "reached in °", "generic, rms in °", "re-calibrated", "rounds")
+    names = ("orbit_amplitude", "orbit_speed")
+    held = runs.filter(np.isfinite([column(runs, name) for name in names]).any(axis=0))
+    rows = []
+    for row in held.slice(0, _ORBITS).to_pylist():
+        turns = row["orbit_speed"] is not None
+        sizes = ("target_speed", "speed") if turns else ("target", "amplitude")
+        said = [
+            f"{math.degrees(row[f'orbit_{name}']):.4g}"
+            for name in (*sizes, "error_generic", "error_recalibrated")
+        ]
+        said[:2] = [f"{each}{'°/s' if turns else '°'}" for each in said[:2]]
+        rows.append((str(row["number"]), *said, str(row["orbit_rounds"])))
+    headers = ("run", "target", "reached", "generic, rms in °", "re-calibrated", "rounds")
     return PageTable(headers=headers, rows=rows)
 
 
