@@ -284,7 +284,6 @@ class Answer(Result):
     content: dict[str, Any]  # of `to_dict` besides `HEAD`; None means unknown
     judged: Verdict | None = None
     units: dict[str, str] = field(default_factory=dict)
-    printed: tuple[TextTable, ...] = ()  # by a command; default: its rows
     live: Callable[[Page], Page] | None = None  # adds figures of the logs; None if loaded
 
     def __post_init__(self) -> None:
@@ -321,10 +320,6 @@ class Answer(Result):
     def rows(self) -> list[dict[str, Any]]:
         """Return the rows of its table, with units in the column names."""
         return [dict(row) for row in self.content[self.table]]
-
-    def tables(self) -> list[TextTable]:
-        """Return the tables that a command prints below the summary."""
-        return list(self.printed) or super().tables()
 
     def page(self) -> Page:
         """Return the page of `report`."""
