@@ -31,8 +31,9 @@ from butterfly.report.finding_texts import require_possible
 from butterfly.report.format import field_unit
 from butterfly.report.inspection import Inspection, inspect_logs
 from butterfly.report.numbers import estimate_numbers
+from butterfly.report.page import PageTable
 from butterfly.report.summary import zero_sentences
-from butterfly.result import Answer, TextTable
+from butterfly.result import Answer
 from butterfly.twin.twin import Twin
 from butterfly.verdict import Verdict
 
@@ -93,7 +94,7 @@ class RobotModel(Answer):
         loaded = self.content["loaded"]
         return [{"parameter": name, **loaded[name]} for name in sorted(loaded, key=[*TERMS].index)]
 
-    def tables(self) -> list[TextTable]:
+    def tables(self) -> list[PageTable]:
         """Return its parts, and its lumped parameters with the added mass."""
         (robot, carried), loaded = self.twin.built, self.content["loaded"]
         pairs = (
@@ -102,7 +103,7 @@ class RobotModel(Answer):
             *((name, "{value:.6g} {unit}".format(**loaded[name])) for name in PARAMETERS[:4]),
             ("resonance", f"{or_nan(self.content['resonance']):.5g} rad/s"),
         )
-        return [TextTable("", (), pairs)]
+        return [PageTable("", (), pairs)]
 
 
 def _numbers_of(part: Any) -> str:  # noqa: ANN401 - any part of a robot

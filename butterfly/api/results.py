@@ -25,14 +25,14 @@ from butterfly.model.parameters import JointKind
 from butterfly.report.finding_texts import estimate_verdict
 from butterfly.report.format import fit_text, label_of, with_error
 from butterfly.report.numbers import RESIDUAL_CAPTION, residual_numbers, residual_row, rests_on
-from butterfly.report.page import Fact
+from butterfly.report.page import Fact, PageTable
 from butterfly.report.summary import (
     best_experiment_text,
     held_out_sentences,
     medians_of,
     selection_texts,
 )
-from butterfly.result import Answer, TextTable, cell_text
+from butterfly.result import Answer, cell_text
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -139,7 +139,7 @@ class Validated(Tabulated):
             units={"fit": "%", "fit.horizon": "s", "fits": "%", "held_out": "%"},
         )
 
-    def further(self) -> list[TextTable]:
+    def further(self) -> list[PageTable]:
         """Return the FITs, the estimates without each part, and intervals by bootstrap."""
         content, rows, about = self.content, self.rows(), self.content["data"]
         fits = {
@@ -162,8 +162,8 @@ class Validated(Tabulated):
         title = f"{about['name']}: FIT in %{FitSummary(**content['fit']['seen']).over}"
         headers = ("", "median", "mean", "worst", f"above {_WELL} %")
         tables = [
-            TextTable(title, headers, lines),
-            TextTable("Estimates by held-out part", ("", *parts, "unit"), estimates),
+            PageTable(title, headers, lines),
+            PageTable("Estimates by held-out part", ("", *parts, "unit"), estimates),
         ]
         if content["bootstrap"]:
             drawn = [
@@ -171,7 +171,7 @@ class Validated(Tabulated):
                 for name, own in content["bootstrap"].items()
             ]
             headers = ("", "estimate", "lower", "upper", "unit")
-            tables.append(TextTable("95 % intervals by bootstrap over logs", headers, drawn))
+            tables.append(PageTable("95 % intervals by bootstrap over logs", headers, drawn))
         return tables
 
     def facts(self) -> list[Fact]:
@@ -247,7 +247,7 @@ class Designed(Tabulated):
             for rank, row in enumerate(self.rows(), start=1)
         ]
 
-    def tables(self) -> list[TextTable]:
+    def tables(self) -> list[PageTable]:
         """Return the candidates; in detail if none helps."""
         return [each._replace(detail=not self._helps) for each in super().tables()]
 

@@ -228,10 +228,8 @@ def _logs_table(identification: Identified) -> PageTable:
 
 def _physical(identification: Identified) -> list[Section]:
     found = identification.separated()
-    caption = "Derived from the parameters, and from what is known of motor and joint."
     text, table = "\n".join(physical_sentences(found)), physical_table(found, identification.zeros)
-    page = replace(table._replace(caption=caption).on_page(), name="physical")
-    tables = (page,) if table.rows else ()
+    tables = (table.on_page(),) if table.rows else ()
     return [Section(title=table.title, text=text, tables=tables)] if text or tables else []
 
 
