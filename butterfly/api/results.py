@@ -156,7 +156,7 @@ class Validated(Tabulated):
         kind, joint = InputKind(about["input"]), JointKind(about["joint"])
         units = {name: unit_of(name, kind, joint) for each in parts.values() for name in each}
         estimates = [
-            (name, *(_four_digits(own.get(name)) for own in parts.values()), unit)
+            (name, *(cell_text(own.get(name)) for own in parts.values()), unit)
             for name, unit in units.items()
         ]
         title = f"{about['name']}: FIT in %{FitSummary(**content['fit']['seen']).over}"
@@ -192,10 +192,6 @@ def _fit_cells(fits: Sequence[float | None]) -> tuple[str, ...]:
     known = [fit for fit in fits if fit is not None]
     numbers = [of(known) for of in (median, mean, min)] if known else [None] * 3
     return (*map(fit_text, numbers), f"{sum(fit > _WELL for fit in known)} of {len(known)}")
-
-
-def _four_digits(value: float | None) -> str:
-    return "–" if value is None else f"{value:#.4g}".rstrip(".")
 
 
 def _in_interval(*found: float | None) -> list[str]:

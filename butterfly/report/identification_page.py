@@ -35,7 +35,7 @@ from butterfly.report.parameter_table import (
     physical_table,
 )
 from butterfly.report.residual import residual_sentences, residual_table
-from butterfly.report.summary import LOOP_HEADERS, loop_rows
+from butterfly.report.summary import loop_table
 
 _RESPONSE = (
     "Points: measured, with two standard errors. Lines: the model at the measured swing "
@@ -111,11 +111,7 @@ def identification_page(
             tables=(_logs_table(identification),),
         ),
         *_physical(identification),
-        *tabulated(
-            "In the servo's loop and by its drive alone",
-            PageTable(name="loop", headers=LOOP_HEADERS, rows=loop_rows(identification)),
-            _LOOP,
-        ),
+        *tabulated("In the servo's loop and by its drive alone", loop_table(identification), _LOOP),
         *tabulated("Resonances", _resonances_table(identification)),
         *tabulated("Against other parameters", _against_table(identification)),
         *tabulated(

@@ -42,9 +42,6 @@ _MEASURED = {
 
 _ADVICE = re.compile(r"Set (--\S+) (\S+?),? ")
 
-LOOP_HEADERS = ("FIT in %", "median", "mean", "worst", "mean error in mrad")
-"""Of the table of `loop_rows`."""
-
 _HEADERS = {
     "estimate": "value ± 95 %",
     "error": "std error",
@@ -121,8 +118,8 @@ def tables(identification: Identified) -> list[PageTable]:
     if estimate.resonances:
         resonances = [(str(mass), f"{w:.4f}") for mass, w in estimate.resonances.items()]
         found.append(PageTable("Resonance, as this method finds it", ("", "rad/s"), resonances))
-    if servo := loop_rows(identification):
-        found.append(PageTable("Servo", LOOP_HEADERS, servo))
+    if (servo := loop_table(identification)).rows:
+        found.append(servo)
     if identification.comparisons:
         fits = [(f"{estimate.method}, this identification", fit)]
         for other in identification.comparisons:
@@ -182,8 +179,14 @@ def _columns(
     return PageTable(title, headers, cells, detail)
 
 
-def loop_rows(identification: Identified) -> list[tuple[str, ...]]:
+def loop_table(identification: Identified) -> PageTable:
     """Tabulate how servos' logs are followed in the loop, and by the drive alone."""
+    headers = ("FIT in %", "median", "mean", "worst", "mean error in mrad")
+    return PageTable("Servo", headers, loop_rows(identification), name="loop")
+
+
+def loop_rows(identification: Identified) -> list[tuple[str, ...]]:
+    """Return the rows of `loop_table`."""
     rows = []
     for which, fits in {"": identification.fits, ", held out": identification.held_out}.items():
         names = [name for name in fits if name in identification.drive_fits]
