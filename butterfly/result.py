@@ -14,7 +14,7 @@ from functools import cache
 from importlib.metadata import version
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
@@ -86,34 +86,6 @@ def document(
     return found
 
 
-class TextTable(NamedTuple):
-    """A table as a command prints it; with empty headers, pairs of name and value."""
-
-    title: str
-    headers: Sequence[str]
-    rows: Sequence[Sequence[object]]
-    detail: bool = False  # whether it is printed with --verbose alone
-    caption: str = ""  # on a page
-
-    @classmethod
-    def of_page(cls, page: Page) -> list[dict[str, Any]]:
-        """Return the tables of a page's sections, as JSON can hold them."""
-        found = ((section.title, each) for section in page.sections for each in section.tables)
-        return [
-            cls(title, [*map(str, each.headers)], [[*map(str, row)] for row in each.rows])._asdict()
-            for title, each in found
-        ]
-
-    def on_page(self) -> PageTable:
-        """Return it as a page has it."""
-        from butterfly.report.page import PageTable  # noqa: PLC0415 - a view
-
-        rows = [(*map(str, row),) for row in self.rows]
-        headers, caption = tuple(self.headers), self.caption
-        words = (k for k in range(len(headers)) if any(row[k][:1].isalpha() for row in rows))
-        return PageTable(headers=headers, rows=rows, words=tuple(words), caption=caption)
-
-
 class Result(ABC):
     """A result that can be printed, tabulated, saved and reported."""
 
@@ -172,15 +144,17 @@ class Result(ABC):
         """Return what a command prints above its tables, any verdict first."""
         return list(self.summary)
 
-    def tables(self) -> list[TextTable]:
+    def tables(self) -> list[PageTable]:
         """Return the tables that a command prints below the summary: its rows, and `further`."""
+        from butterfly.report.page import PageTable  # noqa: PLC0415 - a view
+
         rows = self.shown_rows()
         lines = [tuple(row.values()) for row in rows]
         more = self.brief, self.caption
-        own = [TextTable(self.title, tuple(rows[0]), lines, *more)] if rows else []
+        own = [PageTable(self.title, tuple(rows[0]), lines, *more)] if rows else []
         return [*own, *self.further()]
 
-    def further(self) -> list[TextTable]:
+    def further(self) -> list[PageTable]:
         """Return the tables besides its rows."""
         return []
 
@@ -284,7 +258,6 @@ class Answer(Result):
     content: dict[str, Any]  # of `to_dict` besides `HEAD`; None means unknown
     judged: Verdict | None = None
     units: dict[str, str] = field(default_factory=dict)
-    printed: tuple[TextTable, ...] = ()  # by a command; default: its rows
     live: Callable[[Page], Page] | None = None  # adds figures of the logs; None if loaded
 
     def __post_init__(self) -> None:
@@ -321,10 +294,6 @@ class Answer(Result):
     def rows(self) -> list[dict[str, Any]]:
         """Return the rows of its table, with units in the column names."""
         return [dict(row) for row in self.content[self.table]]
-
-    def tables(self) -> list[TextTable]:
-        """Return the tables that a command prints below the summary."""
-        return list(self.printed) or super().tables()
 
     def page(self) -> Page:
         """Return the page of `report`."""

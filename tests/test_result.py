@@ -9,7 +9,8 @@ from butterfly.files import json_text, write_document
 from butterfly.identification.diagnostics.residuals import residual_units
 from butterfly.identification.inference.estimate import left_out_content
 from butterfly.model.parameters import AddedMass, JointKind
-from butterfly.result import Answer, TextTable, document
+from butterfly.report.page import PageTable
+from butterfly.result import Answer, document
 
 
 def test_numbers_that_are_not_finite_are_null_and_letters_stay_or_are_escaped(tmp_path):
@@ -23,7 +24,7 @@ def test_numbers_that_are_not_finite_are_null_and_letters_stay_or_are_escaped(tm
 
 
 def test_a_page_without_rows_has_each_further_table_once(monkeypatch):
-    monkeypatch.setattr(Answer, "further", lambda _: [TextTable("More", ("a",), [("1",)])])
+    monkeypatch.setattr(Answer, "further", lambda _: [PageTable("More", ("a",), [("1",)])])
     monkeypatch.setattr(Answer, "kind", "x", raising=False)
     assert [each.title for each in Answer(title="t", content={"rows": []}).page().parts] == ["More"]
 

@@ -13,7 +13,7 @@ from butterfly.errors import InputError, listed
 from butterfly.identification.parameter import unit_of
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import JointKind
-from butterfly.report.format import with_error
+from butterfly.report.format import percent, with_error
 from butterfly.report.page import Fact
 from butterfly.result import Answer
 from butterfly.verdict import Level
@@ -31,7 +31,6 @@ _NAMES = {
 }
 _PLACES = ("the first", "the second")
 _ROW = 40  # pixels of a parameter
-_WHOLE = 0.1  # share from which whole per cents are given
 _LISTED = 4  # parameters whose detectable change is named
 
 
@@ -125,7 +124,7 @@ class Changed(Answer):
         if largest in sizes:
             found.append(Fact("largest change", f"{sizes[largest]['change in %']:+.2g} %", largest))
         if least:
-            found.append(Fact("detectable change", _percent(seen[least]), f"in {least}, the least"))
+            found.append(Fact("detectable change", percent(seen[least]), f"in {least}, the least"))
         return found
 
 
@@ -148,7 +147,7 @@ def _shown(row: Mapping[str, Any]) -> dict[str, str]:
         "second": with_error(after, error),
         "change, 95 %": f"{moved:+{digits}} ± {reach:{digits}}{unit}",
         "p-value": f"{row['probability']:.2g}",
-        "detectable": _percent(seen / 100) if relative else f"{seen:.2g}",
+        "detectable": percent(seen / 100) if relative else f"{seen:.2g}",
     }
 
 
@@ -182,11 +181,7 @@ def _by(each: ParameterChange) -> str:
     if not math.isfinite(each.relative):
         return "has changed"
     grown = each.difference * each.before > 0
-    return f"has {'increased' if grown else 'decreased'} by {_percent(abs(each.relative))}"
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.0f} %" if share >= _WHOLE else f"{100 * share:.2g} %"
+    return f"has {'increased' if grown else 'decreased'} by {percent(abs(each.relative))}"
 
 
 def _seen(found: Change) -> str:
@@ -198,7 +193,7 @@ def _seen(found: Change) -> str:
     )
     if not sizes:
         return ""
-    parts = [f"{_percent(size)} in {name}" for size, name in sizes[:_LISTED]]
+    parts = [f"{percent(size)} in {name}" for size, name in sizes[:_LISTED]]
     return f" Detectable with 80 % power: {listed(parts)}."
 
 

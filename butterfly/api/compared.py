@@ -28,8 +28,7 @@ from butterfly.report.numbers import (
     residual_row,
     rests_on,
 )
-from butterfly.report.page import Fact
-from butterfly.result import TextTable
+from butterfly.report.page import Fact, PageTable
 from butterfly.verdict import Level, Verdict
 
 if TYPE_CHECKING:
@@ -95,11 +94,11 @@ class Compared(Tabulated):
             for row, shown in zip(self.rows(), super().shown_rows(), strict=True)
         ]
 
-    def further(self) -> list[TextTable]:
+    def further(self) -> list[PageTable]:
         """Return the residuals of the grey box."""
         headers, shown = ("log", *RESIDUAL_COLUMNS), super().shown_rows()
         rows = [[row[name] for name in headers] for row in shown]
-        return [TextTable("Residuals", headers, rows, caption=RESIDUAL_CAPTION)]
+        return [PageTable("Residuals", headers, rows, caption=RESIDUAL_CAPTION)]
 
     def facts(self) -> list[Fact]:
         """Return the numbers that matter most."""

@@ -35,10 +35,10 @@ from butterfly.report.finding_texts import estimate_notes, estimate_verdict
 from butterfly.report.format import field_label, fit_text
 from butterfly.report.numbers import estimate_numbers
 from butterfly.report.orbit_page import orbit_page
-from butterfly.report.page import write_page
+from butterfly.report.page import PageTable, write_page
 from butterfly.report.summary import values_table
 from butterfly.report.sweep_page import sweep_page
-from butterfly.result import Answer, TextTable
+from butterfly.result import Answer
 from butterfly.verdict import Level, Verdict
 
 RESULT = "result.json"
@@ -148,7 +148,7 @@ class Run(_Done):
             for name, row in each["parameters"].items()
         ]
 
-    def further(self) -> list[TextTable]:
+    def further(self) -> list[PageTable]:
         """Return the settings, the tables of each estimate beside the truth, those of an orbit."""
         about = self.content
         names = ("key", "status", "seed", "error")
@@ -156,13 +156,13 @@ class Run(_Done):
         settings |= {field_label(name): str(value) for name, value in about["overrides"].items()}
         settings |= {f"seconds, {name}": f"{s:.3g}" for name, s in about["seconds"].items()}
         settings |= {f"version, {name}": text for name, text in about["made_with"].items()}
-        tables = [TextTable("", (), [*settings.items()], detail=bool(self.identifications))]
+        tables = [PageTable("", (), [*settings.items()], detail=bool(self.identifications))]
         for each in about["estimates"]:
             name, rows = each["estimator"], each["parameters"].values()
             found = self.identifications.get(name)
             own = [values_table(name, [Parameter(**row) for row in rows])]
             tables += own if found is None else found.tables()
-        return [*tables, *(TextTable(**each) for each in (about["orbit"] or {}).get("tables", []))]
+        return [*tables, *(PageTable(**each) for each in (about["orbit"] or {}).get("tables", []))]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -177,9 +177,9 @@ class Sweep(_Done):
         """Number of runs of the last call without a result."""
         return int(self.content["unsuccessful"])
 
-    def further(self) -> list[TextTable]:
+    def further(self) -> list[PageTable]:
         """Return the tables of its report."""
-        return [TextTable(**each) for each in self.content["tables"]]
+        return [PageTable(**each) for each in self.content["tables"]]
 
 
 def simulate(
@@ -281,7 +281,7 @@ def run(
         summary = run_sweep(plan, folder, workers, force=force, only=only, track=track)
         store = ResultStore(folder)
         plain = sweep_page(store.sweep(), store.table(RUNS), store.table(ESTIMATES))
-        more = {"unsuccessful": summary.unsuccessful, "tables": TextTable.of_page(plain)}
+        more = {"unsuccessful": summary.unsuccessful, "tables": plain.tables}
         page = replace(plain, numbers=plain.numbers | more)
         report = folder / "report.html"
         write_page(page, report, figures=figures)
@@ -313,7 +313,7 @@ def _run_once(
         carried = result.orbit.calibration.rounds[0].logs[0].added_mass
         page = orbit_page(result.orbit, truth.with_added_mass(carried))
         write_page(page, folder / _ORBIT_REPORT, figures=figures)
-        orbit = page.numbers | {"tables": TextTable.of_page(page)}
+        orbit = page.numbers | {"tables": page.tables}
     done = Run.of(
         record,
         f"Run of {experiment.name!r}",

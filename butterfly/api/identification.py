@@ -38,7 +38,7 @@ from butterfly.report.numbers import (
     finding_numbers,
     residual_numbers,
 )
-from butterfly.report.page import Fact, Page, Section
+from butterfly.report.page import Fact, Page, PageTable, Section
 from butterfly.report.parameter_table import (
     Separated,
     parameter_texts,
@@ -46,7 +46,7 @@ from butterfly.report.parameter_table import (
     physical_sentences,
 )
 from butterfly.report.summary import facts, summary, tables
-from butterfly.result import Result, TextTable, document, text, texts
+from butterfly.result import Result, document, text, texts
 from butterfly.twin.forms import DEFAULTS, Options
 from butterfly.verdict import Verdict
 
@@ -187,7 +187,7 @@ class Identification(Identified, Result):
             for row in map(parameter_texts, self.estimate.table())
         ]
 
-    def tables(self) -> list[TextTable]:
+    def tables(self) -> list[PageTable]:
         """Return the tables: parameters (beside the truth if known), physical ones, other FITs."""
         return tables(self)
 

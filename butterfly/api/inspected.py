@@ -19,20 +19,21 @@ from butterfly.files import locate
 from butterfly.identification.diagnostics.before_fit import forecast
 from butterfly.identification.estimators import OutputError
 from butterfly.identification.free_run import Setting
-from butterfly.identification.parameter import lumped_numbers, unit_of
+from butterfly.identification.parameter import lumped_numbers, or_nan
 from butterfly.logs.health import examine
 from butterfly.logs.reading import numbers_named, read_pieces, with_parts
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass
-from butterfly.model.terms import DRIVE, TERMS
+from butterfly.model.terms import DRIVE, PARAMETERS, TERMS
 from butterfly.plant.robot import HAND_MASS, PARTS
 from butterfly.progress import Track, tracked, untracked
 from butterfly.report.finding_texts import require_possible
 from butterfly.report.format import field_unit
 from butterfly.report.inspection import Inspection, inspect_logs
 from butterfly.report.numbers import estimate_numbers
+from butterfly.report.page import PageTable
 from butterfly.report.summary import zero_sentences
-from butterfly.result import Answer, TextTable
+from butterfly.result import Answer
 from butterfly.twin.twin import Twin
 from butterfly.verdict import Verdict
 
@@ -60,17 +61,7 @@ class RobotModel(Answer):
         """List a robot's parts and lumped parameters; ``besides`` has an estimate's numbers."""
         (robot, carried), kind = twin.built, twin.kind
         loaded = robot.lumped.with_added_mass(carried)
-        resonance = resonance_frequency(loaded)
         parts = {part: getattr(robot, part) for part in PARTS}
-        pairs = (
-            *((part, _numbers_of(each)) for part, each in parts.items()),
-            ("added mass", str(carried) if carried.mass else "none"),
-            ("p1", f"{loaded.p1:.6g} kg m²"),
-            ("p2", f"{loaded.p2:.6g} N m s/rad"),
-            ("p3", f"{loaded.p3:.6g} N m"),
-            ("p4", f"{loaded.p4:.6g} {unit_of('p4', kind)}"),
-            ("resonance", f"{resonance:.5g} rad/s"),
-        )
         return cls(
             title=f"The robot of {twin.name!r}",
             judged=verdict,
@@ -91,10 +82,9 @@ class RobotModel(Answer):
                     for part, each in parts.items()
                 },
                 "loaded": lumped_numbers(loaded, kind),
-                "resonance": resonance,
+                "resonance": resonance_frequency(loaded),
             },
             units={"resonance": "rad/s", "carried.mass": "kg", "carried.arm": "m"},
-            printed=(TextTable("", (), pairs),),
             twin=twin,
             note=note,
         )
@@ -103,6 +93,17 @@ class RobotModel(Answer):
         """Return a row for each lumped parameter, with the added mass."""
         loaded = self.content["loaded"]
         return [{"parameter": name, **loaded[name]} for name in sorted(loaded, key=[*TERMS].index)]
+
+    def tables(self) -> list[PageTable]:
+        """Return its parts, and its lumped parameters with the added mass."""
+        (robot, carried), loaded = self.twin.built, self.content["loaded"]
+        pairs = (
+            *((part, _numbers_of(getattr(robot, part))) for part in PARTS),
+            ("added mass", str(carried) if carried.mass else "none"),
+            *((name, "{value:.6g} {unit}".format(**loaded[name])) for name in PARAMETERS[:4]),
+            ("resonance", f"{or_nan(self.content['resonance']):.5g} rad/s"),
+        )
+        return [PageTable("", (), pairs)]
 
 
 def _numbers_of(part: Any) -> str:  # noqa: ANN401 - any part of a robot

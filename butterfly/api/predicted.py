@@ -32,7 +32,6 @@ from butterfly.twin.forms import DEFAULTS, Options
 if TYPE_CHECKING:
     import control
     import mujoco
-    from plotly.graph_objects import Figure
 
 _DEFAULTS = {each.name: each.default for each in fields(LumpedParameters)}
 
@@ -167,6 +166,7 @@ class Predicted(Tabulated):
     """Predicted logs, with 95 % bands."""
 
     kind: ClassVar[str] = "prediction"
+    plots: ClassVar[Mapping[str, str]] = {"inside": "shares", "fits": "fits"}
 
     predictions: tuple[Prediction, ...] = ()
     """Free runs and bands; empty for a loaded result."""
@@ -212,13 +212,6 @@ class Predicted(Tabulated):
     def measured(self) -> bool:
         """Whether the logs are recorded; otherwise planned."""
         return "FIT in %" in self.rows()[0]
-
-    def figures(self) -> dict[str, Figure]:
-        """Return the figures of its page, by name."""
-        if not self.measured:
-            return {}
-        banded = f"{OF_PARAMETERS}: inside in %" in self.rows()[0]
-        return {"inside": self.plot.shares()} if banded else super().figures()
 
     def facts(self) -> list[Fact]:
         """Return the numbers that matter most."""

@@ -25,19 +25,17 @@ from butterfly.model.parameters import JointKind
 from butterfly.report.finding_texts import estimate_verdict
 from butterfly.report.format import fit_text, label_of, with_error
 from butterfly.report.numbers import RESIDUAL_CAPTION, residual_numbers, residual_row, rests_on
-from butterfly.report.page import Fact
+from butterfly.report.page import Fact, PageTable
 from butterfly.report.summary import (
     best_experiment_text,
     held_out_sentences,
     medians_of,
     selection_texts,
 )
-from butterfly.result import Answer, TextTable, cell_text
+from butterfly.result import Answer, cell_text
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
-
-    from butterfly.report.ranking_pages import TablePlots
 
 _ERROR = "error in % of the motion"  # column
 _SAID_BY_LABEL = {"log", "added mass in kg", "frequency in rad/s"}
@@ -59,7 +57,7 @@ class Tabulated(Answer):
     """A table with figures."""
 
     plots: ClassVar[Mapping[str, str]] = {"fits": "fits"}
-    """Its figures: by their names on the page, what draws them of `TablePlots`."""
+    """Its figures: by their names on the page, what draws them in `report.ranking_pages`."""
 
     def shown_rows(self) -> list[dict[str, str]]:
         """Return the rows formatted as text, a log by its short name."""
@@ -69,16 +67,11 @@ class Tabulated(Answer):
             for row in self.rows()
         ]
 
-    @property
-    def plot(self) -> TablePlots:
-        """The figures, as plotly figures."""
-        from butterfly.report.ranking_pages import TablePlots  # noqa: PLC0415 - slow to import
-
-        return TablePlots(self)
-
     def figures(self) -> dict[str, Figure]:
         """Return the figures of its page, by name."""
-        made = {name: getattr(self.plot, method)() for name, method in self.plots.items()}
+        from butterfly.report import ranking_pages  # noqa: PLC0415 - slow to import
+
+        made = {name: getattr(ranking_pages, draw)(self) for name, draw in self.plots.items()}
         return {name: figure for name, figure in made.items() if figure is not None}
 
     def fit_facts(self, column: str, label: str) -> list[Fact]:
@@ -146,7 +139,7 @@ class Validated(Tabulated):
             units={"fit": "%", "fit.horizon": "s", "fits": "%", "held_out": "%"},
         )
 
-    def further(self) -> list[TextTable]:
+    def further(self) -> list[PageTable]:
         """Return the FITs, the estimates without each part, and intervals by bootstrap."""
         content, rows, about = self.content, self.rows(), self.content["data"]
         fits = {
@@ -163,14 +156,14 @@ class Validated(Tabulated):
         kind, joint = InputKind(about["input"]), JointKind(about["joint"])
         units = {name: unit_of(name, kind, joint) for each in parts.values() for name in each}
         estimates = [
-            (name, *(_four_digits(own.get(name)) for own in parts.values()), unit)
+            (name, *(cell_text(own.get(name)) for own in parts.values()), unit)
             for name, unit in units.items()
         ]
         title = f"{about['name']}: FIT in %{FitSummary(**content['fit']['seen']).over}"
         headers = ("", "median", "mean", "worst", f"above {_WELL} %")
         tables = [
-            TextTable(title, headers, lines),
-            TextTable("Estimates by held-out part", ("", *parts, "unit"), estimates),
+            PageTable(title, headers, lines),
+            PageTable("Estimates by held-out part", ("", *parts, "unit"), estimates),
         ]
         if content["bootstrap"]:
             drawn = [
@@ -178,7 +171,7 @@ class Validated(Tabulated):
                 for name, own in content["bootstrap"].items()
             ]
             headers = ("", "estimate", "lower", "upper", "unit")
-            tables.append(TextTable("95 % intervals by bootstrap over logs", headers, drawn))
+            tables.append(PageTable("95 % intervals by bootstrap over logs", headers, drawn))
         return tables
 
     def facts(self) -> list[Fact]:
@@ -199,10 +192,6 @@ def _fit_cells(fits: Sequence[float | None]) -> tuple[str, ...]:
     known = [fit for fit in fits if fit is not None]
     numbers = [of(known) for of in (median, mean, min)] if known else [None] * 3
     return (*map(fit_text, numbers), f"{sum(fit > _WELL for fit in known)} of {len(known)}")
-
-
-def _four_digits(value: float | None) -> str:
-    return "–" if value is None else f"{value:#.4g}".rstrip(".")
 
 
 def _in_interval(*found: float | None) -> list[str]:
@@ -254,7 +243,7 @@ class Designed(Tabulated):
             for rank, row in enumerate(self.rows(), start=1)
         ]
 
-    def tables(self) -> list[TextTable]:
+    def tables(self) -> list[PageTable]:
         """Return the candidates; in detail if none helps."""
         return [each._replace(detail=not self._helps) for each in super().tables()]
 

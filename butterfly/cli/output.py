@@ -148,7 +148,7 @@ def show(
         print(f"Next: {after}")
     tables = [each for each in result.tables() if asked.verbose or not each.detail]
     for table in () if asked.silent else tables:
-        show_table(table.title, table.headers, table.rows[:rows])
+        show_table(table.title, [*map(str, table.headers)], table.rows[:rows])
     if report is not None:
         result.report(report, figures=figures)
         say(f"Report: {report}")

@@ -117,8 +117,9 @@ class PlantSpec(StrictModel):
     @property
     def rig(self) -> Rig:
         """The robot with how it is run."""
-        names = {each.name for each in fields(Rig)} - {"fine"}
-        return Rig(**{name: getattr(self, name) for name in names})
+        named = {each.name for each in fields(Rig)} & type(self).model_fields.keys()
+        own = {name: getattr(self, name) for name in named}
+        return Rig(robot=self.robot, servo=self.servo, **own)
 
     @model_validator(mode="after")
     def _possible(self) -> PlantSpec:

@@ -10,7 +10,7 @@ from butterfly.identification.inference.blocks import Condition
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.parameter import unit_of
 from butterfly.model.parameters import JointKind
-from butterfly.result import TextTable
+from butterfly.report.page import PageTable
 
 _WITH_MASS = ("the added mass's own inertia", "its arm", "the clock", "a moving base")
 _FRICTION = ("a friction term missing in the model",)
@@ -113,7 +113,7 @@ def _digits(one: float, other: float) -> int:
     return 3 if not apart else min(max(3, 2 + math.floor(math.log10(size / apart))), 9)
 
 
-def agreement_table(contrasts: Sequence[Contrast]) -> TextTable:
+def agreement_table(contrasts: Sequence[Contrast]) -> PageTable:
     """Return a row for each parameter that follows a condition."""
     rows = [
         (
@@ -127,4 +127,4 @@ def agreement_table(contrasts: Sequence[Contrast]) -> TextTable:
         for each in contrasts
     ]
     columns = ("parameter", "follows", "from", "to", "explains", "possible causes")
-    return TextTable("Parameters that differ between conditions", columns, rows, detail=True)
+    return PageTable("Parameters that differ between conditions", columns, rows, detail=True)

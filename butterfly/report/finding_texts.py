@@ -15,7 +15,7 @@ from butterfly.identification.unit_errors import unit_error_text
 from butterfly.model.terms import TERMS
 from butterfly.progress import stopped_text
 from butterfly.report.agreement_texts import contrast_text
-from butterfly.report.format import counted, fit_text, times_text, upwards
+from butterfly.report.format import counted, fit_text, percent, times_text, upwards
 from butterfly.verdict import Level, Verdict
 
 Values = Mapping[str, float]
@@ -169,11 +169,11 @@ def model_sentence(estimate: Estimate) -> str:
         return "Model: some logs cannot be simulated with these values, or show no motion."
     beyond, within = found.get(FindingKind.MISFIT), found.get(FindingKind.NO_MISFIT)
     missing, times = found.get(FindingKind.MISSING_TERM), (beyond or within)
-    text = f"Model: error {_percent(share)} of the motion"
+    text = f"Model: error {percent(share)} of the motion"
     if times is not None and times.number is not None and math.isfinite(times.number):
         text += f", {times_text(times.number)} times the sensor noise"
     if missing is not None:
-        share_of_error = _percent(_number(missing))
+        share_of_error = percent(_number(missing))
         text += f"; missing term: {missing.parameters[0]} ({share_of_error} of the residual)"
     elif beyond and not (_doubts(estimate) or grave_notes(estimate)):
         text += "; none of the optional terms explains it"
@@ -250,7 +250,7 @@ def _missing_term(finding: Finding, _: Values) -> str:
 
 
 def _scatter(*findings: Finding) -> str:
-    sizes = (f"{', '.join(each.parameters)} by {_percent(_number(each))}" for each in findings)
+    sizes = (f"{', '.join(each.parameters)} by {percent(_number(each))}" for each in findings)
     return f"Scatter between logs: {'; '.join(sizes)}."
 
 
@@ -263,11 +263,6 @@ _MORE_RUNS = {
     "drag": "At one speed, drag and viscous friction are one number: add a faster run.",
 }
 """Runs that separate a term from the others."""
-
-
-def _percent(share: float) -> str:
-    """Return a share in per cent, with two digits."""
-    return f"{float(f'{100 * share:.2g}'):g} %"
 
 
 def _both(names: Sequence[str]) -> str:

@@ -50,6 +50,11 @@ def times_text(times: float) -> str:
     return f"{times:.1f}" if times < 10 else f"{times:.0f}"  # noqa: PLR2004 - two digits
 
 
+def percent(share: float) -> str:
+    """Return a share in per cent with two digits."""
+    return f"{float(f'{100 * share:.2g}'):g} %"
+
+
 def upwards(share: float) -> str:
     """Return a share in per cent with two digits, rounded up, as a limit has to be."""
     percent = 100 * share * (1 - 1e-9)

@@ -35,7 +35,7 @@ from butterfly.report.parameter_table import (
     physical_table,
 )
 from butterfly.report.residual import residual_sentences, residual_table
-from butterfly.report.summary import LOOP_HEADERS, loop_rows
+from butterfly.report.summary import loop_table
 
 _RESPONSE = (
     "Points: measured, with two standard errors. Lines: the model at the measured swing "
@@ -80,6 +80,7 @@ def identification_page(
     states = [health.condition for health in data.health]
     lost = int(np.sum(~np.isfinite(fits)))  # they have no FIT
     bands = [log.band for log in residuals.logs]
+    held_out = [(name, fit_text(fit)) for name, fit in identification.held_out.items()]
     sections = [
         Section(
             title="Frequency response",
@@ -110,21 +111,21 @@ def identification_page(
             tables=(_logs_table(identification),),
         ),
         *_physical(identification),
-        *tabulated(
-            "In the servo's loop and by its drive alone",
-            PageTable(name="loop", headers=LOOP_HEADERS, rows=loop_rows(identification)),
-            _LOOP,
-        ),
+        *tabulated("In the servo's loop and by its drive alone", loop_table(identification), _LOOP),
         *tabulated("Resonances", _resonances_table(identification)),
         *tabulated("Against other parameters", _against_table(identification)),
-        *tabulated("Held out", _held_out_table(identification)),
+        *tabulated(
+            "Held out",
+            PageTable(name="held-out", headers=("log", "FIT in %"), rows=held_out),
+            "Logs that were not used for the fit, simulated with its values.",
+        ),
     ]
     return replace(
         first_screen(identification, facts),
         summary=notes,
         sections=sections,
         numbers=numbers,
-        place=_place(identification),
+        place=str((identification.origin["manifest"] or {}).get("root") or ""),
         logs=[f"{run.log.label} – FIT {fit_text(run.fit)} %" for run in runs],
         chosen=chosen,
         pictures={
@@ -146,16 +147,7 @@ def first_screen(identification: Identified, facts: Sequence[Fact]) -> Page:
         verdict=estimate_verdict(identification.estimate),
         facts=facts,
         lead=_lead(identification),
-        summary=(),
-        sections=(),
-        numbers={},
     )
-
-
-def _place(identification: Identified) -> str:
-    """Return the folder of the logs; nothing if they came from no files."""
-    root = (identification.origin["manifest"] or {}).get("root")
-    return "" if root is None else str(root)
 
 
 def _lead(identification: Identified) -> Section:
@@ -232,10 +224,8 @@ def _logs_table(identification: Identified) -> PageTable:
 
 def _physical(identification: Identified) -> list[Section]:
     found = identification.separated()
-    caption = "Derived from the parameters, and from what is known of motor and joint."
     text, table = "\n".join(physical_sentences(found)), physical_table(found, identification.zeros)
-    page = replace(table._replace(caption=caption).on_page(), name="physical")
-    tables = (page,) if table.rows else ()
+    tables = (table.on_page(),) if table.rows else ()
     return [Section(title=table.title, text=text, tables=tables)] if text or tables else []
 
 
@@ -270,9 +260,3 @@ def _against_table(identification: Identified) -> PageTable:
 
 def _fits(fit: FitSummary) -> list[str]:
     return [fit_text(each) for each in (fit.median, fit.mean, fit.worst)]
-
-
-def _held_out_table(identification: Identified) -> PageTable:
-    rows = [(name, fit_text(value)) for name, value in identification.held_out.items()]
-    caption = "Logs that were not used for the fit, simulated with its values."
-    return PageTable(name="held-out", headers=("log", "FIT in %"), rows=rows, caption=caption)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from pydantic import TypeAdapter
@@ -21,7 +21,7 @@ from butterfly.logs.thinning import thinned
 from butterfly.progress import Track, untracked
 from butterfly.report.page import Badge, Page, PageTable, Section, tabulated
 from butterfly.report.parameter_table import FORECAST_HEADERS, forecast_rows, forecast_sentences
-from butterfly.result import Answer, TextTable, cell_text, text
+from butterfly.result import Answer, cell_text, text
 from butterfly.signals.spectrum import periodogram, resample, rms_amplitude, uniform_grid
 from butterfly.verdict import Level
 
@@ -72,9 +72,6 @@ class Inspection(Answer):
     logs: tuple[Inspected, ...] = ()
     """The findings of each log; none if loaded."""
 
-    before_fit: tuple[Forecast, ...] = ()
-    """What can be expected of each parameter's identification."""
-
     @classmethod
     def of(
         cls,
@@ -122,14 +119,12 @@ class Inspection(Answer):
                 "before_fit.expected": "1",
             },
             logs=tuple(seen),
-            before_fit=tuple(forecasts),
         )
 
-    @classmethod
-    def from_dict(cls, content: Mapping[str, Any], **more: Any) -> Self:  # noqa: ANN401 - own fields
-        """Return the result of `to_dict`'s values (see `Answer.from_dict`)."""
-        told = _FORECASTS.validate_python(content["before_fit"])
-        return super().from_dict(content, before_fit=told, **more)
+    @property
+    def before_fit(self) -> tuple[Forecast, ...]:
+        """What can be expected of each parameter's identification."""
+        return _FORECASTS.validate_python(self.content["before_fit"])
 
     @property
     def source(self) -> str:
@@ -166,7 +161,7 @@ class Inspection(Answer):
             for row in self.rows()
         ]
 
-    def tables(self) -> list[TextTable]:
+    def tables(self) -> list[PageTable]:
         """Return logs with findings, all of a single one, the forecasts, and the other logs."""
         rows, told = self.shown_rows(), forecast_rows(self.before_fit)
         lines, ok = [tuple(row.values()) for row in rows], STATES[Level.GOOD]
@@ -174,13 +169,13 @@ class Inspection(Answer):
             [line for line in lines if (line[1] == ok) is fine] for fine in (False, True)
         )
         tables = [
-            TextTable(self.source, (*rows[0],), found),
-            TextTable(_FORECAST, FORECAST_HEADERS, told),
-            TextTable("Without findings", (*rows[0],), others, detail=True),
+            PageTable(self.source, (*rows[0],), found),
+            PageTable(_FORECAST, FORECAST_HEADERS, told),
+            PageTable("Without findings", (*rows[0],), others, detail=True),
         ]
         if self._single:
             state = ("state", rows[0]["state"]), ("findings", rows[0]["findings"] or "none")
-            tables = [TextTable(self.source, (), [*state, *self._single]), tables[1]]
+            tables = [PageTable(self.source, (), [*state, *self._single]), tables[1]]
         return [each for each in tables if each.rows]
 
     def figures(self) -> dict[str, Figure]:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from butterfly.files import write_document, write_file
 from butterfly.outputs import mark_of, require_endings, require_free
-from butterfly.report.forest import Axis, Bar
+from butterfly.report.forest import Axis
 from butterfly.verdict import Level, Verdict
 
 if TYPE_CHECKING:
@@ -59,16 +59,26 @@ class Badge(NamedTuple):
     reasons: Sequence[str]
 
 
-@dataclass(frozen=True, kw_only=True)
-class PageTable:
-    """Rows of cells under headers, units in the headers."""
+class PageTable(NamedTuple):
+    """Rows under headers, as a page has them and a command prints them; without headers, pairs.
 
-    headers: tuple[str | Axis, ...]
-    rows: Sequence[tuple[str | Marked | Bar, ...]]
-    caption: str = ""
+    A cell is a text, or what a page has in its place: `Marked`, or a `Bar`.
+    """
+
+    title: str = ""  # as it is printed; on a page its section has one
+    headers: Sequence[str | Axis] = ()  # with units
+    rows: Sequence[Sequence[object]] = ()
+    detail: bool = False  # whether it is printed with --verbose alone
+    caption: str = ""  # on a page
     name: str = ""  # by which a page's links and programs find it
     words: tuple[int, ...] = ()  # columns of text: on the left, broken into lines; so is the first
     picks: Sequence[int] = ()  # for each row the number of the log that it chooses
+
+    def on_page(self) -> PageTable:
+        """Return it with texts alone, and what columns have words."""
+        rows = [(*map(str, row),) for row in self.rows]
+        some = (k for k in range(len(self.headers)) if any(row[k][:1].isalpha() for row in rows))
+        return self._replace(rows=rows, words=tuple(some))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -160,9 +170,9 @@ class Page:
     name: str
     description: str
     kind: str
-    summary: Sequence[str]
-    sections: Sequence[Section]
-    numbers: dict[str, Any]  # what it says, for programs: anything that JSON can hold
+    summary: Sequence[str] = ()
+    sections: Sequence[Section] = ()
+    numbers: dict[str, Any] = field(default_factory=dict)  # what it says, for programs, as JSON
     verdict: Verdict | None = None  # on the estimate that it rests on
     badge: Badge | None = None  # that of the verdict if not given
     facts: Sequence[Fact] = ()
@@ -205,6 +215,19 @@ class Page:
     def parts(self) -> list[Section]:
         """All sections, the lead first."""
         return [*([self.lead] if self.lead else []), *self.sections]
+
+    @property
+    def tables(self) -> list[dict[str, Any]]:
+        """The tables of all sections as they are printed, as JSON can hold them."""
+        return [
+            {
+                "title": part.title,
+                "headers": [*map(str, each.headers)],
+                "rows": [[*map(str, row)] for row in each.rows],
+            }
+            for part in self.sections
+            for each in part.tables
+        ]
 
     @property
     def figures(self) -> dict[str, Figure]:

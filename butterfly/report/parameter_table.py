@@ -13,8 +13,8 @@ from butterfly.identification.parameter import Parameter, or_nan, or_none
 from butterfly.identification.physical import Missing, PhysicalParameters
 from butterfly.model.prior import plain
 from butterfly.report.format import interval, upwards, with_error
-from butterfly.report.page import Marked
-from butterfly.result import Answer, TextTable
+from butterfly.report.page import Marked, PageTable
+from butterfly.result import Answer
 from butterfly.verdict import Level, Verdict
 
 FORECAST_HEADERS = ("parameter", "meaning", "before the fit", "expected", "what would mend it")
@@ -115,7 +115,7 @@ def forecast_rows(forecasts: Sequence[Forecast]) -> list[tuple[str, ...]]:
 
 def physical_table(
     parameters: PhysicalParameters, zeros: Mapping[str, float] = MappingProxyType({})
-) -> TextTable:
+) -> PageTable:
     """Tabulate physical parameters, then encoder zeros in rad, if any."""
     rows = [
         (
@@ -130,7 +130,9 @@ def physical_table(
     if zeros:
         ends = dict.fromkeys(f"{round(each(zeros.values()), 4) + 0.0:.4f}" for each in (min, max))
         rows.append(("zero", " to ".join(ends), "", "rad", "encoder's angle less the model's"))
-    return TextTable(_TITLE, ("", "value ± 95 %", "given", "unit", "meaning"), rows)
+    caption = "Derived from the parameters, and from what is known of motor and joint."
+    headers = ("", "value ± 95 %", "given", "unit", "meaning")
+    return PageTable(_TITLE, headers, rows, caption=caption, name="physical")
 
 
 def physical_numbers(parameters: PhysicalParameters) -> dict[str, dict[str, Any]]:

@@ -15,6 +15,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure as Still
 from matplotlib.ticker import LogFormatterSciNotation, MultipleLocator
+from numpy.typing import NDArray
 
 from butterfly.files import replacing
 from butterfly.outputs import mark_of
@@ -28,7 +29,6 @@ _INCH = 100  # plotly's pixels
 _WIDTH = 900  # pixels
 _DOTS = 80  # per inch, of a picture in a notebook
 _MARGIN = 0.1  # inches
-_BAR = 0.35  # width of a bar
 _ACROSS = 4  # names in a line of the legend
 _SHADE = 0.22  # of a band, from clear to opaque
 _FEW_NOUGHTS = 1e-3  # a number from which no power of ten is needed to read it
@@ -48,8 +48,8 @@ class _PlainPowers(LogFormatterSciNotation):
 def write_pictures(figures: Mapping[str, Figure], folder: Path) -> None:
     """Write each figure as ``folder``/NAME.png and NAME.svg.
 
-    Line and scatter plots (with error bars), filled shapes, bars and heat maps in any grid of axes,
-    and lines across the first of them, are drawn, which is all that the reports use.
+    Line and scatter plots (with error bars), filled shapes and heat maps in any grid of axes, and
+    lines from bottom to top of the first of them, are drawn, which is all that the reports use.
     """
     said = {"png": {"Software": "butterfly.figure"}, "svg": {"Title": "butterfly.figure"}}
     for name, figure in figures.items():
@@ -92,11 +92,10 @@ def draw(figure: Figure) -> Still:
 
 
 def _limit(axes: Axes, shape: dict[str, Any]) -> None:
-    """Draw a line across all of a panel, as plotly's add_hline and add_vline do."""
-    line, level = shape["line"], shape["xref"].endswith("domain")
-    draw, at = (axes.axhline, shape["y0"]) if level else (axes.axvline, shape["x0"])
-    dash = _DASHES.get(line.get("dash"), "-")
-    draw(at, color=line["color"], linewidth=line["width"], linestyle=dash, zorder=1)
+    """Draw a line from bottom to top of a panel, as plotly's add_vline does."""
+    line, dash = shape["line"], _DASHES.get(shape["line"].get("dash"), "-")
+    style = {"color": line["color"], "linewidth": line["width"], "linestyle": dash}
+    axes.axvline(shape["x0"], zorder=1, **style)
 
 
 def _explain(panels: list[Axes]) -> None:
@@ -167,20 +166,18 @@ def _scatter(axes: Axes, trace: Any) -> None:  # noqa: ANN401 - plotly's
     if x.dtype.kind in "UO":
         x = np.array([_lines(label) for label in x])
         axes.tick_params(axis="x", labelsize="x-small")
-    if trace.error_y.array is None:
+    across, up = _errors(trace.error_x), _errors(trace.error_y)
+    if across is None and up is None:
         axes.plot(x, y, **style)
     else:
-        upper = np.asarray(trace.error_y.array)
-        lower = upper if trace.error_y.arrayminus is None else np.asarray(trace.error_y.arrayminus)
-        axes.errorbar(x, y, yerr=np.array([lower, upper]), elinewidth=1, **style)
+        axes.errorbar(x, y, xerr=across, yerr=up, elinewidth=1, **style)
 
 
-def _bar(axes: Axes, trace: Any) -> None:  # noqa: ANN401 - plotly's
-    color = trace.marker.color if isinstance(trace.marker.color, str) else None
-    places, heights = np.arange(len(trace.x)), np.asarray(trace.y, dtype=float)
-    beside = places + _BAR * len(axes.containers)
-    axes.bar(beside, heights, width=_BAR, color=color, label=_label(trace))
-    axes.set_xticks(places, [*map(_lines, trace.x)], fontsize="x-small")
+def _errors(error: Any) -> NDArray[Any] | None:  # noqa: ANN401 - plotly's
+    """Return (2, n) lengths of error bars, downwards and upwards; None without any."""
+    if error.array is None:
+        return None
+    return np.array([error.array if error.arrayminus is None else error.arrayminus, error.array])
 
 
 def _heatmap(axes: Axes, trace: Any) -> None:  # noqa: ANN401 - plotly's
@@ -219,4 +216,4 @@ def _plain(text: str) -> str:
     return unescape(re.sub(r"<[^>]+>", " ", text)).replace("$", r"\$")
 
 
-_DRAWN = {"scatter": _scatter, "bar": _bar, "heatmap": _heatmap}
+_DRAWN = {"scatter": _scatter, "heatmap": _heatmap}

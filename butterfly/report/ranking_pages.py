@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from html import escape
 from itertools import product
 from textwrap import wrap
@@ -30,156 +29,156 @@ _BROAD = 32  # letters of a line that names an experiment
 _LEAST = 1e-3  # % that a FIT lacks at least, to be drawn
 
 
-@dataclass(frozen=True)
-class TablePlots:
-    """Figures of a table."""
+def fits(result: Result) -> Figure | None:
+    """Draw every column of FITs, a point for each log."""
+    names = [name for name in next(iter(result.rows()), {}) if name.startswith("FIT ")]
+    return _by_log(result, "FIT in %", names) if names else None
 
-    result: Result
 
-    def fits(self) -> Figure:
-        """Draw every column of FITs, a point for each log."""
-        return self._by_log("FIT in %", [name for name in self._columns if name[:4] == "FIT "])
+def shares(result: Result) -> Figure | None:
+    """Draw the share of measured samples inside each band, a point for each log."""
+    names = [name for name in next(iter(result.rows()), {}) if name.endswith(": inside in %")]
+    if not names:
+        return None
+    figure = _by_log(result, "measured samples inside the band, in %", names[::-1])
+    figure.add_vline(x=95, line={"color": GREY, "width": 1, "dash": "dash"})
+    return figure.update_layout(showlegend=True).update_xaxes(range=[-2, 102])
 
-    def shares(self) -> Figure:
-        """Draw the share of measured samples inside each band, a point for each log."""
-        names = [name for name in self._columns if name.endswith(": inside in %")]
-        figure = self._by_log("measured samples inside the band, in %", names[::-1])
-        figure.add_vline(x=95, line={"color": GREY, "width": 1, "dash": "dash"})
-        return figure.update_layout(showlegend=True).update_xaxes(range=[-2, 102])
 
-    @property
-    def _columns(self) -> list[str]:
-        return [*next(iter(self.result.rows()), {})]
-
-    def _by_log(self, title: str, columns: Sequence[str]) -> Figure:
-        """Draw columns in per cent, a row for each log."""
-        rows = self.result.rows()
-        labels = [*map(label_of, rows)]
-        figure = rows_panel(labels, title)
-        for number, name in enumerate(columns):
-            colour, symbol = look(number)
-            marker = {"color": colour, "symbol": symbol + "-open" * (number % 2)}
-            figure.add_scatter(
-                x=[row[name] for row in rows],
-                y=list(range(len(rows))),
-                text=[*map(escape, labels)],
-                name=name.removeprefix("FIT ").removesuffix(" in %"),
-                mode="markers",
-                marker=marker | {"size": 7 + 5 * (number % 2)},
-                hovertemplate="%{text}: %{x:.1f} %",
-            )
-        return figure
-
-    def frequencies(self) -> Figure | None:
-        """Draw how the simulators' responses to sines differ from the logs', by added mass."""
-        rows = [row for row in self.result.rows() if row["phase error MuJoCo in °"] is not None]
-        if not rows:
-            return None
-        figure = panels("frequency in rad/s", ("amplitude error in %", "phase error in °"), 480)
-        masses = sorted({row["added mass in kg"] for row in rows})
-        for (number, mass), name in product(enumerate(masses), _SIMULATORS):
-            (colour, symbol), (mark, size) = look(number), _SIMULATORS[name]
-            own = [row for row in rows if row["added mass in kg"] == mass]
-            style: dict[str, Any] = {
-                "name": f"{1e3 * mass:g} g, {name}",
-                "mode": "markers",
-                "marker": {"color": colour, "symbol": symbol + mark, "size": size},
-            }
-            omega = [row["frequency in rad/s"] for row in own]
-            for row, (what, unit) in enumerate((("amplitude", " %"), ("phase", "°")), start=1):
-                errors = [log[f"{what} error {name} in {unit.strip()}"] for log in own]
-                hover = f"%{{x:.3g}} rad/s: %{{y:.4g}}{unit}"
-                style |= {"showlegend": row == 1, "hovertemplate": hover}
-                add(figure, row, omega, errors, **style)
-        return figure
-
-    def corner(self) -> Figure | None:
-        """Draw the first parameters that vary: each alone, and below against each other."""
-        rows, units = self.result.rows(), self.result.to_dict()["units"]
-        columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
-        names = [name for name, values in columns.items() if np.ptp(values) > 0][:_MOST]
-        if not names:
-            return None
-        size = len(names)
-        figure = make_subplots(size, size, horizontal_spacing=0.02, vertical_spacing=0.02)
-        looks = {name: _axis(columns[name], f"{name} in {units[f'rows.{name}']}") for name in names}
-        for row, up in enumerate(names, start=1):
-            for column, across in enumerate(names[:row], start=1):
-                place, x, y = {"row": row, "col": column}, columns[across], columns[up]
-                style = {"mode": "markers", "marker": {"color": PALETTE[0], "size": 3}}
-                own = looks[up] if column == 1 else {}
-                if row == column:
-                    counts, edges = np.histogram(x, _BINS)
-                    x, y = np.repeat(edges, 2), np.concatenate([[0], np.repeat(counts, 2), [0]])
-                    style, own = {"mode": "lines", "line": {"color": PALETTE[0], "width": 1.4}}, {}
-                figure.add_scatter(x=x, y=y, **style, **place)
-                figure.update_xaxes(showticklabels=row == size, **place)
-                figure.update_xaxes(looks[across] if row == size else {}, **place)
-                figure.update_yaxes({"showticklabels": bool(own), **own}, **place)
-        return figure.update_layout(height=_CELL * size + 110, showlegend=False)
-
-    def leaderboard(self) -> Figure:
-        """Draw what each estimator lacks of a FIT of 100 %, so that good ones are told apart."""
-        rows = self.result.rows()
-        several = len({row["data"] for row in rows}) > 1
-        names = [f"{row['method']}, {row['data']}" if several else row["method"] for row in rows]
-        title = "100 − median FIT in %: further left is better"
-        figure = panel(title, "", _ROW * len(rows) + 110)
-        kinds = (("held out", "held_out", "top", 9), ("in sample", "in_sample", "bottom", 15))
-        for number, (name, field, place, size) in enumerate(kinds):
-            fits = {
-                label: row[field]["median"]
-                for label, row in zip(names, rows, strict=True)
-                if row[field] and math.isfinite(or_nan(row[field]["median"]))
-            }
-            colour, symbol = look(number)
-            figure.add_scatter(
-                x=[max(100 - fit, _LEAST) for fit in fits.values()],
-                y=list(fits),
-                text=[f"{fit_text(fit)} %" for fit in fits.values()],
-                textposition=f"{place} center",
-                mode="markers+text",
-                name=f"{name}, median FIT",
-                marker={"color": colour, "symbol": symbol + "-open" * number, "size": size},
-                hovertemplate="%{y}: %{text}",
-            )
-        figure.update_xaxes(log_ticks(1, 2, 5))
-        ends = [-0.6, len(names) - 0.4]
-        figure.update_yaxes(categoryorder="array", categoryarray=names[::-1], range=ends)
-        return figure
-
-    def choices(self) -> Figure | None:
-        """Draw the median FIT with each set of terms, in sample and held out; None of one set."""
-        figure, rows = panel("fitted terms", "median FIT in %", 340), self.result.rows()
-        if len(rows) == 1:
-            return None
-        names = [", ".join(row["terms"]) or "none" for row in rows]
-        fits = [*map(medians_of, rows)]
-        for number, name in enumerate(fits[0]):
-            colour, symbol = look(number)
-            marker = {"color": colour, "symbol": symbol, "size": 9}
-            values = [each[name] for each in fits]
-            figure.add_scatter(x=names, y=values, mode="lines+markers", name=name, marker=marker)
-        return figure
-
-    def ranking(self, count: int = 12) -> Figure:
-        """Draw the mean of the standard errors after each of the first candidates, over now's."""
-        rows = self.result.rows()[:count]
-        names = [f"{row['input']}, {row['added mass']}" for row in rows]
-        short = [wrap(name, _BROAD, max_lines=2, placeholder=" …") for name in names]
-        across = "standard errors after this run<br>in % of the present ones"
-        figure = rows_panel(["\n".join(lines) for lines in short], across)
-        means = [100 * or_nan(row["mean"]) for row in rows]
-        return figure.update_xaxes(range=[min(0.0, *means), 105.0]).add_scatter(
-            x=means,
+def _by_log(result: Result, title: str, columns: Sequence[str]) -> Figure:
+    """Draw columns in per cent, a row for each log."""
+    rows = result.rows()
+    labels = [*map(label_of, rows)]
+    figure = rows_panel(labels, title)
+    for number, name in enumerate(columns):
+        colour, symbol = look(number)
+        marker = {"color": colour, "symbol": symbol + "-open" * (number % 2)}
+        figure.add_scatter(
+            x=[row[name] for row in rows],
             y=list(range(len(rows))),
-            text=[f"{mean:.3g} %" for mean in means],
-            textposition="middle left",
-            mode="markers+text",
-            hovertext=[*map(escape, names)],
-            hovertemplate="%{hovertext}: %{x:.3g} %<extra></extra>",
-            marker={"color": PALETTE[0], "size": 9},
+            text=[*map(escape, labels)],
+            name=name.removeprefix("FIT ").removesuffix(" in %"),
+            mode="markers",
+            marker=marker | {"size": 7 + 5 * (number % 2)},
+            hovertemplate="%{text}: %{x:.1f} %",
         )
+    return figure
+
+
+def frequencies(result: Result) -> Figure | None:
+    """Draw how the simulators' responses to sines differ from the logs', by added mass."""
+    rows = [row for row in result.rows() if row["phase error MuJoCo in °"] is not None]
+    if not rows:
+        return None
+    figure = panels("frequency in rad/s", ("amplitude error in %", "phase error in °"), 480)
+    masses = sorted({row["added mass in kg"] for row in rows})
+    for (number, mass), name in product(enumerate(masses), _SIMULATORS):
+        (colour, symbol), (mark, size) = look(number), _SIMULATORS[name]
+        own = [row for row in rows if row["added mass in kg"] == mass]
+        style: dict[str, Any] = {
+            "name": f"{1e3 * mass:g} g, {name}",
+            "mode": "markers",
+            "marker": {"color": colour, "symbol": symbol + mark, "size": size},
+        }
+        omega = [row["frequency in rad/s"] for row in own]
+        for row, (what, unit) in enumerate((("amplitude", " %"), ("phase", "°")), start=1):
+            errors = [log[f"{what} error {name} in {unit.strip()}"] for log in own]
+            hover = f"%{{x:.3g}} rad/s: %{{y:.4g}}{unit}"
+            style |= {"showlegend": row == 1, "hovertemplate": hover}
+            add(figure, row, omega, errors, **style)
+    return figure
+
+
+def corner(result: Result) -> Figure | None:
+    """Draw the first parameters that vary: each alone, and below against each other."""
+    rows, units = result.rows(), result.to_dict()["units"]
+    columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    names = [name for name, values in columns.items() if np.ptp(values) > 0][:_MOST]
+    if not names:
+        return None
+    size = len(names)
+    figure = make_subplots(size, size, horizontal_spacing=0.02, vertical_spacing=0.02)
+    looks = {name: _axis(columns[name], f"{name} in {units[f'rows.{name}']}") for name in names}
+    for row, up in enumerate(names, start=1):
+        for column, across in enumerate(names[:row], start=1):
+            place, x, y = {"row": row, "col": column}, columns[across], columns[up]
+            style = {"mode": "markers", "marker": {"color": PALETTE[0], "size": 3}}
+            own = looks[up] if column == 1 else {}
+            if row == column:
+                counts, edges = np.histogram(x, _BINS)
+                x, y = np.repeat(edges, 2), np.concatenate([[0], np.repeat(counts, 2), [0]])
+                style, own = {"mode": "lines", "line": {"color": PALETTE[0], "width": 1.4}}, {}
+            figure.add_scatter(x=x, y=y, **style, **place)
+            figure.update_xaxes(showticklabels=row == size, **place)
+            figure.update_xaxes(looks[across] if row == size else {}, **place)
+            figure.update_yaxes({"showticklabels": bool(own), **own}, **place)
+    return figure.update_layout(height=_CELL * size + 110, showlegend=False)
+
+
+def leaderboard(result: Result) -> Figure:
+    """Draw what each estimator lacks of a FIT of 100 %, so that good ones are told apart."""
+    rows = result.rows()
+    several = len({row["data"] for row in rows}) > 1
+    names = [f"{row['method']}, {row['data']}" if several else row["method"] for row in rows]
+    title = "100 − median FIT in %: further left is better"
+    figure = panel(title, "", _ROW * len(rows) + 110)
+    kinds = (("held out", "held_out", "top", 9), ("in sample", "in_sample", "bottom", 15))
+    for number, (name, field, place, size) in enumerate(kinds):
+        fits = {
+            label: row[field]["median"]
+            for label, row in zip(names, rows, strict=True)
+            if row[field] and math.isfinite(or_nan(row[field]["median"]))
+        }
+        colour, symbol = look(number)
+        figure.add_scatter(
+            x=[max(100 - fit, _LEAST) for fit in fits.values()],
+            y=list(fits),
+            text=[f"{fit_text(fit)} %" for fit in fits.values()],
+            textposition=f"{place} center",
+            mode="markers+text",
+            name=f"{name}, median FIT",
+            marker={"color": colour, "symbol": symbol + "-open" * number, "size": size},
+            hovertemplate="%{y}: %{text}",
+        )
+    figure.update_xaxes(log_ticks(1, 2, 5))
+    ends = [-0.6, len(names) - 0.4]
+    figure.update_yaxes(categoryorder="array", categoryarray=names[::-1], range=ends)
+    return figure
+
+
+def choices(result: Result) -> Figure | None:
+    """Draw the median FIT with each set of terms, in sample and held out; None of one set."""
+    figure, rows = panel("fitted terms", "median FIT in %", 340), result.rows()
+    if len(rows) == 1:
+        return None
+    names = [", ".join(row["terms"]) or "none" for row in rows]
+    fits = [*map(medians_of, rows)]
+    for number, name in enumerate(fits[0]):
+        colour, symbol = look(number)
+        marker = {"color": colour, "symbol": symbol, "size": 9}
+        values = [each[name] for each in fits]
+        figure.add_scatter(x=names, y=values, mode="lines+markers", name=name, marker=marker)
+    return figure
+
+
+def ranking(result: Result, count: int = 12) -> Figure:
+    """Draw the mean of the standard errors after each of the first candidates, over now's."""
+    rows = result.rows()[:count]
+    names = [f"{row['input']}, {row['added mass']}" for row in rows]
+    short = [wrap(name, _BROAD, max_lines=2, placeholder=" …") for name in names]
+    across = "standard errors after this run<br>in % of the present ones"
+    figure = rows_panel(["\n".join(lines) for lines in short], across)
+    means = [100 * or_nan(row["mean"]) for row in rows]
+    return figure.update_xaxes(range=[min(0.0, *means), 105.0]).add_scatter(
+        x=means,
+        y=list(range(len(rows))),
+        text=[f"{mean:.3g} %" for mean in means],
+        textposition="middle left",
+        mode="markers+text",
+        hovertext=[*map(escape, names)],
+        hovertemplate="%{hovertext}: %{x:.3g} %<extra></extra>",
+        marker={"color": PALETTE[0], "size": 9},
+    )
 
 
 def _axis(values: Samples, title: str) -> dict[str, Any]:

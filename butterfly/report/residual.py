@@ -20,7 +20,7 @@ from butterfly.report.finding_texts import finding_text
 from butterfly.report.log_figures import correlation_figure
 from butterfly.report.numbers import RESIDUAL_CAPTION, residual_row
 from butterfly.report.page import Page, PageTable, Section
-from butterfly.result import TextTable, cell_text
+from butterfly.result import cell_text
 
 _EXPLAINED = (
     "The log with the largest error. Residual torque, averaged over short intervals in which the "
@@ -52,8 +52,8 @@ def residual_table(logs: Sequence[LogResiduals], picks: Sequence[int]) -> PageTa
     """Make a table with a row per log, each of which chooses a log by its number."""
     rows = [{"log": log.label} | residual_row(log) for log in logs]
     cells = [[*map(cell_text, finite([*row.values()]))] for row in rows]
-    table = TextTable("", tuple(rows[0]), cells, caption=RESIDUAL_CAPTION)
-    return replace(table.on_page(), name="residuals", picks=picks)
+    table = PageTable("", tuple(rows[0]), cells, caption=RESIDUAL_CAPTION)
+    return table.on_page()._replace(name="residuals", picks=picks)
 
 
 def with_residual_figures(

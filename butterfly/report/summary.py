@@ -28,9 +28,8 @@ from butterfly.report.agreement_texts import agreement_table
 from butterfly.report.finding_texts import REMEDY, estimate_verdict, grave_notes, minor_notes
 from butterfly.report.format import counted, fit_text, times_text
 from butterfly.report.inspection import conditions_text
-from butterfly.report.page import Fact
+from butterfly.report.page import Fact, PageTable
 from butterfly.report.parameter_table import parameter_texts, physical_table
-from butterfly.result import TextTable
 from butterfly.signals.frequency_response import ResponsePoint, response_point
 from butterfly.verdict import Level
 
@@ -42,9 +41,6 @@ _MEASURED = {
 
 
 _ADVICE = re.compile(r"Set (--\S+) (\S+?),? ")
-
-LOOP_HEADERS = ("FIT in %", "median", "mean", "worst", "mean error in mrad")
-"""Of the table of `loop_rows`."""
 
 _HEADERS = {
     "estimate": "value ± 95 %",
@@ -107,7 +103,7 @@ def _fit(identification: Identified) -> str:
     )
 
 
-def tables(identification: Identified) -> list[TextTable]:
+def tables(identification: Identified) -> list[PageTable]:
     """Return parameters beside the true ones if known, physical ones, and FIT of others."""
     estimate, fit = identification.estimate, identification.fit
     rows = estimate.table(identification.truth)
@@ -121,9 +117,9 @@ def tables(identification: Identified) -> list[TextTable]:
         found.append(derived)
     if estimate.resonances:
         resonances = [(str(mass), f"{w:.4f}") for mass, w in estimate.resonances.items()]
-        found.append(TextTable("Resonance, as this method finds it", ("", "rad/s"), resonances))
-    if servo := loop_rows(identification):
-        found.append(TextTable("Servo", LOOP_HEADERS, servo))
+        found.append(PageTable("Resonance, as this method finds it", ("", "rad/s"), resonances))
+    if (servo := loop_table(identification)).rows:
+        found.append(servo)
     if identification.comparisons:
         fits = [(f"{estimate.method}, this identification", fit)]
         for other in identification.comparisons:
@@ -131,7 +127,7 @@ def tables(identification: Identified) -> list[TextTable]:
             fits.append((other.name + gain, other.fit))
         lines = [(name, *map(fit_text, (f.median, f.mean, f.worst))) for name, f in fits]
         title = f"FIT in %{fit.over} on the same logs"
-        found.append(TextTable(title, ("parameters", "median", "mean", "worst"), lines))
+        found.append(PageTable(title, ("parameters", "median", "mean", "worst"), lines))
     return found
 
 
@@ -167,7 +163,7 @@ def _of_logs(identification: Identified, residuals: Mapping[str, Any]) -> list[F
     return [*servo, Fact("model error", error, noise)]
 
 
-def values_table(title: str, rows: Sequence[Parameter]) -> TextTable:
+def values_table(title: str, rows: Sequence[Parameter]) -> PageTable:
     """Tabulate the values of parameters, beside the true ones if these are known."""
     known = any(each.true is not None for each in rows)
     compared = ("true", "deviation", "unit") if known else ("unit", "meaning")
@@ -176,15 +172,21 @@ def values_table(title: str, rows: Sequence[Parameter]) -> TextTable:
 
 def _columns(
     title: str, rows: Sequence[Parameter], *columns: str, detail: bool = False
-) -> TextTable:
+) -> PageTable:
     """Return some columns of parameters as texts."""
     headers = ("", *(_HEADERS.get(each, each) for each in columns))
     cells = [[row[c] for c in ("name", *columns)] for row in map(parameter_texts, rows)]
-    return TextTable(title, headers, cells, detail)
+    return PageTable(title, headers, cells, detail)
+
+
+def loop_table(identification: Identified) -> PageTable:
+    """Tabulate how servos' logs are followed in the loop, and by the drive alone."""
+    headers = ("FIT in %", "median", "mean", "worst", "mean error in mrad")
+    return PageTable("Servo", headers, loop_rows(identification), name="loop")
 
 
 def loop_rows(identification: Identified) -> list[tuple[str, ...]]:
-    """Tabulate how servos' logs are followed in the loop, and by the drive alone."""
+    """Return the rows of `loop_table`."""
     rows = []
     for which, fits in {"": identification.fits, ", held out": identification.held_out}.items():
         names = [name for name in fits if name in identification.drive_fits]

@@ -36,7 +36,7 @@ def with_courses(compared: Sequence[ThreeWay], own: Sequence[LogResiduals], page
     stretches = [first_stretch(each.log) for each in compared]
     series["time"] = replace(series["time"], stretches=stretches)
     fits, residuals = (
-        replace(part, tables=(replace(part.tables[0], picks=range(len(own))),))
+        replace(part, tables=(part.tables[0]._replace(picks=range(len(own))),))
         for part in page.sections
     )
     sections = [

@@ -35,7 +35,7 @@ def test_a_prediction_has_rows_the_verdict_and_bands_in_time(predicted, data, re
     assert {*result.verdict} <= {*predicted.summary}
     page = rendered(predicted.page())
     assert "In time" in page
-    assert (page.count("data-figure="), page.count("<option")) == (2, 9)
+    assert (page.count("data-figure="), page.count("<option")) == (3, 9)
 
 
 def test_an_experiment_is_predicted_by_its_inputs_alone(quick, result):
