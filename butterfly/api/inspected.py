@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 from butterfly.api.sources import Named, is_data, manifest_of, names_result, read
 from butterfly.api.verbs import identify, numbers_of_logs, saved_identification
@@ -32,7 +32,7 @@ from butterfly.report.format import field_unit
 from butterfly.report.inspection import Inspection, inspect_logs
 from butterfly.report.numbers import estimate_numbers
 from butterfly.report.summary import zero_sentences
-from butterfly.result import Answer, TextTable
+from butterfly.result import Answer, TextTable, text
 from butterfly.twin.twin import Twin
 from butterfly.verdict import Verdict
 
@@ -45,8 +45,21 @@ class RobotModel(Answer):
 
     kind: ClassVar[str] = "model"
 
-    twin: Twin
+    made: Twin | None = None  # None if loaded
     note: str = ""
+
+    @property
+    def twin(self) -> Twin:
+        """What it lists; InputError if it was loaded, as a file holds its numbers alone."""
+        if self.made is None:
+            raise InputError("model", "twin", "none in a file", "its experiment or saved result")
+        return self.made
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any], **more: Any) -> Self:  # noqa: ANN401 - own fields
+        """Return the result of `to_dict`'s values (see `Answer.from_dict`)."""
+        pairs = [(text(name), text(said)) for name, said in content["listed"]]
+        return super().from_dict(content, printed=(TextTable("", (), pairs),), **more)
 
     @classmethod
     def of(
@@ -62,7 +75,7 @@ class RobotModel(Answer):
         loaded = robot.lumped.with_added_mass(carried)
         resonance = resonance_frequency(loaded)
         parts = {part: getattr(robot, part) for part in PARTS}
-        pairs = (
+        pairs = [
             *((part, _numbers_of(each)) for part, each in parts.items()),
             ("added mass", str(carried) if carried.mass else "none"),
             ("p1", f"{loaded.p1:.6g} kg m²"),
@@ -70,7 +83,7 @@ class RobotModel(Answer):
             ("p3", f"{loaded.p3:.6g} N m"),
             ("p4", f"{loaded.p4:.6g} {unit_of('p4', kind)}"),
             ("resonance", f"{resonance:.5g} rad/s"),
-        )
+        ]
         return cls(
             title=f"The robot of {twin.name!r}",
             judged=verdict,
@@ -90,19 +103,19 @@ class RobotModel(Answer):
                     }
                     for part, each in parts.items()
                 },
-                "loaded": lumped_numbers(loaded, kind),
+                "loaded": (numbers := lumped_numbers(loaded, kind)),
+                "rows": [
+                    {"parameter": name, **numbers[name]}
+                    for name in sorted(numbers, key=[*TERMS].index)
+                ],
+                "listed": pairs,
                 "resonance": resonance,
             },
             units={"resonance": "rad/s", "carried.mass": "kg", "carried.arm": "m"},
             printed=(TextTable("", (), pairs),),
-            twin=twin,
+            made=twin,
             note=note,
         )
-
-    def rows(self) -> list[dict[str, Any]]:
-        """Return a row for each lumped parameter, with the added mass."""
-        loaded = self.content["loaded"]
-        return [{"parameter": name, **loaded[name]} for name in sorted(loaded, key=[*TERMS].index)]
 
 
 def _numbers_of(part: Any) -> str:  # noqa: ANN401 - any part of a robot

@@ -21,6 +21,7 @@ _KINDS = {
     "butterfly.leaderboard": ("api.compared", "Leaderboard"),
     "butterfly.run": ("api.experiments", "Run"),
     "butterfly.sweep": ("api.experiments", "Sweep"),
+    "butterfly.model": ("api.inspected", "RobotModel"),
     "butterfly.identification": ("api.identification", "Identification"),
     "butterfly.draws": ("api.predicted", "Drawn"),
     "butterfly.prediction": ("api.predicted", "Predicted"),
