@@ -216,7 +216,6 @@ def export(
     from butterfly.api.inspected import robot_of  # noqa: PLC0415 - slow to import
     from butterfly.api.sources import is_data  # noqa: PLC0415
     from butterfly.files import locate  # noqa: PLC0415
-    from butterfly.model.parameters import NO_ADDED_MASS  # noqa: PLC0415
     from butterfly.twin.forms import write_twin  # noqa: PLC0415
 
     if actuator and to != "bam":
@@ -226,8 +225,8 @@ def export(
         say_verdict(named.judged)
     options = Options(timestep=timestep, integrator=integrator, actuator=actuator)
     made = write_twin(to, named.twin, options, out)
-    added = named.twin.added if to != "bam" else NO_ADDED_MASS
-    say(f"Twin: {out}, {made.about}{f', with {added}' if added.mass else ''}.")
+    carried = f", with {named.twin.added}" if added_mass and to != "bam" else ""
+    say(f"Twin: {out}, {made.about}{carried}.")
     for sentence in (*made.left_out, *((made.accuracy.sentence,) if made.accuracy else ())):
         say(sentence)
     if named.note and to in WITH_A_BODY:
