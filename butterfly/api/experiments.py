@@ -172,6 +172,12 @@ class Sweep(_Done):
     kind: ClassVar[str] = "sweep"
     table: ClassVar[str] = "recovery"
 
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any], **more: Any) -> Self:  # noqa: ANN401 - own fields
+        """Return the result of `to_dict`'s values (see `Answer.from_dict`)."""
+        said = f"{content['ok']} runs done, {content['unsuccessful']} failed."
+        return super().from_dict(content, **{"note": said, **more})
+
     @property
     def unsuccessful(self) -> int:
         """Number of runs of the last call without a result."""

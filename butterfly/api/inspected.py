@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 from butterfly.api.sources import Named, is_data, manifest_of, names_result, read
 from butterfly.api.verbs import identify, numbers_of_logs, saved_identification
@@ -19,7 +19,7 @@ from butterfly.files import locate
 from butterfly.identification.diagnostics.before_fit import forecast
 from butterfly.identification.estimators import OutputError
 from butterfly.identification.free_run import Setting
-from butterfly.identification.parameter import lumped_numbers, or_nan
+from butterfly.identification.parameter import lumped_numbers
 from butterfly.logs.health import examine
 from butterfly.logs.reading import numbers_named, read_pieces, with_parts
 from butterfly.model.linear import resonance_frequency
@@ -33,7 +33,7 @@ from butterfly.report.inspection import Inspection, inspect_logs
 from butterfly.report.numbers import estimate_numbers
 from butterfly.report.page import PageTable
 from butterfly.report.summary import zero_sentences
-from butterfly.result import Answer
+from butterfly.result import Answer, text
 from butterfly.twin.twin import Twin
 from butterfly.verdict import Verdict
 
@@ -46,8 +46,26 @@ class RobotModel(Answer):
 
     kind: ClassVar[str] = "model"
 
-    twin: Twin
+    made: Twin | None = None  # None if loaded
     note: str = ""
+
+    @property
+    def twin(self) -> Twin:
+        """What it lists; InputError if it was loaded, as a file holds its numbers alone."""
+        if self.made is None:
+            raise InputError("model", "twin", "none in a file", "its experiment or saved result")
+        return self.made
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any], **more: Any) -> Self:  # noqa: ANN401 - own fields
+        """Return the result of `to_dict`'s values (see `Answer.from_dict`)."""
+        for name, said in content["listed"]:
+            text(name), text(said)
+        return super().from_dict(content, **more)
+
+    def tables(self) -> list[PageTable]:
+        """Return its parts, and its lumped parameters with the added mass."""
+        return [PageTable("", (), tuple((name, said) for name, said in self.content["listed"]))]
 
     @classmethod
     def of(
@@ -61,7 +79,14 @@ class RobotModel(Answer):
         """List a robot's parts and lumped parameters; ``besides`` has an estimate's numbers."""
         (robot, carried), kind = twin.built, twin.kind
         loaded = robot.lumped.with_added_mass(carried)
+        resonance, numbers = resonance_frequency(loaded), lumped_numbers(loaded, kind)
         parts = {part: getattr(robot, part) for part in PARTS}
+        pairs = [
+            *((part, _numbers_of(each)) for part, each in parts.items()),
+            ("added mass", str(carried) if carried.mass else "none"),
+            *((name, "{value:.6g} {unit}".format(**numbers[name])) for name in PARAMETERS[:4]),
+            ("resonance", f"{resonance:.5g} rad/s"),
+        ]
         return cls(
             title=f"The robot of {twin.name!r}",
             judged=verdict,
@@ -81,29 +106,18 @@ class RobotModel(Answer):
                     }
                     for part, each in parts.items()
                 },
-                "loaded": lumped_numbers(loaded, kind),
-                "resonance": resonance_frequency(loaded),
+                "loaded": numbers,
+                "rows": [
+                    {"parameter": name, **numbers[name]}
+                    for name in sorted(numbers, key=[*TERMS].index)
+                ],
+                "listed": pairs,
+                "resonance": resonance,
             },
             units={"resonance": "rad/s", "carried.mass": "kg", "carried.arm": "m"},
-            twin=twin,
+            made=twin,
             note=note,
         )
-
-    def rows(self) -> list[dict[str, Any]]:
-        """Return a row for each lumped parameter, with the added mass."""
-        loaded = self.content["loaded"]
-        return [{"parameter": name, **loaded[name]} for name in sorted(loaded, key=[*TERMS].index)]
-
-    def tables(self) -> list[PageTable]:
-        """Return its parts, and its lumped parameters with the added mass."""
-        (robot, carried), loaded = self.twin.built, self.content["loaded"]
-        pairs = (
-            *((part, _numbers_of(getattr(robot, part))) for part in PARTS),
-            ("added mass", str(carried) if carried.mass else "none"),
-            *((name, "{value:.6g} {unit}".format(**loaded[name])) for name in PARAMETERS[:4]),
-            ("resonance", f"{or_nan(self.content['resonance']):.5g} rad/s"),
-        )
-        return [PageTable("", (), pairs)]
 
 
 def _numbers_of(part: Any) -> str:  # noqa: ANN401 - any part of a robot

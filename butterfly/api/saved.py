@@ -21,6 +21,7 @@ _KINDS = {
     "butterfly.leaderboard": ("api.compared", "Leaderboard"),
     "butterfly.run": ("api.experiments", "Run"),
     "butterfly.sweep": ("api.experiments", "Sweep"),
+    "butterfly.model": ("api.inspected", "RobotModel"),
     "butterfly.identification": ("api.identification", "Identification"),
     "butterfly.draws": ("api.predicted", "Drawn"),
     "butterfly.prediction": ("api.predicted", "Predicted"),
@@ -69,8 +70,11 @@ def load(path: str | PathLike[str], *, root: str | PathLike[str] | None = None) 
             manifest["root"] = str(root_of(file, manifest["root"], moved))
         with budget(math.inf):  # whatever else is searched for now, nothing of it is left out here
             result: Result = kind.from_dict(content)
-        result.shown_rows(), result.tables(), result.facts()
-    except (LookupError, TypeError, ValueError, AttributeError) as error:
+        columns = {tuple(row) for row in result.shown_rows()}
+        if len(columns) > 1 or content.get("rows") == []:
+            raise ValueError("rows with different columns" if columns else "no rows")
+        result.tables(), result.facts()
+    except (LookupError, TypeError, ValueError, AttributeError, StopIteration) as error:
         expected = "an undamaged saved result"
         raise InputError(file, "content", f"{type(error).__name__}: {error}", expected) from None
     return result

@@ -34,6 +34,16 @@ from butterfly.errors import (
     size_text,
 )
 
+_PACKAGE = Path(__file__).parents[1]
+
+
+def source_of(verb: str) -> str:
+    """Return the source of the module of a verb of the face; "" for another name."""
+    face = (_PACKAGE / "__init__.pyi").read_text(encoding="utf-8")
+    found = re.search(rf"from \.(\S+) import {verb} as", face)
+    place = _PACKAGE / f"{found[1].replace('.', '/')}.py" if found else None
+    return place.read_text(encoding="utf-8") if place else ""
+
 
 class Command(NamedTuple):
     """The group that lists it in the help, its place in `butterfly.cli`, its kinds of answer."""
@@ -46,14 +56,12 @@ class Command(NamedTuple):
     @property
     def summary(self) -> str:
         """First line of its docstring, or its verb's, read without a slow import of its module."""
-        package, (module, _, name) = Path(__file__).parents[1], self.path.partition(":")
-        face = (package / "__init__.pyi").read_text(encoding="utf-8")
-        verb = re.search(rf"from \.(\S+) import {name} as", face)
-        places = [f"cli/{module}", *([verb[1].replace(".", "/")] if verb else [])]
+        module, _, name = self.path.partition(":")
         first = re.compile(
             rf'^def _?{name}\((?:(?!^def ).)*?:\n    """(.+?)(?:"""|\n)', re.DOTALL | re.M
         )
-        texts = ((package / f"{place}.py").read_text(encoding="utf-8") for place in places)
+        own = _PACKAGE.joinpath(f"cli/{module}.py").read_text(encoding="utf-8")
+        texts = (own, source_of(name))
         return next(found[1] for found in map(first.search, texts) if found)
 
 

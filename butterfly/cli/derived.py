@@ -6,7 +6,10 @@ looked up there.
 """
 
 from __future__ import annotations
+import __future__
 
+import ast
+import builtins
 import re
 from collections.abc import Callable, Collection, Sequence
 from enum import Enum
@@ -15,15 +18,17 @@ from inspect import BoundArguments, Signature, signature
 from inspect import Parameter as Argument
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeAlias, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, TypeAlias, cast, get_args, get_origin, get_type_hints
 
 from cyclopts import Parameter
 from docstring_parser import parse
 
 import butterfly as bf
+from butterfly.cli.app import source_of
 from butterfly.cli.options import OUT, THE_DATA, WRITTEN, parse_names, parse_numbers
 from butterfly.cli.output import ExitCode, show_progress
 from butterfly.cli.written import FOLDER
+from butterfly.progress import untracked
 
 Ask: TypeAlias = partial[Any]
 """A verb with the values of its options, its ``keywords``; a call of it may replace some."""
@@ -50,6 +55,27 @@ _LISTS: dict[Any, tuple[str, Callable[[Any], Any]]] = {
 _UNIT = re.compile(r" in (rad|kg|m|s)\b")
 _OF_PYTHON = re.compile(r"(?<!`)`[\w.]+`(?!`)")
 _AS_IN = re.compile(r"As in `(\w+)`")
+
+
+def verb_named(name: str) -> Callable[..., Any]:
+    """Return a verb; if its source alone says all that help does, its signature and docstring.
+
+    That takes no slow import. Types of the package are paths there.
+    """
+    source = ast.parse(source_of(name)).body
+    (verb,) = [each for each in source if isinstance(each, ast.FunctionDef) and each.name == name]
+    defaults = [each for each in verb.args.kw_defaults if not isinstance(each, ast.Constant)]
+    light = [ast.unparse(each) for each in defaults if each] == [untracked.__name__]
+    if not light or "method" in {each.arg for each in verb.args.kwonlyargs}:
+        found: Callable[..., Any] = getattr(bf, name)
+        return found
+    verb.body, verb.returns = verb.body[:1], None
+    types = {each.id for each in ast.walk(verb.args) if isinstance(each, ast.Name)}
+    space: dict[str, Any] = dict.fromkeys(types - vars(builtins).keys(), PathLike[str])
+    space |= {"Any": Any, "Literal": Literal, "Sequence": Sequence, "untracked": untracked}
+    flags = __future__.annotations.compiler_flag
+    exec(compile(ast.Module([verb], []), name, "exec", flags), space)  # noqa: S102 - our own source
+    return cast(Callable[..., Any], space[name])
 
 
 def command(
@@ -91,7 +117,8 @@ def command(
             keywords |= values["fit"].keywords()
         if "track" in of_verb:
             keywords["track"] = show_progress
-        passed = BoundArguments(signature(own), {"ask": partial(verb, **keywords), **mine})
+        asked = partial(getattr(bf, verb.__name__), **keywords)
+        passed = BoundArguments(signature(own), {"ask": asked, **mine})
         return own(*passed.args, **passed.kwargs)
 
     call.__doc__ = description_of(own) or description_of(verb)

@@ -227,7 +227,6 @@ def export(
     from butterfly.api.inspected import robot_of  # noqa: PLC0415 - slow to import
     from butterfly.api.sources import is_data  # noqa: PLC0415
     from butterfly.files import locate  # noqa: PLC0415
-    from butterfly.model.parameters import NO_ADDED_MASS  # noqa: PLC0415
     from butterfly.twin.forms import write_twin  # noqa: PLC0415
 
     options = Options(
@@ -245,8 +244,8 @@ def export(
     if named.judged is not None:
         say_verdict(named.judged)
     made = write_twin(to, named.twin, options, out)
-    added = named.twin.added if to != "bam" else NO_ADDED_MASS
-    say(f"{made.title}: {out}, {made.about}{f', with {added}' if added.mass else ''}.")
+    carried = f", with {named.twin.added}" if added_mass and to != "bam" else ""
+    say(f"{made.title}: {out}, {made.about}{carried}.")
     accuracy = (made.accuracy.sentence,) if made.accuracy else ()
     for sentence in (*made.said, *made.left_out, *accuracy):
         say(sentence)

@@ -12,7 +12,7 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 import butterfly as bf
-from butterfly.cli.derived import Ask, command
+from butterfly.cli.derived import Ask, command, verb_named
 from butterfly.cli.options import NO_REPORT, OUT, SILENT, WRITTEN, DataOptions, Report, parse_pairs
 from butterfly.cli.output import ExitCode, asked, say, show, show_progress, warn
 from butterfly.cli.written import FOLDER, SAVED, OutputFile
@@ -41,7 +41,7 @@ def __getattr__(name: str) -> Callable[..., ExitCode]:
     """Return the command of a verb, of which alone the module is imported then."""
     if name not in dir(bf):
         raise AttributeError(name)
-    return command(getattr(bf, name), globals().get(f"_{name}", _shown), _WITHOUT.get(name, ()))
+    return command(verb_named(name), globals().get(f"_{name}", _shown), _WITHOUT.get(name, ()))
 
 
 def _shown(ask: Ask, *, page: Report = NO_REPORT) -> ExitCode:

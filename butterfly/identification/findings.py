@@ -71,13 +71,9 @@ class FindingKind(StrEnum):
 
 KINDS = frozenset(map(str, FindingKind))
 _DOUBTING = {
-    FindingKind.SEARCH_STOPPED,
-    FindingKind.ASKED,
-    FindingKind.SOURCES_CONFLICT,
-    FindingKind.CONTRADICTED,
-    FindingKind.KNOWN_CONFLICT,
-    FindingKind.PRIOR_CONFLICT,
-    FindingKind.APPROXIMATE,
+    *(FindingKind.SEARCH_STOPPED, FindingKind.APPROXIMATE, FindingKind.ASKED),
+    *(FindingKind.SOURCES_CONFLICT, FindingKind.CONTRADICTED),
+    *(FindingKind.KNOWN_CONFLICT, FindingKind.PRIOR_CONFLICT),
 }
 _GRAVITY = {str(kind): number for number, kind in enumerate(FindingKind)}
 

@@ -100,6 +100,13 @@ class NoColumnError(InputError):
 
     names: Sequence[str] = ()  # of the columns that it has
 
+    @classmethod
+    def among(cls, names: Sequence[str], *about: Any) -> NoColumnError:  # noqa: ANN401 - its fields
+        """Return the error about other columns; the frame that raises it must not hold it."""
+        made = cls(*about)
+        made.names = names
+        return made
+
 
 def checked_map(
     source: object, columns: ColumnMap, about: Mapping[str, Any]
@@ -149,9 +156,7 @@ def place(source: object, names: Sequence[str], wanted: str | int) -> int:
         raise InputError(source, "columns", f"number {number}", expected)
     hint = "; ".join([_HINT, *_HINTS.get(str(wanted), ())])
     expected = f"{nearest(str(wanted), names)} ({hint})"
-    error = NoColumnError(source, str(wanted), "no such column", expected)
-    error.names = names
-    raise error
+    raise NoColumnError.among(names, source, str(wanted), "no such column", expected)
 
 
 def chosen_columns(

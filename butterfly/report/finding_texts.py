@@ -61,14 +61,11 @@ def minor_notes(estimate: Estimate) -> list[str]:
 
 
 def _texts_of(estimate: Estimate, level: Level) -> list[str]:
-    said, led = {FindingKind.SCATTER, *_IN_VERDICT}, _doubts(estimate)
+    said = {FindingKind.SCATTER, *_IN_VERDICT, *(each.kind for each in _doubts(estimate))}
     found = [
         each
         for each in estimate.findings
-        if each.level is level
-        and each.kind not in said
-        and not _outdone(each, estimate)
-        and each not in led
+        if each.level is level and each.kind not in said and not _outdone(each, estimate)
     ]
     found.sort(key=lambda each: each.gravity)
     return [finding_text(each, values_of(estimate)) for each in found]

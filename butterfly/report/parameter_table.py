@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from types import MappingProxyType
 from typing import Any, ClassVar
 
 from butterfly.identification.derived_quantities import SYMBOLS
@@ -113,9 +112,7 @@ def forecast_rows(forecasts: Sequence[Forecast]) -> list[tuple[str, ...]]:
     return rows if any(told) else []
 
 
-def physical_table(
-    parameters: PhysicalParameters, zeros: Mapping[str, float] = MappingProxyType({})
-) -> PageTable:
+def physical_table(parameters: PhysicalParameters, zeros: Mapping[str, float]) -> PageTable:
     """Tabulate physical parameters, then encoder zeros in rad, if any."""
     rows = [
         (

@@ -59,7 +59,7 @@ class StandAlone:
     root: ElementTree.Element
     accuracy: Accuracy
     left_out: tuple[str, ...]
-    late: tuple[str, ...]  # how the delay is written, where not as it is
+    said: tuple[str, ...]  # on the encoder's zero, and a delay that is written as another
 
 
 def as_mjcf(twin: Twin, options: Options) -> Written:
@@ -71,9 +71,7 @@ def as_mjcf(twin: Twin, options: Options) -> Written:
         "mean over each step; leave other ctrl at 0."
     )
     head, rest = text_of(made.root).split("\n", 1)
-    comments = map(
-        xml_comment, [first, *twin.zero_lines, *made.late, *made.left_out, *made.accuracy.lines]
-    )
+    comments = map(xml_comment, [first, *made.said, *made.left_out, *made.accuracy.lines])
     step = f"steps of {1e3 * options.timestep:g} ms by {options.integrator}"
     return Written(
         text="\n  ".join([head, *comments, rest.lstrip()]),
@@ -91,7 +89,7 @@ def stand_alone(twin: Twin, options: Options = DEFAULTS) -> StandAlone:
         root=_root(twin, options, form),
         accuracy=yardstick.accuracy(mover(options, form)),
         left_out=tuple(_left_out(twin, form)),
-        late=tuple(_late(twin.parameters.delay, form, options.timestep)),
+        said=(*twin.zero_lines, *_late(twin.parameters.delay, form, options.timestep)),
     )
 
 

@@ -137,9 +137,8 @@ class Twin:
         if not self.zeros:
             return ()
         ends = dict.fromkeys(f"{round(each(self.zeros), 4) + 0.0:g}" for each in (min, max))
-        return (
-            f"Encoder's angle = angle here + zero; zero = {' to '.join(ends)} rad in the logs.",
-        )
+        said = f"Encoder's angle = angle here + zero; zero = {' to '.join(ends)} rad in the logs."
+        return (said,)
 
     @property
     def identifier(self) -> str:

@@ -21,13 +21,8 @@ def as_urdf(twin: Twin, options: Options) -> Written:
     """Return a twin as URDF, with what URDF cannot say in comments."""
     error = accuracy(twin, options)
     missing = tuple(_missing(twin, options))
-    notes = (
-        f"{twin.name}, as identified.",
-        *twin.zero_lines,
-        *missing,
-        "In MuJoCo, driven this way:",
-        *error.lines,
-    )
+    first = (f"{twin.name}, as identified.", *twin.zero_lines)
+    notes = (*first, *missing, "In MuJoCo, driven this way:", *error.lines)
     comments = "\n  ".join(map(xml_comment, notes))
     slides, p, name = twin.built[0].shape is Shape.SLIDE, twin.loaded, twin.identifier
     kind, own, axis = (

@@ -39,11 +39,12 @@ OF_ESTIMATE = {
     "draws": lambda found: bf.draws(found, 40),
     "residual": lambda found: bf.residual(found, logs=[0, 2]),
 }
-OTHERS = ("selection", "leaderboard", "change", "planned", "inspection", "one log")
+OTHERS = ("selection", "leaderboard", "change", "planned", "inspection", "one log", "model")
 
 
 @pytest.fixture(scope="session")
-def results(data, few, quick_data):
+def results(data, few, quick_data, tmp_path_factory):
+    few.save(saved := tmp_path_factory.mktemp("few") / "few.json")
     logs = data.take([0, 2, 3, 5, 6, 8]).logs
     coarse = bf.read([log.take(np.arange(0, log.time.size, 3)) for log in logs])
     others = (
@@ -53,6 +54,7 @@ def results(data, few, quick_data):
         bf.predict(quick_data.parent / "quick.yaml", few, bands=False),
         bf.inspect(quick_data),
         bf.inspect(quick_data, logs=[2]),
+        bf.inspect(saved),
     )
     return results_of(few) | dict(zip(OTHERS, others, strict=True))
 

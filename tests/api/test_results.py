@@ -210,6 +210,22 @@ def test_no_damage_passes_and_fails_later(few, tmp_path, part):
                 bf.changed(loaded, loaded)
 
 
+@pytest.mark.parametrize("kind", ["physical", "validation", "leaderboard", "comparison", "model"])
+def test_rows_that_are_gone_or_lack_a_column_are_refused(results, kind, tmp_path):
+    whole, key = results[kind].to_dict(), type(results[kind]).table
+    first, *others = whole[key]
+    lacking = [
+        {k: v for k, v in first.items() if k != name}
+        for name in first
+        if others and kind != "leaderboard"
+    ]
+    for rows in ([], *([each, *others] for each in lacking)):
+        write_document({**whole, key: rows}, tmp_path / "r.json")
+        with pytest.raises(bf.InputError, match="content: got"):
+            bf.load(tmp_path / "r.json")
+        (tmp_path / "r.json").unlink()
+
+
 def test_a_log_without_a_fit_is_left_out_of_tiles_and_tables(results):
     found = results["validation"]
     content = json.loads(json.dumps(found.to_dict()))

@@ -110,7 +110,10 @@ CASES = {
     "grams": Case(every(lambda log: _heavier(log, 1e3)), ("grams",)),
 }
 OF_SINES = {"rpm", "omega"}
-NAMED = {FindingKind.UNIT_ERROR, FindingKind.SUSPECTED, FindingKind.NEGATIVE_GAIN}
+NAMED = {
+    *(FindingKind.UNIT_ERROR, FindingKind.SUSPECTED, FindingKind.ASKED),
+    FindingKind.NEGATIVE_GAIN,
+}
 
 
 @dataclass(frozen=True)

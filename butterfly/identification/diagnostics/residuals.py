@@ -362,8 +362,8 @@ class _Unknowns:
             return None
         deviation = np.linalg.norm(rows[:, : len(self.root)] @ self.root.T, axis=1)
         left = errors.copy()
-        _take_away(starts, left)
-        _take_away(starts, rows)
+        for each in () if simulation.fitted else (left, rows):  # else `with_starts` has done it
+            _take_away(starts, each)
         return _RunErrors(
             run=run,
             first=first,
