@@ -7,10 +7,11 @@ than the joint has would drive it.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from itertools import product
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,7 +24,7 @@ from butterfly.model.parameters import JointKind, LumpedParameters
 from butterfly.twin.c import explained, fields_of, rendered
 from butterfly.twin.forms import Options
 from butterfly.twin.languages import C, Python
-from butterfly.twin.law import NEUTRAL, Law, limited, steady_torque, unlimited
+from butterfly.twin.law import NEUTRAL, SHARES, Law, limited, steady_torque, unlimited
 from butterfly.twin.plain import effort_unit
 from butterfly.twin.reduced import NUMBER, Fields
 from butterfly.twin.translate import Translator
@@ -34,6 +35,7 @@ _STATES = ("base_compliance", "bristle_stiffness", "time_constant")  # that add 
 _SETTINGS = {
     "zero": ("way", "reading of the encoder where the joint hangs (the model's angle 0)"),
     "dry": ("1", "share of dry friction that is compensated"),
+    "excess": ("1", "share of its Stribeck excess that is compensated"),
     "damping": ("1", "share of viscous friction, back EMF and drag that is compensated"),
     "smoothing": ("way/s", "speed from which on friction has the velocity's sign"),
     "limit": ("unit", "largest command in both directions"),
@@ -45,13 +47,13 @@ class _Seen(NamedTuple):
 
     low: float = -math.pi
     high: float = math.pi
-    speed: float = 0.0
+    speed: float = 1.0
     zeros: tuple[float, ...] = (0.0,)
     blur: float | None = None
 
     @classmethod
     def of(cls, twin: Twin) -> _Seen:
-        """Return what the logs of a twin show; the angle all round where there are none."""
+        """Return what the logs of a twin show; all angles, up to 1 rad/s, where there are none."""
         recorded = [(log.opened, setting) for log, setting in twin.recorded()]
         if not recorded:
             return cls()
@@ -96,14 +98,14 @@ class Compensation:
             expected = "a speed in rad/s (there are no logs to tell it)"
             raise InputError("export", "--smoothing", "missing", expected)
         law = Law.of(twin, zero=float(np.median(seen.zeros)), smoothing=smoothing)
-        law = law.having(dry=_certain(law, seen, _dry), damping=_certain(law, seen, _damping))
+        law = law.having(**{each: _certain(law, seen, each) for each in SHARES})
         made = cls(twin=twin, law=law, seen=seen)
         limit = options.command_limit or min(twin.limit, made.most)
         return replace(made, law=law.having(limit=limit))
 
     def error(self, angle: float, velocity: float, direction: float) -> tuple[float, float]:
         """Return how far a command may be off: what is withheld, and an interval's half-width."""
-        at, whole = (angle, velocity, direction), self.law.having(dry=1.0, damping=1.0)
+        at, whole = (angle, velocity, direction), self.law.having(**dict.fromkeys(SHARES, 1.0))
         withheld = unlimited(*at, whole.constants) - unlimited(*at, self.law.constants)
         return abs(withheld), whole.half_width(lambda c: float(unlimited(*at, c)))
 
@@ -133,26 +135,24 @@ def _places(low: float, high: float, speed: float) -> Iterator[tuple[float, floa
     )
 
 
-def _certain(law: Law, seen: _Seen, part: Callable[[float, float, Any], float]) -> float:
-    """Return the share of a part of the command that is certain wherever the joint was seen."""
-    shares = [1.0]
+def _certain(law: Law, seen: _Seen, share: str) -> float:
+    """Return the share of a part of friction that is certain wherever the joint was seen."""
+    least = 1.0
     for at in _places(seen.low, seen.high, seen.speed):
-        of = partial(part, *at)
-        if size := abs(of(law.constants)):
-            shares.append(1.0 - law.half_width(of) / size)
-    return max(min(shares), 0.0)
+        part = partial(_part, share, *at)
+        if size := abs(part(law.constants)):
+            least = min(least, 1.0 - law.half_width(part) / size)
+    return max(least, 0.0)
 
 
-def _dry(angle: float, velocity: float, c: Any) -> float:  # noqa: ANN401
-    """Return what a command has for dry friction."""
-    one, none = (steady_torque(angle, velocity, sign, c) for sign in (1.0, 0.0))
-    return float((one - none) / c.p4)
-
-
-def _damping(angle: float, velocity: float, c: Any) -> float:  # noqa: ANN401
-    """Return what a command has for friction that grows with the speed."""
-    moving, resting = (steady_torque(angle, each, 0.0, c) for each in (velocity, 0.0))
-    return float((moving - resting) / c.p4)
+def _part(share: str, angle: float, velocity: float, c: Any) -> float:  # noqa: ANN401
+    """Return the command for a part of friction."""
+    none = vars(c) | dict.fromkeys(SHARES, 0.0)
+    whole, rest = (
+        steady_torque(angle, velocity, 1.0, SimpleNamespace(**each))
+        for each in (none | {share: 1.0}, none)
+    )
+    return float((whole - rest) / c.p4)
 
 
 def as_compensation(twin: Twin, options: Options) -> Written:
@@ -179,6 +179,7 @@ def as_compensation(twin: Twin, options: Options) -> Written:
         parameters=[(each, repr(numbers[each]), _explained(each, twin)) for each in read],
         steps=[[repr(step.get(each, 0.0)) for each in read] for step in steps],
         functions=language.text(),
+        unused=[each for each in ("angle", "velocity", "direction") if each not in law.arguments],
         unlimited=language.call(law, given | {"c": "p"}),
         moved=language.call(law, given | {"c": "q" if python else "&q"}),
         limited=language.call(within, given),
@@ -200,9 +201,11 @@ def _said(made: Compensation) -> Iterator[str]:
     """Say what is compensated, and how far it may be off."""
     twin, seen, numbers = made.twin, made.seen, made.law.numbers
     unit, way = twin.kind.unit, twin.joint.way
+    parts = {each: f"{100 * numbers[each]:.3g} %" for each in SHARES}
+    more = f" (of its Stribeck excess {parts['excess']})" if numbers["stribeck"] else ""
     yield (
-        f"Cancels gravity, {100 * numbers['dry']:.3g} % of dry friction and "
-        f"{100 * numbers['damping']:.3g} % of damping: the lower ends of their intervals."
+        f"Cancels gravity, {parts['dry']} of dry friction{more} and {parts['damping']} of damping: "
+        "the lower ends of their intervals."
     )
     withheld, half = max((made.error(*at) for at in made.everywhere), key=sum)
     error, shown = withheld + half, f"the logs show {seen.low:.3g} to {seen.high:.3g} {way}"

@@ -325,7 +325,7 @@ class _Lines:
             return self._language.tuple_of(kind, [self._zero(each) for each in kind])
         return self._language.number(0.0 if kind == NUMBER or type(kind) is float else False)
 
-    def _lines(self, each: Statement, declared: set[str]) -> list[str]:  # noqa: C901, PLR0911
+    def _lines(self, each: Statement, declared: set[str]) -> list[str]:  # noqa: PLR0911
         language, value = self._language, each.value
         text = language.expression(value) if value else ""
         match each.op:

@@ -21,8 +21,11 @@ from butterfly.model.parameters import LumpedParameters
 from butterfly.twin.twin import Twin
 
 _ROUNDS = 30  # in a gear, whose friction grows with the torque that overcomes it
-NEUTRAL = {"zero": 0.0, "dry": 1.0, "damping": 1.0, "smoothing": 1.0, "limit": math.inf}
-"""How a law is used: the encoder's zero, shares of friction, smoothing, largest command."""
+SHARES = ("dry", "excess", "damping")
+"""Shares that are compensated: of dry friction, of what it has more near rest, of damping."""
+
+NEUTRAL = {"zero": 0.0} | dict.fromkeys(SHARES, 1.0) | {"smoothing": 1.0, "limit": math.inf}
+"""How a law is used: the encoder's zero, shares, the smoothing speed, the largest command."""
 
 
 def unlimited(angle: Any, velocity: Any, direction: Any, c: Any) -> Any:  # noqa: ANN401 - numbers
@@ -45,7 +48,9 @@ def steady_torque(angle: Any, velocity: Any, sign: Any, c: Any) -> Any:  # noqa:
     steady = torque
     for _ in range(_ROUNDS):
         motor = torque - c.back_emf * velocity
-        torque = steady + c.dry * sign * friction_level(angle, velocity, sign, motor, load, c)
+        sliding = friction_level(angle, math.inf, sign, motor, load, c)
+        more = friction_level(angle, velocity, sign, motor, load, c) - sliding
+        torque = steady + sign * (c.dry * sliding + c.excess * more)
         if c.geared == 0.0:
             break
     return torque

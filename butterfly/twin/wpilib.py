@@ -74,4 +74,4 @@ def _about_angle(law: Law, name: str) -> Iterator[str]:
     if name == "ArmFeedforward":
         p3, offset = _moments(law.constants)
         quarter = math.pi / 2 - math.atan2(offset, p3)
-        yield f"The arm's angle, 0 where it is horizontal, is that of the logs less {quarter:.6g} rad."
+        yield f"An arm's angle, 0 at the horizontal, is that of the logs less {quarter:.6g} rad."

@@ -1,28 +1,46 @@
-"""Draw the film of the first page anew: `make film`, after the hand or its orbit have changed.
+"""Draw the films anew: `make film`, after the hand, its orbit or its compensation have changed.
 
 The hand of `orbit-recalibration` on its orbit in MuJoCo, and as a ghost what the model identified
-from small swings makes of the same torques.
+from small swings makes of the same torques. The hand of `quickstart`, pushed, under its exported
+compensation, and as a ghost without.
 """
 
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
+from runpy import run_path
 
 import numpy as np
 from PIL import Image
 
 import butterfly as bf
+from butterfly.arrays import Samples
 from butterfly.experiment.source import read_experiment
 from butterfly.identification.free_run import FreeRun, Setting
+from butterfly.model.parameters import NO_ADDED_MASS
+from butterfly.outputs import call
+from butterfly.plant.mjcf import compile_model, hinge_of
+from butterfly.plant.robot import Robot
 from butterfly.plant.watch.picture import film
 
-FILM = Path(__file__).parents[1] / "pictures/orbit.gif"
+PICTURES = Path(__file__).parents[1] / "pictures"
+FILM, FLOATING = PICTURES / "orbit.gif", PICTURES / "floating.gif"
 EXPERIMENT = "orbit-recalibration"
 SECONDS, FPS, SIZE, COLOURS = 6.0, 15, 320, 48
+PUSHES = ((0.3, 0.07), (2.3, 0.05), (4.3, -0.1))  # s, N m
+PUSHED, STEP = 0.15, 1e-3  # s, of each; and of MuJoCo
 
 
 def main() -> None:
+    """Draw both, over those that are there."""
+    with call(overwrite=True):
+        _orbit()
+        _floating()
+
+
+def _orbit() -> None:
     """Hold the orbit, simulate its last log with the first model, and draw both."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -35,13 +53,51 @@ def main() -> None:
     motion = (np.asarray(each)[kept] for each in (log.time, log.angle, run.simulated))
     times, measured, simulated = motion
     film(robot, log.added_mass, times, measured, FILM, fps=FPS, size=SIZE, simulated=simulated)
-    with Image.open(FILM) as drawn:
+    _shrink(FILM)
+
+
+def _floating() -> None:
+    """Push the hand in MuJoCo with and without what is exported, and draw both."""
+    with tempfile.TemporaryDirectory() as name:
+        path = Path(name) / "compensation.py"
+        (found,) = bf.run("quickstart", out=Path(name)).identifications.values()
+        found.model.export(path, to="compensation")
+        made = run_path(str(path))
+    guided = made["Parameters"](dry=0.5, damping=-3.0)  # which brakes
+    robot = read_experiment("quickstart").plant.robot
+    times = STEP * np.arange(round(SECONDS / STEP))
+    with_it, without = (
+        _pushed(robot, times, law)
+        for law in (lambda x, v: made["command"](x, v, p=guided), lambda _x, _v: 0.0)
+    )
+    film(robot, NO_ADDED_MASS, times, with_it, FLOATING, fps=FPS, size=SIZE, simulated=without)
+    _shrink(FLOATING)
+
+
+def _pushed(robot: Robot, times: Samples, law: Callable[[float, float], float]) -> Samples:
+    """Return the angles of a robot in MuJoCo that a law of angle and velocity drives."""
+    import mujoco  # noqa: PLC0415 - after the plant, which chooses what draws
+
+    model = compile_model(robot, NO_ADDED_MASS)
+    model.opt.timestep = STEP
+    data, hinge, angles = mujoco.MjData(model), hinge_of(model), np.zeros(times.size)
+    for k, now in enumerate(times):
+        data.qfrc_applied[hinge] = sum(push * (0 <= now - at < PUSHED) for at, push in PUSHES)
+        data.ctrl[0] = law(data.qpos[hinge], data.qvel[hinge])
+        mujoco.mj_step(model, data)
+        angles[k] = data.qpos[hinge]
+    return angles
+
+
+def _shrink(path: Path) -> None:
+    """Write a film with fewer colours."""
+    with Image.open(path) as drawn:
         frames = [
             (drawn.seek(k), drawn.convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE))[1]
             for k in range(drawn.n_frames)
         ]
     first, *rest = frames
-    first.save(FILM, save_all=True, append_images=rest, duration=1000 // FPS, loop=0, optimize=True)
+    first.save(path, save_all=True, append_images=rest, duration=1000 // FPS, loop=0, optimize=True)
 
 
 if __name__ == "__main__":
