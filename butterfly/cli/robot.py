@@ -172,8 +172,6 @@ def _with_run(source: Path, number: int) -> Experiment:
 _TWINS = tuple(sorted({ending for _, *endings in FORMS.values() for ending in endings}))
 _Form: Any = Literal[tuple(FORMS)]
 _Integrator: Any = Literal[INTEGRATORS]
-_OF_COMMAND: Any = {"group": WRITTEN, "validator": Number(gt=0)}
-_OF_FORMS = {"actuator": "bam", "smoothing": "compensation", "command_limit": "compensation"}
 
 
 def export(
@@ -187,8 +185,6 @@ def export(
     ] = DEFAULTS.timestep,
     integrator: Annotated[_Integrator, Parameter(group=WRITTEN)] = DEFAULTS.integrator,
     actuator: Annotated[str | None, Parameter(group=WRITTEN, metavar="NAME")] = None,
-    smoothing: Annotated[float | None, Parameter(**_OF_COMMAND, metavar="rad/s")] = None,
-    command_limit: Annotated[float | None, Parameter(**_OF_COMMAND, metavar="unit")] = None,
     hand_mass: HandMass = None,
     added_mass: AddedMass = 0.0,
     arm: Arm = None,
@@ -215,31 +211,18 @@ def export(
         MuJoCo integrator: RK4 is more accurate, implicitfast is common in learning frameworks.
     actuator
         BAM's name of the servo, such as xl330. Default: from the servo's law.
-    smoothing
-        Speed below which compensated friction has the wanted direction. Default: the error of a
-        velocity by the logs' encoder.
-    command_limit
-        Largest command of a compensation. Default: of the drive, or what the joint needs.
     added_mass
         Added mass, at --arm.
     """
     from butterfly.api.inspected import robot_of  # noqa: PLC0415 - slow to import
     from butterfly.twin.forms import write_twin  # noqa: PLC0415
 
-    asked = Options(
-        timestep=timestep,
-        integrator=integrator,
-        actuator=actuator,
-        smoothing=smoothing,
-        command_limit=command_limit,
-    )
-    for name, form in _OF_FORMS.items():
-        if getattr(asked, name) and to != form:
-            option = f"--{name.replace('_', '-')}"
-            raise InputError("export", option, getattr(asked, name), f"--to {form} as well")
+    if actuator and to != "bam":
+        raise InputError("export", "--actuator", actuator, "--to bam as well")
     named = robot_of(source, hand_mass=hand_mass, added_mass=added_mass, arm=arm)
     if named.judged is not None:
         say_verdict(named.judged)
+    asked = Options(timestep=timestep, integrator=integrator, actuator=actuator)
     made = write_twin(to, named.twin, asked, out)
     say(f"{made.title}: {out}, {made.about}.")
     accuracy = (made.accuracy.sentence,) if made.accuracy else ()

@@ -3,6 +3,7 @@
 import ctypes
 import json
 import math
+import shutil
 from dataclasses import fields, replace
 
 import mujoco
@@ -21,15 +22,15 @@ from butterfly.plant.rig import Rig
 from butterfly.plant.robot import Robot
 from butterfly.plant.sensors import Clock, Encoder
 from butterfly.twin.compensation import Compensation
+from butterfly.twin.compensation_law import limited, steady_torque, unlimited
 from butterfly.twin.forms import Options, write_as
-from butterfly.twin.law import limited, steady_torque, unlimited
 from butterfly.twin.twin import Twin
 from tests.plant.setting import simulated
 from tests.programs import said
 from tests.twin.compiled import KINDS, compile_with, drawn, needs_cc
 from tests.twin.moving import acceleration
 
-ASKED = Options(smoothing=0.1, command_limit=0.8)
+PYTHON = Options(ending=".py")
 ADDED = AddedMass(mass=0.1, arm=0.1)
 RUN = """#include "{0}.h"
 double command_{0}(double x, double v, double way) {{
@@ -70,10 +71,10 @@ def _points(seed, count=40):
     return [(draw(-4, 4), draw(-1, 1) ** 3, draw(-1, 1)) for _ in range(count)]
 
 
-def _python(text, name="made"):
-    """The functions of an exported module."""
-    found = {"__name__": name}
-    exec(compile(text, name, "exec"), found)  # noqa: S102 - our own
+def _python(twin):
+    """The functions of the module that is exported."""
+    found = {"__name__": "made"}
+    exec(write_as("compensation", twin, PYTHON).text, found)  # noqa: S102 - our own
     return found
 
 
@@ -81,46 +82,42 @@ def _python(text, name="made"):
 def test_c_python_and_our_own_law_are_one_law_for_every_kind_of_joint(tmp_path):
     twins = [_estimated(drawn(seed, kind)[0], seed) for seed, kind in enumerate(KINDS)]
     twins = [
-        twin if twin.joint is JointKind.SLIDE else replace(twin, added=ADDED) for twin in twins
+        each if each.joint is JointKind.SLIDE else replace(each, added=ADDED) for each in twins
     ]
+    names = [f"{twin.identifier}_compensation" for twin in twins]
+    for twin, name in zip(twins, names, strict=True):
+        (tmp_path / f"{name}.h").write_text(write_as("compensation", twin).text, encoding="ascii")
     source, made = tmp_path / "run.c", tmp_path / "run.so"
-    for twin in twins:
-        name = f"{twin.identifier}_compensation"
-        (tmp_path / f"{name}.h").write_text(write_as("compensation", twin, ASKED).text)
-    source.write_text("".join(RUN.format(f"{twin.identifier}_compensation") for twin in twins))
+    source.write_text("".join(map(RUN.format, names)))
     compile_with("cc", "-std=c99", "-fPIC", "-c", source, "-o", tmp_path / "run.o")
     said("cc", "-shared", tmp_path / "run.o", "-o", made, "-lm")
-    for seed, twin in enumerate(twins):
-        ours = Compensation.of(twin, ASKED)
-        python = _python(write_as("compensation", twin, replace(ASKED, ending=".py")).text)
-        for at in _points(seed):
-            c = ours.law.constants
-            expected = limited(unlimited(*at, c), c), sum(ours.error(*at))
-            assert expected[1] > 0
-            for made_by in ("c", "python"):
-                for wanted, name in zip(expected, ("command", "error"), strict=True):
-                    call = python[name]
-                    if made_by == "c":
-                        call = getattr(
-                            ctypes.CDLL(str(made)), f"{name}_{twin.identifier}_compensation"
-                        )
-                        call.restype, call.argtypes = ctypes.c_double, 3 * [ctypes.c_double]
-                    assert call(*at) == pytest.approx(wanted, rel=1e-6, abs=1e-12), (
-                        twin.name,
-                        name,
-                    )
+    if shutil.which("c++"):
+        compile_with("c++", "-x", "c++", "-fsyntax-only", source)
+    library = ctypes.CDLL(str(made))
+    for seed, (twin, name) in enumerate(zip(twins, names, strict=True)):
+        law, python = Compensation.of(twin).law, _python(twin)
+        for which in ("command", "error"):
+            in_c = getattr(library, f"{which}_{name}")
+            in_c.restype, in_c.argtypes = ctypes.c_double, 3 * [ctypes.c_double]
+            for at in _points(seed):
+                ours = sum(law.error(*at))
+                if which == "command":
+                    ours = limited(unlimited(*at, law.constants), law.constants)
+                assert in_c(*at) == pytest.approx(ours, rel=1e-6, abs=1e-12), (name, which)
+                assert python[which](*at) == pytest.approx(in_c(*at), rel=1e-6, abs=1e-12)
+                assert which == "command" or ours > 0
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_kernel_keeps_its_velocity_under_a_whole_compensation(kind):
     """Of a law without interval; torque of a lag and deflection of bristles as they settle."""
     twin = drawn(3, kind)[0]
-    made = Compensation.of(replace(twin, limit=math.inf), Options(smoothing=1e-3))
+    law = Compensation.of(replace(twin, limit=math.inf)).law.having(smoothing=1e-3)
     p, constants = twin.loaded, Constants.of(twin.loaded)
     moving = [at for at in _points(3) if abs(at[1]) > 1e-3]
     assert len(moving) > 20
     for x, v, _ in moving:
-        asked = unlimited(x, v, 0.0, made.law.constants)
+        asked = unlimited(x, v, 0.0, law.constants)
         drive, sign = p.p4 * p.delivered(asked), np.sign(v)
         motor = drive - constants.back_emf * v
         level = friction_level(x, v, sign, motor, pull(x, constants), constants)
@@ -132,15 +129,15 @@ def test_the_kernel_keeps_its_velocity_under_a_whole_compensation(kind):
 
 def test_the_error_is_that_of_drawn_parameters_and_friction_is_withheld_to_its_lower_end():
     twin = _estimated(drawn(1, "stribeck")[0], 1, size=0.02)
-    made, estimate = Compensation.of(twin, ASKED), twin.estimate
+    law, estimate = Compensation.of(twin).law, twin.estimate
     some = np.random.default_rng(0).multivariate_normal(estimate.values, estimate.covariance, 3000)
     others = [
         replace(twin.parameters, **dict(zip(estimate.names, each, strict=True)))
         for each in some.tolist()
     ]
     for x, v, way in ((1.0, 0.5, 1.0), (-2.0, -0.2, -1.0), (0.3, 0.0, 1.0)):
-        withheld, half = made.error(x, v, way)
-        whole = Compensation.of(replace(twin, estimate=None), ASKED).law
+        withheld, half = law.error(x, v, way)
+        whole = Compensation.of(replace(twin, estimate=None)).law
         drawn_commands = [
             unlimited(x, v, way, whole.having(**vars(each)).constants) for each in others
         ]
@@ -148,7 +145,7 @@ def test_the_error_is_that_of_drawn_parameters_and_friction_is_withheld_to_its_l
         given, *truly = (
             (steady_torque(x, v, way, c) - steady_torque(x, 0.0, 0.0, c)) / c.p4
             for c in (
-                made.law.constants,
+                law.constants,
                 *(whole.having(**vars(each)).constants for each in others),
             )
         )
@@ -157,20 +154,17 @@ def test_the_error_is_that_of_drawn_parameters_and_friction_is_withheld_to_its_l
 
 
 def test_near_standstill_friction_has_the_wanted_direction_and_commands_are_limited():
-    made = _python(
-        write_as(
-            "compensation", _estimated(drawn(1, "coulomb")[0]), replace(ASKED, ending=".py")
-        ).text
-    )
+    made = _python(_estimated(drawn(1, "coulomb")[0]))
     command, p = made["command"], made["Parameters"]()
-    stuck = p.dry * p.coulomb / p.p4
+    stuck, rubs = p.dry * p.coulomb / p.p4, p.damping * p.p2 / p.p4
     for way in (-1.0, 0.0, 0.5, 1.0):
         assert command(0.0, 0.0, way) == pytest.approx(way * stuck)
-        rubbed = command(0.0, 0.1, way) - p.damping * p.p2 * 0.1 / p.p4
-        assert rubbed == pytest.approx(stuck)
-    assert command(0.0, 0.05) - p.damping * p.p2 * 0.05 / p.p4 == pytest.approx(stuck / 2)
-    assert command(math.pi / 2, 0.0) == min(0.8, p.p3 / p.p4)
+        assert command(0.0, p.smoothing, way) - rubs * p.smoothing == pytest.approx(stuck)
+    half = p.smoothing / 2
+    assert command(0.0, half) - rubs * half == pytest.approx(stuck / 2)
+    assert command(math.pi / 2, 0.0) == pytest.approx(p.p3 / p.p4)
     assert command(-math.pi / 2, 0.0, p=made["Parameters"](limit=0.1)) == -0.1
+    assert command(math.pi / 2, 1e9) == p.limit
 
 
 def _identified(truth, seed):
@@ -197,13 +191,10 @@ def test_what_is_left_in_mujoco_is_within_what_is_printed(seed):
         p1=p1, p2=0.05 * p1 * pace, p3=p3, p4=draw(0.02, 1), coulomb=p3 * draw(0.001, 0.02)
     )
     twin = _identified(truth, seed).model.twin()
-    made, written = (
-        Compensation.of(twin, Options()),
-        write_as("compensation", twin, Options(ending=".py")),
-    )
-    promised = max(sum(made.error(*at)) for at in made.everywhere)
-    assert f"Off by at most {promised:.2g} unit (" in written.said[1]
-    command = _python(written.text)["command"]
+    made, command = Compensation.of(twin), _python(twin)["command"]
+    promised, _ = made.worst
+    printed = write_as("compensation", twin).said[1]
+    assert f"Off by at most {promised:.2g} unit ({truth.p4 * promised:.1g}"[:22] in printed
     model = mujoco.MjModel.from_xml_string(
         write_as("mjcf", replace(twin, parameters=truth, recorded=tuple)).text
     )
@@ -221,8 +212,7 @@ def test_what_is_left_in_mujoco_is_within_what_is_printed(seed):
 def test_a_hand_that_floats_moves_when_pushed_and_stays_where_it_is_left():
     truth = LumpedParameters(p1=0.003, p2=1e-3, p3=0.05, p4=0.025, coulomb=1e-3)
     twin = _estimated(Twin(parameters=truth, kind=InputKind.VOLTAGE), size=0.01)
-    asked = Options(smoothing=0.05, ending=".py")
-    made = _python(write_as("compensation", twin, asked).text)
+    made = _python(twin)
     guided = made["Parameters"](dry=0.5, damping=0.0)
     model = mujoco.MjModel.from_xml_string(write_as("mjcf", twin, Options(timestep=1e-3)).text)
     data, angles = mujoco.MjData(model), []
@@ -244,25 +234,23 @@ def _without_errors(twin):
     return replace(twin, estimate=replace(twin.estimate, covariance=none))
 
 
+def _undriven(twin):
+    parameters = replace(twin.parameters, p4=0.0)
+    return replace(twin, parameters=parameters, kind=InputKind.VOLTAGE)
+
+
 @pytest.mark.parametrize(
-    ("form", "asked", "change", "message"),
+    ("form", "change", "message"),
     [
-        ("compensation", Options(), replace, "--smoothing"),
-        ("compensation", ASKED, _without_errors, "without standard errors"),
-        ("wpilib", ASKED, replace, "voltage"),
-        (
-            "wpilib",
-            ASKED,
-            lambda twin: replace(twin, parameters=replace(twin.parameters, p4=0.0)),
-            "p4",
-        ),
+        ("compensation", _without_errors, "without standard errors"),
+        ("compensation", _undriven, "p4"),
+        ("wpilib", replace, "voltage"),
+        ("wpilib", _undriven, "p4"),
     ],
 )
-def test_what_is_missing_is_named(form, asked, change, message):
-    twin = _estimated(drawn(1, "coulomb")[0])
-    twin = replace(twin, kind=InputKind.VOLTAGE) if message == "p4" else twin
+def test_what_is_missing_is_named(form, change, message):
     with pytest.raises(InputError, match=message):
-        write_as(form, change(twin), asked)
+        write_as(form, change(_estimated(drawn(1, "coulomb")[0])))
 
 
 @pytest.mark.parametrize("kind", ["coulomb", "motor", "slide"])
