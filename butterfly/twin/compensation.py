@@ -78,10 +78,14 @@ class Compensation:
         yield from product(np.linspace(low, high, _ANGLES).tolist(), speeds.tolist())
 
     @property
+    def slides(self) -> bool:
+        """Whether the joint is a slide."""
+        return self.twin.joint is JointKind.SLIDE
+
+    @property
     def everywhere(self) -> Iterator[tuple[float, float, float]]:
         """Yield readings, velocities and directions: at all angles of a hinge."""
-        slides = self.twin.joint is JointKind.SLIDE
-        ends = (self.low, self.high) if slides else (-math.pi, math.pi)
+        ends = (self.low, self.high) if self.slides else (-math.pi, math.pi)
         for angle, velocity in self.places(*ends):
             yield angle + self.law.numbers["zero"], velocity, math.copysign(1.0, velocity)
 
@@ -166,12 +170,12 @@ def _said(made: Compensation) -> Iterator[str]:
             "damping: the lower ends of their intervals."
         )
         error, withheld = made.worst
-        torque = abs(numbers["p4"]) * error
-        as_torque = "" if made.twin.ratios else f" ({torque:.2g} {effort_unit(made.twin)})"
+        torque = f"{abs(numbers['p4']) * error:.2g} {effort_unit(made.twin)}"
+        shown = f"{made.low:.3g} to {made.high:.3g} {way}"
+        where = f"at {shown}" if made.slides else f"at any angle (the logs show {shown})"
         yield (
-            f"Off by at most {error:.2g} {unit}{as_torque} of up to {made.most:.2g} {unit}, up to "
-            f"{made.speed:.3g} {way}/s (the logs show {made.low:.3g} to {made.high:.3g} {way}); "
-            f"{withheld:.2g} {unit} of it is friction withheld."
+            f"Off by at most {error:.2g} {unit} ({torque}) of up to {made.most:.2g} {unit} {where} "
+            f"and up to {made.speed:.3g} {way}/s; {withheld:.2g} {unit} of it is friction withheld."
         )
     yield (
         f"Below {numbers['smoothing']:.2g} {way}/s (smoothing) friction has the wanted direction; "

@@ -5,6 +5,7 @@ import json
 import math
 import shutil
 from dataclasses import fields, replace
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -13,9 +14,10 @@ import pytest
 import butterfly as bf
 from butterfly.errors import InputError
 from butterfly.identification.data import DataSet
+from butterfly.identification.free_run import FreeRun
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.levels import SPREADS
-from butterfly.logs.log import InputKind, Sine
+from butterfly.logs.log import InputKind, Log, Sine
 from butterfly.model.kernel.equation import Constants, friction_level, pull, rates
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
 from butterfly.plant.rig import Rig
@@ -165,6 +167,24 @@ def test_near_standstill_friction_has_the_wanted_direction_and_commands_are_limi
     assert command(math.pi / 2, 0.0) == pytest.approx(p.p3 / p.p4)
     assert command(-math.pi / 2, 0.0, p=made["Parameters"](limit=0.1)) == -0.1
     assert command(math.pi / 2, 1e9) == p.limit
+
+
+@pytest.mark.parametrize("noise", [1e-5, 3e-4, 3e-3])
+def test_smoothing_is_the_error_of_the_best_difference_of_two_readings(noise):
+    time, rng = 2e-3 * np.arange(20_000), np.random.default_rng(0)
+    angle, velocity = 0.5 * np.sin(4 * time), 2 * np.cos(4 * time)
+    measured = angle + noise * rng.standard_normal(time.size)
+    log = Log(time=time, input=0 * time, angle=measured)
+    parameters = LumpedParameters(p1=1.0, p2=0.0, p3=1.0, p4=1.0)
+    run = FreeRun(log=log, simulated=angle)
+    setting = SimpleNamespace(zero=0.0, simulation=lambda _: None, run=lambda _: run)
+    twin = Twin(parameters=parameters, recorded=lambda: [(log, setting)])
+    smoothing = Compensation.of(twin).law.numbers["smoothing"]
+    errors = [
+        (measured[k:] - measured[:-k]) / (k * 2e-3) - velocity[k:] for k in (1, 2, 5, 10, 20, 50)
+    ]
+    best = min(np.quantile(abs(error), 0.95) for error in errors)
+    assert 0.7 * best < smoothing < 1.5 * best
 
 
 def _identified(truth, seed):
