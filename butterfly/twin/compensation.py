@@ -30,14 +30,6 @@ from butterfly.twin.twin import Twin, Written, unheard
 _ANGLES, _SPEEDS = 13, 5  # at which errors are computed
 _CREEPS = 0.05  # rad/s, the smoothing speed where no log tells it
 _STATES = ("base_compliance", "bristle_stiffness", "time_constant")  # that add a state
-_SETTINGS = {
-    "zero": ("way", "reading of the encoder where the joint hangs (the model's angle 0)"),
-    "dry": ("1", "share of dry friction that is compensated"),
-    "excess": ("1", "share of its Stribeck excess that is compensated"),
-    "damping": ("1", "share of viscous friction, back EMF and drag that is compensated"),
-    "smoothing": ("way/s", "speed from which on friction has the velocity's sign"),
-    "limit": ("unit", "largest command in both directions"),
-}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -136,7 +128,7 @@ def as_compensation(twin: Twin, options: Options) -> Written:
         "compensation.py" if python else "compensation.h",
         twin=twin,
         n=name,
-        parameters=[(each, repr(numbers[each]), _explained(each, twin)) for each in read],
+        parameters=[(each, repr(numbers[each]), explained(each, twin)) for each in read],
         steps=[[repr(step.get(each, 0.0)) for each in read] for step in steps],
         functions=language.text(),
         unused=[each for each in ("angle", "velocity", "direction") if each not in law.arguments],
@@ -147,14 +139,6 @@ def as_compensation(twin: Twin, options: Options) -> Written:
     )
     about = f"{'a Python module' if python else f'{name}.h, a C99 header'}, in {twin.kind.unit}"
     return Written(text=text, about=about, left_out=left_out, title="Compensation", said=said)
-
-
-def _explained(name: str, twin: Twin) -> str:
-    """Return unit and meaning of a number."""
-    if name not in _SETTINGS:
-        return explained(name, twin)
-    unit, meaning = _SETTINGS[name]
-    return f"{unit.replace('way', twin.joint.way).replace('unit', twin.kind.unit)}: {meaning}"
 
 
 def _said(made: Compensation) -> Iterator[str]:
