@@ -359,8 +359,6 @@ class IdentifiedModel:
         hand_mass: float | None = None,
         timestep: float = DEFAULTS.timestep,
         integrator: Literal["RK4", "implicitfast"] = DEFAULTS.integrator,
-        smoothing: float | None = None,
-        command_limit: float | None = None,
         overwrite: bool = False,
     ) -> Written:
         """Export the joint (its twin), as ``butterfly export`` does.
@@ -378,22 +376,12 @@ class IdentifiedModel:
             Time step of your simulator in s.
         integrator
             MuJoCo integrator.
-        smoothing
-            Of a compensation: speed in rad/s below which friction has the wanted direction.
-            Default: the error of a velocity by the logs' encoder.
-        command_limit
-            Of a compensation: largest command. Default: of the drive, or what the joint needs.
         overwrite
             Whether to replace an existing file of a format that holds no mark: C, Python, JSON.
         """
         from butterfly.twin.forms import write_twin  # noqa: PLC0415 - slow to import
 
-        options = Options(
-            timestep=timestep,
-            integrator=integrator,
-            smoothing=smoothing,
-            command_limit=command_limit,
-        )
+        options = Options(timestep=timestep, integrator=integrator)
         with call(overwrite=overwrite):
             twin = self.twin(added_mass, hand_mass=hand_mass)
             written = write_twin(to, twin, options, Path(path))

@@ -173,8 +173,6 @@ def _with_run(source: Path, number: int) -> Experiment:
 _TWINS = tuple(sorted({ending for _, *endings in FORMS.values() for ending in endings}))
 _Form: Any = Literal[tuple(FORMS)]
 _Integrator: Any = Literal[INTEGRATORS]
-_OF_COMMAND: Any = {"group": WRITTEN, "validator": Number(gt=0)}
-_OF_FORMS = {"actuator": "bam", "smoothing": "compensation", "command_limit": "compensation"}
 
 
 def export(
@@ -188,8 +186,6 @@ def export(
     ] = DEFAULTS.timestep,
     integrator: Annotated[_Integrator, Parameter(group=WRITTEN)] = DEFAULTS.integrator,
     actuator: Annotated[str | None, Parameter(group=WRITTEN, metavar="NAME")] = None,
-    smoothing: Annotated[float | None, Parameter(**_OF_COMMAND, metavar="rad/s")] = None,
-    command_limit: Annotated[float | None, Parameter(**_OF_COMMAND, metavar="unit")] = None,
     hand_mass: HandMass = None,
     added_mass: AddedMass = 0.0,
     arm: Arm = None,
@@ -216,11 +212,6 @@ def export(
         MuJoCo integrator: RK4 is more accurate, implicitfast is common in learning frameworks.
     actuator
         BAM's name of the servo, such as xl330. Default: from the servo's law.
-    smoothing
-        Speed below which compensated friction has the wanted direction. Default: the error of a
-        velocity by the logs' encoder.
-    command_limit
-        Largest command of a compensation. Default: of the drive, or what the joint needs.
     added_mass
         Added mass, at --arm.
     """
@@ -229,20 +220,12 @@ def export(
     from butterfly.files import locate  # noqa: PLC0415
     from butterfly.twin.forms import write_twin  # noqa: PLC0415
 
-    options = Options(
-        timestep=timestep,
-        integrator=integrator,
-        actuator=actuator,
-        smoothing=smoothing,
-        command_limit=command_limit,
-    )
-    for name, form in _OF_FORMS.items():
-        if getattr(options, name) and to != form:
-            option = f"--{name.replace('_', '-')}"
-            raise InputError("export", option, getattr(options, name), f"--to {form} as well")
+    if actuator and to != "bam":
+        raise InputError("export", "--actuator", actuator, "--to bam as well")
     named = robot_of(source, hand_mass=hand_mass, added_mass=added_mass, arm=arm)
     if named.judged is not None:
         say_verdict(named.judged)
+    options = Options(timestep=timestep, integrator=integrator, actuator=actuator)
     made = write_twin(to, named.twin, options, out)
     carried = f", with {named.twin.added}" if added_mass and to != "bam" else ""
     say(f"{made.title}: {out}, {made.about}{carried}.")

@@ -46,6 +46,11 @@ _MORE = {
     "moment_offset": ("kg m", "first moment to the side"),
     "limit": ("unit", "largest command in both directions"),
     "resolution": ("unit", "step of the command, which is rounded to its multiples"),
+    "zero": ("way", "reading of the encoder where the joint hangs (the model's angle 0)"),
+    "dry": ("1", "share of dry friction that is compensated"),
+    "excess": ("1", "share of its Stribeck excess that is compensated"),
+    "damping": ("1", "share of viscous friction, back EMF and drag that is compensated"),
+    "smoothing": ("way/s", "speed from which on friction has the velocity's sign"),
 }
 """and those that are none."""
 
@@ -245,7 +250,8 @@ def explained(name: str, twin: Twin) -> str:
     """Return unit and meaning of a parameter."""
     if name in _MORE:
         unit, meaning = _MORE[name]
-        return f"{unit.replace('unit', twin.kind.unit)}: {meaning}"
+        unit = unit.replace("unit", twin.kind.unit).replace("way", twin.joint.way)
+        return f"{unit}: {meaning}"
     known = _OTHERS.get(name, name)
     meaning = TERMS[known].meaning
     if name == "viscous" and twin.loaded.back_emf:

@@ -40,8 +40,6 @@ class Options:
     timestep: float = 0.002  # of the simulator, in s
     integrator: Literal["RK4", "implicitfast"] = "RK4"  # of MuJoCo
     actuator: str | None = None  # which of BAM's servos it is
-    smoothing: float | None = None  # speed in rad/s, from which on friction's sign is the speed's
-    command_limit: float | None = None  # of compensation
     ending: str = ".h"  # of a file whose ending says its language
 
 

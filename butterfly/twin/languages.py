@@ -64,6 +64,7 @@ class C:
     words = {"and": "&&", "or": "||", "not": "!"}  # noqa: RUF012 - what each language writes
     head_of, otherwise, chained = "{} ({}) {{", "} else {", "}} else {}"
     end, close = ";", ["}"]
+    field_of, item_of, whole, choice = "{}->{}", "{}.e{}", "(int)({})", "{} ? {} : {}"
 
     def __init__(self, prefix: str, functions: Sequence[Function]) -> None:
         self._prefix = prefix
@@ -116,14 +117,6 @@ class C:
         given = ", ".join(f"{self.type_of(kinds[each])}{each}" for each in function.arguments)
         return f"static inline {self.type_of(function.returned)}{self._names[function]}({given})"
 
-    def field(self, owner: str, name: str) -> str:
-        """Return a constant of the joint."""
-        return f"{owner}->{name}"
-
-    def item(self, whole: str, number: int) -> str:
-        """Return an element of a tuple."""
-        return f"{whole}.e{number}"
-
     def tuple_of(self, kind: Kind, parts: Sequence[str]) -> str:
         """Return a tuple of its elements."""
         return f"{self.type_of(kind).strip()}_of({', '.join(parts)})"
@@ -134,10 +127,6 @@ class C:
             return name
         self._helpers |= {name, "round"} if name == "ceil" else {name}
         return f"{self._prefix}_{name}"
-
-    def whole(self, text: str) -> str:
-        """Return a number without its fraction."""
-        return f"(int)({text})"
 
     def call(self, function: Function, given: Mapping[str, str]) -> str:
         """Return a call with arguments by name."""
@@ -170,9 +159,9 @@ class C:
             case "name":
                 return str(value.meant)
             case "field":
-                return self.field(self.expression(parts[0]), value.meant)
+                return self.field_of.format(self.expression(parts[0]), value.meant)
             case "item":
-                return self.item(self.expression(parts[0]), value.meant)
+                return self.item_of.format(self.expression(parts[0]), value.meant)
             case "tuple":
                 return self.tuple_of(value.kind, [self.expression(each) for each in parts])
             case "call":
@@ -180,7 +169,7 @@ class C:
                 name = self._names[meant] if isinstance(meant, Function) else self.called(meant)
                 return f"{name}({', '.join(map(self.expression, parts))})"
             case "?":
-                return self.choice(*(self.expression(each, own + 1) for each in parts))
+                return self.choice.format(*(self.expression(each, own + 1) for each in parts))
             case "and" | "or":
                 return f" {self.words[op]} ".join(
                     self.expression(each, _COMPARES) for each in parts
@@ -191,16 +180,12 @@ class C:
         right = self.expression(parts[1], own + 1)
         return f"{left} {op} {right}"
 
-    def choice(self, test: str, one: str, other: str) -> str:
-        """Return one of two values."""
-        return f"{test} ? {one} : {other}"
-
     def loop(self, name: str, count: Expression) -> str:
         """Return the head of a loop."""
         text, begin = self.expression(count), f"{self.counter} {name} = 0"
         until = f"{count.kind:g}" if is_known(count.kind) else text
         if not is_known(count.kind) and count.op != "name":
-            until, begin = "n", f"{begin}, n = {self.whole(text)}"
+            until, begin = "n", f"{begin}, n = {self.whole.format(text)}"
         return self.head_of.format("for", f"{begin}; {name} < {until}; {name}++")
 
     def number(self, value: float | bool) -> str:
@@ -217,6 +202,7 @@ class JavaScript(C):
 
     infinity, nan, flags = "Infinity", "NaN", ("false", "true")
     counter, comment = "let", "// {}"
+    field_of, item_of, whole = "{}.{}", "{}[{}]", "{}"
 
     def helper(self, name: str) -> str:
         """Return a function of numbers that the language lacks."""
@@ -231,14 +217,6 @@ class JavaScript(C):
         """Return a function's first line."""
         return f"function {self._names[function]}({', '.join(function.arguments)})"
 
-    def field(self, owner: str, name: str) -> str:
-        """Return a constant of the joint."""
-        return f"{owner}.{name}"
-
-    def item(self, whole: str, number: int) -> str:
-        """Return an element of a tuple."""
-        return f"{whole}[{number}]"
-
     def tuple_of(self, kind: Kind, parts: Sequence[str]) -> str:  # noqa: ARG002
         """Return a tuple of its elements."""
         return f"[{', '.join(parts)}]"
@@ -247,10 +225,6 @@ class JavaScript(C):
         """Return what a function of numbers is called."""
         return super().called(name) if name in {"square", "round"} else f"Math.{name}"
 
-    def whole(self, text: str) -> str:
-        """Return a number without its fraction."""
-        return text
-
 
 class Python(JavaScript):
     """Python, where a name begins with an underscore."""
@@ -258,6 +232,7 @@ class Python(JavaScript):
     infinity, nan, flags = "math.inf", "math.nan", ("False", "True")
     words = {"and": "and", "or": "or", "not": "not "}  # noqa: RUF012
     head_of, otherwise, chained, end, close = "{} {}:", "else:", "el{}", "", []
+    choice = "{1} if {0} else {2}"
 
     def helper(self, name: str) -> str:
         """Return a function of numbers that the language lacks."""
@@ -281,10 +256,6 @@ class Python(JavaScript):
         if name in {"square", "sign"}:
             return C.called(self, name)
         return name if name in vars(builtins) else f"math.{name}"
-
-    def choice(self, test: str, one: str, other: str) -> str:
-        """Return one of two values."""
-        return f"{one} if {test} else {other}"
 
     def loop(self, name: str, count: Expression) -> str:
         """Return the head of a loop."""

@@ -122,6 +122,19 @@ def test_a_servo_is_exported_for_bam(answer, tmp_path):
     )
 
 
+def test_what_cancels_a_joint_is_exported_with_its_error(butterfly, answer, saved, quick, tmp_path):
+    out = done(butterfly("export", saved, "--to", "compensation", "--out", tmp_path / "c.h"))
+    assert "Compensation: " in out
+    assert re.search(r"Off by at most \S+ V \(\S+ N m\) of up to", out)
+    first = " ".join((tmp_path / "c.h").read_text().split("*/")[0].split())
+    assert re.search(r"Cancels gravity, .*?\.", " ".join(out.split()))[0] in first
+    out = done(answer("export", quick, "--to", "compensation", "--out", tmp_path / "c.py"))
+    assert "taken as exact" in out
+    assert "def command(angle, velocity" in (tmp_path / "c.py").read_text()
+    done(butterfly("export", saved, "--to", "wpilib", "--out", tmp_path / "g.json"))
+    assert json.loads((tmp_path / "g.json").read_text())["class"] == "ArmFeedforward"
+
+
 @pytest.mark.usefixtures("brief_twins")
 def test_a_hand_gets_a_mass_that_its_parameters_allow_and_no_other(butterfly, saved, tmp_path):
     """No hand of 0.3 kg has the p1 and p3 of an ordinary joint."""

@@ -21,8 +21,11 @@ from butterfly.model.parameters import LumpedParameters
 from butterfly.twin.twin import Twin
 
 _ROUNDS = 30  # in a gear, whose friction grows with the torque that overcomes it
-NEUTRAL = {"zero": 0.0, "dry": 1.0, "damping": 1.0, "smoothing": 1.0, "limit": math.inf}
-"""How a law is used: the encoder's zero, shares of friction, smoothing, largest command."""
+SHARES = ("dry", "excess", "damping")
+"""Shares that are compensated: of dry friction, of what it has more near rest, of damping."""
+
+NEUTRAL = {"zero": 0.0} | dict.fromkeys(SHARES, 1.0) | {"smoothing": 1.0, "limit": math.inf}
+"""How a law is used: the encoder's zero, shares, the smoothing speed, the largest command."""
 
 
 def unlimited(angle: Any, velocity: Any, direction: Any, c: Any) -> Any:  # noqa: ANN401 - numbers
@@ -44,9 +47,11 @@ def steady_torque(angle: Any, velocity: Any, sign: Any, c: Any) -> Any:  # noqa:
     torque = c.damping * (c.p2 + c.drag * abs(velocity)) * velocity - load
     steady = torque
     for _ in range(_ROUNDS):
-        motor = torque - c.back_emf * velocity
-        torque = steady + c.dry * sign * friction_level(angle, velocity, sign, motor, load, c)
-        if c.geared == 0.0:
+        before, motor = torque, torque - c.back_emf * velocity
+        sliding = friction_level(angle, math.inf, sign, motor, load, c)
+        more = friction_level(angle, velocity, sign, motor, load, c) - sliding
+        torque = steady + sign * (c.dry * sliding + c.excess * more)
+        if c.geared == 0.0 or torque == before:
             break
     return torque
 
@@ -64,7 +69,7 @@ def limited(asked: Any, c: Any) -> Any:  # noqa: ANN401
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Law:
+class CompensationLaw:
     """The numbers of a law, and (n, m) steps of these as large as the intervals of an estimate."""
 
     numbers: Mapping[str, float]  # of the loaded joint, by name, and how it is used
@@ -72,7 +77,7 @@ class Law:
     steps: tuple[Mapping[str, float], ...]  # along independent errors; none if all is exact
 
     @classmethod
-    def of(cls, twin: Twin, **settings: float) -> Law:
+    def of(cls, twin: Twin) -> CompensationLaw:
         """Return the law of a joint with what it carries; InputError if errors are unknown."""
         twin.parameters.require_gain("export")
         estimate = twin.estimate
@@ -91,17 +96,38 @@ class Law:
                 moved = _loaded(twin, dict(zip(estimate.names, error.tolist(), strict=True)))
                 step = {k: (each - nominal[k]) / ROUNDING for k, each in moved.items()}
                 steps.append({k: each for k, each in step.items() if each})
-        numbers = nominal | NEUTRAL | settings
-        return cls(numbers=numbers, geared=twin.loaded.geared, steps=tuple(steps))
+        return cls(numbers=nominal | NEUTRAL, geared=twin.loaded.geared, steps=tuple(steps))
 
-    def having(self, **settings: float) -> Law:
+    def having(self, **settings: float) -> CompensationLaw:
         """Return the law with other settings."""
-        return Law(numbers={**self.numbers, **settings}, geared=self.geared, steps=self.steps)
+        return CompensationLaw(
+            numbers={**self.numbers, **settings}, geared=self.geared, steps=self.steps
+        )
 
     @cached_property
     def constants(self) -> SimpleNamespace:
         """The numbers as the functions of this module take them."""
         return SimpleNamespace(**self.numbers, geared=float(self.geared))
+
+    def error(self, angle: float, velocity: float, direction: float) -> tuple[float, float]:
+        """Return how far a command may be off: what is withheld, and an interval's half-width."""
+        at, whole = (angle, velocity, direction), self.having(**dict.fromkeys(SHARES, 1.0))
+        withheld = unlimited(*at, whole.constants) - unlimited(*at, self.constants)
+        return abs(withheld), whole.half_width(lambda c: float(unlimited(*at, c)))
+
+    def certain(self, share: str, angle: float, velocity: float) -> float:
+        """Return the share of a part of friction that is certain at an angle and a velocity."""
+
+        def part(c: Any) -> float:  # noqa: ANN401
+            none = vars(c) | dict.fromkeys(SHARES, 0.0)
+            one, rest = (
+                steady_torque(angle, velocity, 1.0, SimpleNamespace(**each))
+                for each in (none | {share: 1.0}, none)
+            )
+            return float((one - rest) / c.p4)
+
+        size = abs(part(self.constants))
+        return max(1.0 - self.half_width(part) / size, 0.0) if size else 1.0
 
     def half_width(self, of: Callable[[Any], float]) -> float:
         """Return the half-width, to first order, of the interval of a function of the constants."""
