@@ -119,13 +119,21 @@ class Bench:
                 break
             most = self.limits.command
             sent = motor.command(self.polarity * max(-most, min(most, command)))
-            samples.append((since, self.polarity * sent, angle))
+            samples.append((since, sent, angle))
             motor.wait(self.step)
         motor.command(0.0)
         self.used += since
         if self.used > self.limits.seconds:
             raise SafetyStop(f"the robot time of {self.limits.seconds:g} s is used up")
         return Run(*np.array(samples or [(0.0, 0.0, angle)]).T, cut, motor.input_kind)
+
+    def require_motion(self, run: Run) -> None:
+        """Raise `SafetyStop` if a run that was driven did not move the joint."""
+        if np.any(run.input != 0) and float(np.ptp(run.angle)) <= 2 * self._motion(self.noise):
+            raise SafetyStop(
+                "the joint no longer moves when it is driven: check supply, enable, and the "
+                "encoder's cable"
+            )
 
     def braked_with(self, size: float, speed: float) -> None:
         """Brake from now on with a command of a size, full from a speed in rad/s on."""

@@ -29,10 +29,15 @@ from butterfly.plant.motor import CommandPath
 from butterfly.plant.rig import SimulatedMotor
 from butterfly.plant.robot import Robot
 from butterfly.plant.sensors import Encoder
+from butterfly.signals.excitations import Multisine
 
 RESERVE = 0.6
 """Share of the limits that plans use."""
 
+PROBE = 12.5
+"""Length in s of a run with a joint that is not known yet."""
+
+_OVERHEAD = 3.0  # s between two runs
 _PERIODS = 8  # of the resonance, in a run
 _SHORTEST, _LONGEST = 5.0, 30.0  # s of a run
 _DRIVEN = 2 / 3  # share of a relay's run in which it drives
@@ -86,6 +91,22 @@ def _sine(mass: AddedMass, omega: float, amplitude: float, duration: float) -> R
         added_mass=mass,
         duration=duration,
         law=lambda _: Signal(lambda time: amplitude * math.sin(omega * time)),
+    )
+
+
+def validation(estimate: Estimate, mass: AddedMass, limits: Limits) -> Recipe:
+    """Return a sum of sines about the resonance, unlike all that is fitted."""
+    loaded = estimate.parameters.with_added_mass(mass)
+    resonance = resonance_frequency(loaded) or 1.0
+    reach = RESERVE * limits.angle * _REACHES[0]
+    peak = 2 * loaded.coulomb / abs(loaded.p4) + _static(loaded, reach)
+    lines, base = (5, 8, 11, 17, 23), resonance / 10
+    signal = Multisine(base=base, harmonics=lines, peak=min(peak, RESERVE * limits.command))
+    return Recipe(
+        what=f"multisine about {resonance:.3g} rad/s, peak {signal.peak:.2g}",
+        added_mass=mass,
+        duration=duration_of(estimate.parameters, mass),
+        law=lambda _: Signal(lambda time: float(signal.sample(np.array([time]))[0])),
     )
 
 
@@ -155,7 +176,6 @@ def best_plan(
     *,
     mounted: AddedMass,
     price: float,
-    overhead: float,
 ) -> Plan | None:
     """Return the plan that reaches the wanted (n,) half-widths for the least cost.
 
@@ -181,7 +201,7 @@ def best_plan(
             if (expected <= wanted).all():
                 break
         short = float(np.max(expected / wanted))
-        cost = (fixed + count * (recipe.duration + overhead)) * max(short, 1.0) ** 2
+        cost = (fixed + count * (recipe.duration + _OVERHEAD)) * max(short, 1.0) ** 2
         plans.append(Plan(recipe=recipe, runs=count, cost=cost, expected=expected))
     return min(plans, key=lambda plan: plan.cost, default=None)
 

@@ -40,7 +40,7 @@ class Step:
     seconds: float  # of robot time, up to its end
     cut: str = ""  # the limit that ended it early
     verdict: str = ""  # on the estimate after it; empty if there was none
-    half_widths: dict[str, float] = field(default_factory=dict)  # over what the goal asks
+    shares: dict[str, float] = field(default_factory=dict)  # of half-widths in what is wanted
     held_out: bool = False  # whether it was kept for the validation
 
 
@@ -102,6 +102,11 @@ class Folder:
         """Return the logs so far, as `identify` reads them."""
         return read_data_set(read_manifest(self.path / MANIFEST_NAME))
 
+    def one(self, number: int) -> DataSet:
+        """Return one of the logs."""
+        manifest = read_manifest(self.path / MANIFEST_NAME)
+        return read_data_set(manifest.model_copy(update={"logs": [manifest.logs[number]]}))
+
     def _keep(self, journal: Journal) -> None:
         self.journal = journal
         content = json_text(finite(_JOURNAL.dump_python(journal, mode="json")))
@@ -119,7 +124,7 @@ def _manifest(name: str, journal: Journal) -> Manifest:
         description="made by a campaign",
         input=journal.input_kind,
         intersample=Intersample.ZERO_ORDER_HOLD,
-        sign=1,
+        sign=1 if journal.contact.polarity > 0 else -1,
         known=known,
         holdout=[_file(k).removesuffix(".parquet") for k, s in enumerate(journal.steps) if s.held_out],
         logs=[_entry(_file(k), step.added_mass) for k, step in enumerate(journal.steps)],
