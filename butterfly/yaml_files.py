@@ -56,12 +56,14 @@ class StrictModel(BaseModel):
 
 
 class OneOf(StrictModel):
-    """Several optional keys; exactly one must be given."""
+    """Several optional keys; exactly one of those without a default must be given."""
 
     @model_validator(mode="after")
     def _one_of_them(self) -> OneOf:
-        if sum(value is not None for _, value in self) != 1:
-            raise ValueError("exactly one of the keys " + ", ".join(type(self).model_fields))
+        fields = type(self).model_fields.items()
+        names = [name for name, each in fields if each.default is None]
+        if sum(getattr(self, name) is not None for name in names) != 1:
+            raise ValueError("exactly one of the keys " + ", ".join(names))
         return self
 
     @property

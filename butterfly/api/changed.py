@@ -30,6 +30,7 @@ _NAMES = {
     "delay": "the delay",
 }
 _PLACES = ("the first", "the second")
+_ROW = 40  # pixels of a parameter
 _WHOLE = 0.1  # share from which whole per cents are given
 _LISTED = 4  # parameters whose detectable change is named
 
@@ -92,26 +93,20 @@ class Changed(Answer):
 
     def figures(self) -> dict[str, Figure]:
         """Return the figures of its page, by name."""
-        from plotly.graph_objects import Figure, Scatter  # noqa: PLC0415 - slow to import
-
-        from butterfly.report.figures import GREY, PALETTE  # noqa: PLC0415 - slow to import
+        from butterfly.report.figures import GREY, PALETTE, rows_panel  # noqa: PLC0415 - slow to import
 
         rows = [row for row in self.rows() if _is_relative(row)]
         moved = [row["change in %"] for row in rows]
         upper = [100 * row["upper"] / abs(row["before"]) for row in rows]
-        names, places = [row["parameter"] for row in rows], list(range(len(rows)))
-        drawn = Scatter(
+        across = "change in % (95 % interval)"
+        figure = rows_panel([row["parameter"] for row in rows], across, _ROW).add_scatter(
             x=moved,
-            y=places,
+            y=list(range(len(rows))),
             error_x={"array": [most - own for most, own in zip(upper, moved, strict=True)]},
             mode="markers",
             marker={"color": [PALETTE[5 if row["changed"] else 0] for row in rows], "size": 9},
         )
-        figure = Figure(drawn)
         figure.add_vline(x=0, line={"color": GREY, "width": 1, "dash": "dash"})
-        figure.update_xaxes(title="change in % (95 % interval)")
-        figure.update_yaxes(tickvals=places, ticktext=names, range=[len(rows) - 0.4, -0.6])
-        figure.update_layout(height=40 * len(rows) + 110)
         return {"changes": figure}
 
     def facts(self) -> list[Fact]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -33,8 +33,6 @@ from butterfly.result import TextTable
 from butterfly.verdict import Level, Verdict
 
 if TYPE_CHECKING:
-    from plotly.graph_objects import Figure
-
     from butterfly.comparison.three_way import ThreeWay  # with MuJoCo, which is slow
 
 
@@ -42,6 +40,7 @@ class Compared(Tabulated):
     """MuJoCo, the grey-box model and the logs, given the same input."""
 
     kind: ClassVar[str] = "comparison"
+    plots: ClassVar[Mapping[str, str]] = {"fits": "fits", "frequency": "frequencies"}
 
     @classmethod
     def of(
@@ -102,11 +101,6 @@ class Compared(Tabulated):
         rows = [[row[name] for name in headers] for row in shown]
         return [TextTable("Residuals", headers, rows, caption=RESIDUAL_CAPTION)]
 
-    def figures(self) -> dict[str, Figure]:
-        """Return the figures of its page, by name."""
-        sines = any(row["phase error MuJoCo in °"] is not None for row in self.rows())
-        return super().figures() | ({"frequency": self.plot.frequencies()} if sines else {})
-
     def facts(self) -> list[Fact]:
         """Return the numbers that matter most."""
         rows, way = self.rows(), JointKind(self.content["data"]["joint"]).way
@@ -139,7 +133,8 @@ def _comparison_sentences(compared: Sequence[ThreeWay]) -> list[str]:
     )
     return [
         f"{counted(len(compared), 'log')}, same parameters and recorded input. Median FIT: {said}.",
-        f"Largest difference between the simulators: {apart:.2g} {way}.",
+        f"Largest difference between the simulators: {apart:.2g} {way}, with MuJoCo as `run` steps "
+        "it; `export` measures its file in its own steps.",
     ]
 
 
@@ -148,6 +143,7 @@ class Leaderboard(Tabulated):
 
     kind: ClassVar[str] = "leaderboard"
     table: ClassVar[str] = "entries"
+    plots: ClassVar[Mapping[str, str]] = {"fit": "leaderboard"}
 
     @classmethod
     def of(cls, entries: Sequence[Entry]) -> Leaderboard:
@@ -189,10 +185,6 @@ class Leaderboard(Tabulated):
                 | {"time in s": f"{row['seconds']:.2f}", **values, "remark": row["error"]}
             )
         return rows
-
-    def figures(self) -> dict[str, Figure]:
-        """Return the figures of its page, by name."""
-        return {"fit": self.plot.leaderboard()}
 
     def facts(self) -> list[Fact]:
         """Return the methods that predict best, and of how many."""

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
 from os import PathLike
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, ClassVar, Literal, Self
 
 from butterfly.api.identification import Identification
 from butterfly.api.sources import Named
 from butterfly.errors import ButterflyError, InputError
 from butterfly.experiment.perform import RunResult, outcome_of, perform
-from butterfly.experiment.record import OK, REFUSED, RunRecord
+from butterfly.experiment.record import OK, REFUSED, EstimateRecord, RunRecord
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.simulate import data_set_of, file_of, write_logs
 from butterfly.experiment.simulate import simulate as simulated_logs
@@ -23,25 +23,29 @@ from butterfly.experiment.store import ResultStore, digests
 from butterfly.experiment.sweep import SweepPlan, chosen_of, plan_sweep, run_sweep, sweep_record
 from butterfly.experiment.sweep_tables import ESTIMATES, RUNS
 from butterfly.experiment.workers import DaskEngine, Engine, LocalEngine
-from butterfly.files import locate, write_document
+from butterfly.files import locate
 from butterfly.identification.data import DataSet, read_data_set
-from butterfly.identification.parameter import lumped_numbers
+from butterfly.identification.inference.estimate import Estimate
+from butterfly.identification.parameter import Parameter, lumped_numbers
 from butterfly.logs.manifest import read_manifest
 from butterfly.logs.mat import write_mat
-from butterfly.model.parameters import LumpedParameters
 from butterfly.outputs import call
 from butterfly.progress import Track, untracked
-from butterfly.report.format import fit_text
-from butterfly.report.numbers import NEAR_ORBIT, run_verdict
+from butterfly.report.finding_texts import estimate_notes, estimate_verdict
+from butterfly.report.format import field_label, fit_text
+from butterfly.report.numbers import estimate_numbers
 from butterfly.report.orbit_page import orbit_page
 from butterfly.report.page import write_page
+from butterfly.report.summary import values_table
 from butterfly.report.sweep_page import sweep_page
-from butterfly.result import Answer, TextTable, document
+from butterfly.result import Answer, TextTable
+from butterfly.verdict import Level, Verdict
 
 RESULT = "result.json"
 """File of a single run's results: what its `to_dict` returns."""
 
 _ORBIT_REPORT = "orbit.html"
+_NEAR_ORBIT = "near the orbit"  # name of an orbit's estimate among those of a run
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -63,41 +67,102 @@ class _Done(Answer):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Run(_Done):
-    """Results of one run: identifications with the true parameters, and its orbit."""
+    """Results of one run: estimates with the true parameters, and its orbit."""
 
     kind: ClassVar[str] = "run"
     table: ClassVar[str] = "estimates"
 
-    record: RunRecord | None = None
-    """The stored record; None for a result that was loaded."""
-
     identifications: Mapping[str, Identification]
-    """By estimator; loaded from the saved files if the run was already done."""
+    """By estimator, of a single run; of one of a sweep only the estimates are kept."""
+
+    @classmethod
+    def of(
+        cls,
+        record: RunRecord,
+        title: str,
+        *,
+        identifications: Mapping[str, Identification] = MappingProxyType({}),
+        orbit: Mapping[str, Any] | None = None,
+        **about: Any,  # noqa: ANN401 - of the experiment
+    ) -> Run:
+        """Tell a record; ``identifications`` and the numbers of an ``orbit`` if they are there."""
+        content = json.loads(record.to_json())
+        for unsaid in ("schema", "digest", "versions"):
+            del content[unsaid]
+        notes, estimates = dict[str, Sequence[str]](), list[dict[str, Any]]()
+        for each in record.estimates:
+            found = identifications.get(each.estimator)
+            if found is not None:
+                estimates.append(found.to_dict())
+                notes[each.estimator] = found.paragraphs()[len(found.verdict) :]
+            elif each.estimate is not None:
+                estimates.append(_numbers(each, each.estimate))
+                notes[each.estimator] = estimate_notes(each.estimate)
+        orbit = content["orbit"] if orbit is None else orbit
+        notes[_NEAR_ORBIT] = (orbit or {}).get("summary", ())
+        alone = Verdict.of_numbers(orbit) if orbit and not estimates else None
+        judged, several = alone or _verdict(record), len([*filter(None, notes.values())]) > 1
+        return cls(
+            title=title,
+            judged=judged,
+            summary=(
+                *(judged.lines if judged else ()),
+                *(f"{each.estimator}: {each.error}" for each in record.estimates if each.error),
+                *(f"{name}: " * several + text for name, own in notes.items() for text in own),
+                *(
+                    f"{each.estimator}: held-out logs, median FIT{fit.over} "
+                    f"{fit_text(fit.median)} % (worst {fit_text(fit.worst)} %)."
+                    for each in record.estimates
+                    if (fit := each.held_out) is not None
+                ),
+            ),
+            content={
+                **about,
+                **content,
+                "made_with": record.versions,
+                "estimates": estimates,
+                "refused": [
+                    {"estimator": each.estimator, "error": each.error}
+                    for each in record.estimates
+                    if each.estimate is None
+                ],
+                "orbit": orbit,
+            },
+            units={"seconds": "s", "estimates.fit": "%", "estimates.held_out": "%"},
+            identifications=identifications,
+        )
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any], **more: Any) -> Self:  # noqa: ANN401 - own fields
         """Return the result of `to_dict`'s values (see `Answer.from_dict` for what is raised)."""
-        if "identifications" not in more:
-            found = map(Identification.from_dict, content["estimates"])
-            more["identifications"] = {each.estimator: each for each in found}
-        return super().from_dict(content, **more)
+        found = [Identification.from_dict(each) for each in content["estimates"] if "fits" in each]
+        named = {each.estimator: each for each in found}
+        return super().from_dict(content, identifications=named, **more)
 
     def rows(self) -> list[dict[str, Any]]:
-        """Return the parameters of each identification."""
-        found = self.identifications.items()
-        return [{"estimator": name, **row} for name, each in found for row in each.rows()]
-
-    def shown_rows(self) -> list[dict[str, str]]:
-        """Return the parameters of each identification, rounded to their errors."""
-        found = self.identifications.items()
-        return [{"estimator": name, **row} for name, each in found for row in each.shown_rows()]
+        """Return the parameters of each estimate."""
+        columns = ("value", "standard_error", "lower", "upper", "unit")
+        return [
+            {"estimator": each["estimator"], "parameter": name} | {key: row[key] for key in columns}
+            for each in self.content["estimates"]
+            for name, row in each["parameters"].items()
+        ]
 
     def further(self) -> list[TextTable]:
-        """Return the tables of each identification beside the truth, then those of an orbit."""
-        true = {name: each["value"] for name, each in self.content["truth"].items()}
-        named = (each.tables(LumpedParameters(**true)) for each in self.identifications.values())
-        orbit = (self.content["orbit"] or {}).get("tables", [])
-        return [*chain(*named), *(TextTable(**each) for each in orbit)]
+        """Return the settings, the tables of each estimate beside the truth, those of an orbit."""
+        about = self.content
+        names = ("key", "status", "seed", "error")
+        settings = {name: str(about[name]) for name in names if about[name] != ""}
+        settings |= {field_label(name): str(value) for name, value in about["overrides"].items()}
+        settings |= {f"seconds, {name}": f"{s:.3g}" for name, s in about["seconds"].items()}
+        settings |= {f"version, {name}": text for name, text in about["made_with"].items()}
+        tables = [TextTable("", (), [*settings.items()], detail=bool(self.identifications))]
+        for each in about["estimates"]:
+            name, rows = each["estimator"], each["parameters"].values()
+            found = self.identifications.get(name)
+            own = [values_table(name, [Parameter(**row) for row in rows])]
+            tables += own if found is None else found.tables()
+        return [*tables, *(TextTable(**each) for each in (about["orbit"] or {}).get("tables", []))]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -205,7 +270,9 @@ def run(
         if kept is not None and kept.status == REFUSED:
             raise ButterflyError(kept.reason)
         if kept is not None and kept.status == OK:
-            return _kept_run(folder, kept, "This run was already done; --force repeats it.")
+            content = json.loads((folder / RESULT).read_text(encoding="utf-8"))
+            note = "This run was already done; --force repeats it."
+            return Run.from_dict(content, note=note, reports=_reports(folder, kept))
         with call(folder=folder):
             return _run_once(plan, source, folder, jobs=jobs, figures=figures, track=track)
     workers: Engine = LocalEngine(jobs) if engine == "local" else DaskEngine(scheduler, jobs)
@@ -237,73 +304,36 @@ def _run_once(
     outcome = outcome_of(task, experiment, result)
     store.write(outcome)
     record, identified = outcome.record, result.identifications
+    truth, reports = experiment.plant.robot.lumped, _reports(folder, record)
     answers = {name: Identification.of(found) for name, found in identified.items()}
-    truth, reports = experiment.plant.robot.lumped, _reports(record)
-    for name, found in zip(reports, answers.values(), strict=False):
-        found.report(folder / name, truth=truth, figures=figures)
-    page = None
+    for path, found in zip(reports, answers.values(), strict=False):
+        found.report(path, figures=figures)
+    orbit = None
     if result.orbit is not None:
         carried = result.orbit.calibration.rounds[0].logs[0].added_mass
         page = orbit_page(result.orbit, truth.with_added_mass(carried))
         write_page(page, folder / _ORBIT_REPORT, figures=figures)
-    verdict = run_verdict(record) if answers or page is None else page.verdict
-    notes = {name: each.paragraphs()[len(each.verdict) :] for name, each in answers.items()}
-    orbit: dict[str, Any] | None = None
-    if page is not None:
         orbit = page.numbers | {"tables": TextTable.of_page(page)}
-        notes |= {NEAR_ORBIT: orbit["summary"]}
-    content = document(
-        Run.kind,
+    done = Run.of(
+        record,
         f"Run of {experiment.name!r}",
-        {
-            "data": {
-                "name": experiment.name,
-                "description": experiment.description,
-                "input": str(experiment.input_kind),
-                "logs": record.logs,
-            },
-            "key": record.key,
-            "status": record.status,
-            "error": record.error,
-            "seed": record.seed,
-            "experiment": source.content,
-            "truth": lumped_numbers(truth, experiment.input_kind),
-            "estimates": [each.to_dict(truth) for each in answers.values()],
-            "refused": [
-                {"estimator": each.estimator, "error": each.error}
-                for each in record.estimates
-                if each.estimate is None
-            ],
-            "orbit": orbit,
-            "seconds": record.seconds,
+        identifications=answers,
+        orbit=orbit,
+        data={
+            "name": experiment.name,
+            "description": experiment.description,
+            "input": str(experiment.input_kind),
+            "logs": record.logs,
         },
-        verdict=verdict,
-        summary=(
-            *(verdict.lines if verdict else ()),
-            *(f"{each.estimator}: {each.error}" for each in record.estimates if each.error),
-            *(f"{f'{k}: ' * (len(notes) > 1)}{text}" for k, own in notes.items() for text in own),
-            *(
-                f"{each.estimator}: held-out logs, median FIT{fit.over} {fit_text(fit.median)} % "
-                f"(worst {fit_text(fit.worst)} %)."
-                for each in record.estimates
-                if (fit := each.held_out) is not None
-            ),
-        ),
-        units={"seconds": "s"},
+        experiment=source.content,
+        truth=lumped_numbers(truth, experiment.input_kind),
     )
-    write_document(content, folder / RESULT)
-    beside = digests(folder, [*kept, RESULT, *written, *reports])
+    done.save(folder / RESULT)
+    beside = digests(folder, [*kept, RESULT, *written, *(path.name for path in reports)])
     store.end_sweep(replace(sweep_record(plan), beside=beside))
     if result.error is not None:
         raise result.error
-    return _kept_run(folder, record, identifications=answers)
-
-
-def _kept_run(folder: Path, record: RunRecord, note: str = "", **more: Any) -> Run:  # noqa: ANN401 - fields
-    """Return a run from its file, with the identifications given or loaded."""
-    content = json.loads((folder / RESULT).read_text(encoding="utf-8"))
-    reports = tuple(folder / name for name in _reports(record))
-    return Run.from_dict(content, record=record, reports=reports, note=note, **more)
+    return replace(done, reports=reports)
 
 
 def _write_logs(experiment: Experiment, result: RunResult, folder: Path) -> list[str]:
@@ -312,16 +342,41 @@ def _write_logs(experiment: Experiment, result: RunResult, folder: Path) -> list
     if result.logs:
         manifest = write_logs(experiment, result.logs, folder)
         written += [*map(file_of, result.logs), manifest.name]
-    rounds = () if result.orbit is None else result.orbit.calibration.rounds
-    for number, each in enumerate(rounds):
-        for part, log in enumerate(each.logs):
-            written.append(f"round{number}_run{part}.mat")
-            write_mat(log, folder / written[-1])
+    study = result.orbit
+    held = {} if study is None else {"": study.calibration, "also_": study.also}
+    for prefix, calibration in held.items():
+        for number, each in enumerate(calibration.rounds if calibration else ()):
+            for part, log in enumerate(each.logs):
+                written.append(f"{prefix}round{number}_run{part}.mat")
+                write_mat(log, folder / written[-1])
     return written
 
 
-def _reports(record: RunRecord) -> list[str]:
-    """Return the names of the reports of a run: of its estimators in order, and of its orbit."""
+def _reports(folder: Path, record: RunRecord) -> tuple[Path, ...]:
+    """Return the paths of the reports of a run: of its estimators in order, and of its orbit."""
     written = sum(bool(estimate.parameters) for estimate in record.estimates)
     names = ["report.html", *(f"report-{number}.html" for number in range(2, written + 1))]
-    return names[:written] + [_ORBIT_REPORT] * (record.orbit is not None)
+    names = names[:written] + [_ORBIT_REPORT] * (record.orbit is not None)
+    return tuple(folder / name for name in names)
+
+
+def _verdict(record: RunRecord) -> Verdict | None:
+    """Return the worst verdict on the estimates of a run; None if there is none."""
+    found = {e.estimator: estimate_verdict(e.estimate) for e in record.estimates if e.estimate}
+    if record.orbit is not None and record.orbit.verdict is not None:
+        level = Level.of_verdict(record.orbit.verdict)
+        found[_NEAR_ORBIT] = Verdict(level, ("see the orbit's findings.",))
+    if len(found) == 1:
+        return next(iter(found.values()))
+    return Verdict.of_several(found) if found else None
+
+
+def _numbers(record: EstimateRecord, estimate: Estimate) -> dict[str, Any]:
+    """Return the estimate of a record, and the FITs that are kept with it."""
+    fits = {name: getattr(record, name) for name in ("fit", "held_out", "holdout")}
+    return {
+        "estimator": record.estimator,
+        **estimate_verdict(estimate).numbers(),
+        **estimate_numbers(estimate, record.truth),
+        **{name: fit and fit.numbers() for name, fit in fits.items()},
+    }

@@ -38,7 +38,7 @@ from butterfly.report.numbers import (
     finding_numbers,
     residual_numbers,
 )
-from butterfly.report.page import Fact, Page, Section, write_page
+from butterfly.report.page import Fact, Page, Section
 from butterfly.report.parameter_table import (
     Separated,
     parameter_texts,
@@ -58,9 +58,10 @@ if TYPE_CHECKING:
     from butterfly.report.identification_figures import IdentificationPlots
     from butterfly.twin.twin import Twin, Written
 
-_UNITS = {"fit.horizon": "s"} | dict.fromkeys(
+_UNITS = {"fit.horizon": "s", "zeros": "rad"} | dict.fromkeys(
     ("fit", "fits", "velocity_fits", "held_out", "drive_fits", "against.fit"), "%"
 )
+_OF_LOGS = ("fits", "velocity_fits", "held_out", "mean_errors", "drive_fits", "zeros")  # by name
 _SAVED = ("summary", "chosen", "against", "residuals")
 
 
@@ -91,18 +92,16 @@ class Identification(Identified, Result):
             manifest = origin["manifest"]
             Manifest.model_validate({**manifest, "root": manifest["root"] or "."})
         texts(content["summary"])
-        fits = _fits(content["fits"])
-        if not fits:
+        if not content["fits"]:
             raise ValueError("no logs")
+        of_logs: dict[str, Any] = {name: _fits(content.get(name, {})) for name in _OF_LOGS}
+        true = {name: each["value"] for name, each in content.get("truth", {}).items()}
         found = cls(
             estimate=Estimate.from_dict(content).usable,
             estimator=text(content["estimator"]),
             origin=origin | {"name": text(origin["name"])},
-            fits=fits,
-            velocity_fits=_fits(content.get("velocity_fits", {})),
-            held_out=_fits(content.get("held_out", {})),
-            mean_errors=_fits(content.get("mean_errors", {})),
-            drive_fits=_fits(content.get("drive_fits", {})),
+            **of_logs,
+            truth=LumpedParameters(**true) if true else None,
             saved={key: content[key] for key in _SAVED if key in content},
         )
         found.separated()  # these fail where something names what there is not
@@ -110,7 +109,7 @@ class Identification(Identified, Result):
         estimate_sentences(found.estimate)
         return found
 
-    def to_dict(self, truth: LumpedParameters | None = None) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Return it as JSON can hold it, beside the truth if that is known (see `Result`)."""
         estimate, basis = self.estimate, self.basis()
         of_logs = {key: each for key, each in self.saved.items() if key != "summary"}
@@ -125,13 +124,9 @@ class Identification(Identified, Result):
             {
                 "estimator": self.estimator,
                 "data": basis["data"],
-                **estimate_numbers(estimate, truth),
+                **estimate_numbers(estimate, self.truth),
                 "fit": self.fit.numbers(),
-                "fits": self.fits,
-                "velocity_fits": self.velocity_fits,
-                "held_out": self.held_out,
-                "mean_errors": self.mean_errors,
-                "drive_fits": self.drive_fits,
+                **{name: getattr(self, name) for name in _OF_LOGS},
                 "physical": physical_numbers(self.separated()),
                 "chosen": basis["chosen"],
                 **of_logs,
@@ -192,9 +187,9 @@ class Identification(Identified, Result):
             for row in map(parameter_texts, self.estimate.table())
         ]
 
-    def tables(self, truth: LumpedParameters | None = None) -> list[TextTable]:
+    def tables(self) -> list[TextTable]:
         """Return the tables: parameters (beside the truth if known), physical ones, other FITs."""
-        return tables(self, truth)
+        return tables(self)
 
     def paragraphs(self) -> list[str]:
         """Return the summary; if physical parameters were given, also which remain unknown."""
@@ -249,31 +244,25 @@ class Identification(Identified, Result):
         screen = first_screen(self, self.facts())
         return cell_html(screen, None if self.logs is None else self.plot.time())
 
-    def report(
-        self,
-        path: str | PathLike[str],
-        *,
-        truth: LumpedParameters | None = None,
-        figures: bool = False,
-    ) -> None:
-        """Write the page, as `Result.report` does, beside the true parameters where known."""
+    def report(self, path: str | PathLike[str], *, figures: bool = False) -> None:
+        """Write the page, as `Result.report` does; its figures need the logs."""
         if figures:
             _ = self.data  # raises where there is nothing to draw
-        write_page(self.page(truth), Path(path), figures=figures)
+        super().report(path, figures=figures)
 
-    def page(self, truth: LumpedParameters | None = None) -> Page:
+    def page(self) -> Page:
         """Return the page of `report`: without the logs, its first screen and tables."""
         from butterfly.report.identification_page import first_screen, identification_page  # noqa: PLC0415 - slow to import
 
-        numbers, facts = self.to_dict(truth), self.facts()
+        numbers, facts = self.to_dict(), self.facts()
         try:
             _ = self.data
         except InputError as error:
             said = f"Without figures: the logs cannot be read ({error})."
         else:
-            return identification_page(self, self.notes, facts, numbers, truth)
-        sections = [Section(title=t.title, tables=(t.on_page(),)) for t in self.tables(truth)[1:]]
-        first = first_screen(self, facts, truth)
+            return identification_page(self, self.notes, facts, numbers)
+        sections = [Section(title=t.title, tables=(t.on_page(),)) for t in self.tables()[1:]]
+        first = first_screen(self, facts)
         return replace(first, summary=[said, *self.notes], sections=sections, numbers=numbers)
 
 
@@ -370,6 +359,8 @@ class IdentifiedModel:
         hand_mass: float | None = None,
         timestep: float = DEFAULTS.timestep,
         integrator: Literal["RK4", "implicitfast"] = DEFAULTS.integrator,
+        smoothing: float | None = None,
+        command_limit: float | None = None,
         overwrite: bool = False,
     ) -> Written:
         """Export the joint (its twin), as ``butterfly export`` does.
@@ -387,12 +378,22 @@ class IdentifiedModel:
             Time step of your simulator in s.
         integrator
             MuJoCo integrator.
+        smoothing
+            Of a compensation: speed in rad/s below which friction has the wanted direction.
+            Default: the error of a velocity by the logs' encoder.
+        command_limit
+            Of a compensation: largest command. Default: of the drive, or what the joint needs.
         overwrite
-            Whether to replace an existing file of a format that holds no mark: C, JSON.
+            Whether to replace an existing file of a format that holds no mark: C, Python, JSON.
         """
         from butterfly.twin.forms import write_twin  # noqa: PLC0415 - slow to import
 
-        options = Options(timestep=timestep, integrator=integrator)
+        options = Options(
+            timestep=timestep,
+            integrator=integrator,
+            smoothing=smoothing,
+            command_limit=command_limit,
+        )
         with call(overwrite=overwrite):
             twin = self.twin(added_mass, hand_mass=hand_mass)
             written = write_twin(to, twin, options, Path(path))

@@ -128,8 +128,8 @@ def inspect(
 ) -> Inspection | RobotModel:
     """Check logs for faults, and forecast which parameters they can tell.
 
-    Checks clock, gaps, saturation and clipping; several logs come worst first. Of an experiment or
-    a saved result: the robot's parameters instead.
+    Checks clock, gaps, saturation and clipping; several logs come worst first, those without
+    findings with --verbose. Of an experiment or a saved result: the robot's parameters instead.
 
     Parameters
     ----------

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import partial
+from operator import itemgetter
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
@@ -14,7 +14,7 @@ import numpy as np
 
 from butterfly.api.identification import Identification, IdentifiedModel
 from butterfly.api.results import Tabulated, about_log
-from butterfly.files import replacing, write_xml
+from butterfly.files import write_xml
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.parameter import unit_of
@@ -22,10 +22,10 @@ from butterfly.identification.predict import OF_NEW_LOG, OF_PARAMETERS, Paramete
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, JointKind, LumpedParameters
 from butterfly.model.terms import PARAMETERS, TERMS
-from butterfly.outputs import call, mark_of, require_endings
+from butterfly.outputs import call, require_endings
 from butterfly.report.finding_texts import estimate_notes, estimate_verdict
 from butterfly.report.format import fit_text
-from butterfly.report.numbers import estimate_numbers
+from butterfly.report.numbers import estimate_numbers, write_columns
 from butterfly.report.page import Fact
 from butterfly.twin.forms import DEFAULTS, Options
 
@@ -42,6 +42,7 @@ class Drawn(Tabulated):
     """Parameter draws of the bare joint in SI units: one row each, with equal weights."""
 
     kind: ClassVar[str] = "draws"
+    plots: ClassVar[Mapping[str, str]] = {"corner": "corner"}
 
     found: Identification | None = None
     """The identification; None for loaded draws."""
@@ -70,11 +71,6 @@ class Drawn(Tabulated):
                 "rows": [{key: getattr(each, key) for key in columns} for each in draws.parameters],
             },
         )
-
-    def figures(self) -> dict[str, Figure]:
-        """Return the figures of its page, by name."""
-        drawn = self.plot.corner()
-        return {} if drawn is None else {"corner": drawn}
 
     def facts(self) -> list[Fact]:
         """Return the numbers that matter most."""
@@ -108,23 +104,8 @@ class Drawn(Tabulated):
                 write_xml(path / f"{number:04d}.xml", model, "draw")
             return
         names = {key: f"{key} [{self.units[f'rows.{key}']}]" for key in rows[0]}
-        if path.suffix.lower() == ".parquet":
-            import pyarrow as pa  # noqa: PLC0415 - slow to import
-            from pyarrow import parquet  # noqa: PLC0415
-
-            columns = {name: [row[key] for row in rows] for key, name in names.items()}
-            marked = pa.table(columns).replace_schema_metadata({"butterfly.draws": ""})
-            with replacing(path, mark_of(path, "draws")) as draft:
-                parquet.write_table(marked, draft)
-            return
-        with (
-            call(overwrite=overwrite),
-            replacing(path) as draft,
-            draft.open("w", newline="", encoding="utf-8") as file,
-        ):
-            writer = csv.writer(file)
-            writer.writerow(names.values())
-            writer.writerows(row.values() for row in rows)
+        with call(overwrite=overwrite):
+            write_columns(path, "draws", {names[k]: [row[k] for row in rows] for k in names})
 
     def models(
         self,
@@ -244,7 +225,8 @@ class Predicted(Tabulated):
         fits = self.fit_facts("FIT in %", "of the predictions") if self.measured else []
         inside = f"{OF_NEW_LOG}: inside in %"
         shares = [row[inside] for row in self.rows() if row.get(inside) is not None]
-        band = Fact("samples inside the band", f"{np.mean(shares or [0]):.1f} %", "expected: 95 %")
+        worst = f"expected: 95 %; worst log {min(shares, default=0.0):.0f} %"
+        band = Fact("samples inside the band", f"{np.mean(shares or [0]):.1f} %", worst)
         return [*fits, *([band] if shares else []), Fact("logs", str(len(self.rows())))]
 
 
@@ -283,9 +265,13 @@ def _followed(predictions: Sequence[Prediction], *, measured: bool) -> list[str]
     }
     inside = {name: 100 * np.average(each, weights=sizes) for name, each in shares.items()}
     if OF_NEW_LOG in inside:
+        share, worst = min(zip(shares[OF_NEW_LOG], predictions, strict=True), key=itemgetter(0))
+        least = (
+            f"; in {worst.run.log.name} {100 * share:.0f} %, the least" if predictions[1:] else ""
+        )
         sentences.append(
             f"{inside[OF_NEW_LOG]:.1f} % of the measured samples are inside the band of a new log "
-            "(expected: 95 %)."
+            f"(expected: 95 %){least}."
         )
     if OF_PARAMETERS in inside:
         sentences.append(

@@ -34,6 +34,7 @@ from butterfly.identification.predict import (
     draw_parameters,
     expected_errors,
     predict_logs,
+    require_draws,
 )
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
@@ -77,6 +78,7 @@ def predict(
     track
         Progress callback.
     """
+    require_draws(COUNT if bands is False else draws, seed)
     source = _source(data)
     logs: Sequence[Log]
     errors: Sequence[ExpectedErrors] = ()

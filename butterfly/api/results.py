@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from statistics import mean, median
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -58,6 +58,9 @@ def about_log(log: Log) -> dict[str, Any]:
 class Tabulated(Answer):
     """A table with figures."""
 
+    plots: ClassVar[Mapping[str, str]] = {"fits": "fits"}
+    """Its figures: by their names on the page, what draws them of `TablePlots`."""
+
     def shown_rows(self) -> list[dict[str, str]]:
         """Return the rows formatted as text, a log by its short name."""
         return [
@@ -75,7 +78,8 @@ class Tabulated(Answer):
 
     def figures(self) -> dict[str, Figure]:
         """Return the figures of its page, by name."""
-        return {"fits": self.plot.fits()}
+        made = {name: getattr(self.plot, method)() for name, method in self.plots.items()}
+        return {name: figure for name, figure in made.items() if figure is not None}
 
     def fit_facts(self, column: str, label: str) -> list[Fact]:
         """Return median and worst of a column of FITs."""
@@ -211,6 +215,7 @@ class Designed(Tabulated):
     """Next experiments, the most informative first."""
 
     kind: ClassVar[str] = "design"
+    plots: ClassVar[Mapping[str, str]] = {"ranking": "ranking"}
 
     @classmethod
     def of(
@@ -258,10 +263,6 @@ class Designed(Tabulated):
         """Whether the first candidate shrinks the standard errors by what matters."""
         return bool(or_nan(self.rows()[0]["mean"]) <= HELPS)
 
-    def figures(self) -> dict[str, Figure]:
-        """Return the figures of its page, by name."""
-        return {"ranking": self.plot.ranking()}
-
     def facts(self) -> list[Fact]:
         """Return the numbers that matter most: of the first candidate."""
         best, *_ = rows = self.rows()
@@ -281,6 +282,7 @@ class Selection(Tabulated):
     """Terms chosen by cross-validation."""
 
     kind: ClassVar[str] = "selection"
+    plots: ClassVar[Mapping[str, str]] = {"fit": "choices"}
 
     @classmethod
     def of(
@@ -327,10 +329,6 @@ class Selection(Tabulated):
             for row in self.rows()
         ]
 
-    def figures(self) -> dict[str, Figure]:
-        """Return the figures of its page, by name; none where nothing was added."""
-        return {"fit": self.plot.choices()} if len(self.rows()) > 1 else {}
-
     def facts(self) -> list[Fact]:
         """Return the numbers that matter most: of the chosen terms."""
         chosen = self.rows()[-1]
@@ -348,6 +346,7 @@ class Residual(Tabulated):
 
     kind: ClassVar[str] = "residual"
     caption: ClassVar[str] = RESIDUAL_CAPTION
+    plots: ClassVar[Mapping[str, str]] = {}  # all of them need the logs
 
     @classmethod
     def of(
@@ -370,10 +369,6 @@ class Residual(Tabulated):
             units=residual_units(data.joint),
             live=partial(with_residual_figures, data, found, worst, residuals.logs[worst]),
         )
-
-    def figures(self) -> dict[str, Figure]:
-        """Return none: all its figures need the logs."""
-        return {}
 
     def facts(self) -> list[Fact]:
         """Return the numbers that matter most: of the log with the largest error."""

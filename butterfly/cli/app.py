@@ -75,7 +75,7 @@ COMMANDS = {
     "schema": Command("Simulated experiments", "experiments:schema"),
     "reproduce": Command("Simulated experiments", "experiments:reproduce", "reproduction"),
     "results list": Command("Commands", "results:list_sweeps", "results"),
-    "results show": Command("Commands", "results:show_run", "run-record"),
+    "results show": Command("Commands", "results:show_run", "run"),
     "results table": Command("Commands", "results:table", "table"),
     "results clean": Command("Commands", "results:clean"),
 }

@@ -103,39 +103,50 @@ def reproduce(
     root
         Folder of the 41 real logs. Default: where `butterfly fetch` puts them.
     out
-        Write the data of Figures 3-12 to this folder.
+        Write a page with Figures 3-12 and more, and each as CSV, PNG and SVG, to this folder.
     """
     from butterfly.result import document  # noqa: PLC0415 - slow to import
-    from butterfly.thesis.figure_data import write_figure_data  # noqa: PLC0415
+    from butterfly.thesis.figures import real_figures, synthetic_figures  # noqa: PLC0415
     from butterfly.thesis.tables import has_real_logs, reproduce  # noqa: PLC0415
 
-    synthetic = thesis_robot()
-    rows = reproduce(synthetic, root)
-    show_table(
-        "The thesis: published and reproduced values",
-        ("figures", "published", "reproduced", "same", "corrected"),
-        [
-            (row.what, row.published, row.obtained, "yes" if row.agrees else "no", row.corrected)
-            for row in rows
-        ],
-    )
+    synthetic, real = thesis_robot(), has_real_logs(root)
+    rows, figures = reproduce(synthetic, root), []
+    title = "The thesis: published and reproduced values"
+    headers = ("figures", "published", "reproduced", "same", "corrected")
+    cells = [
+        (row.what, row.published, row.obtained, "yes" if row.agrees else "no", row.corrected)
+        for row in rows
+    ]
+    show_table(title, headers, cells)
     for row in rows:
         if row.note:
             say(f"{row.what}: {row.note}")
-    if not has_real_logs(root):
+    if not real:
         say("Tables 4 and 5 need the real logs: run `butterfly fetch` or pass --root FOLDER.")
     if out is not None:
-        for path in write_figure_data(out, synthetic, root):
-            say(f"Figure data: {path}")
-    alike = sum(row.agrees for row in rows)
-    write_json(
-        document(
-            "reproduction",
-            "The thesis: published and reproduced values",
-            {"rows": [{**asdict(row), "same": row.agrees} for row in rows]},
-            summary=(f"{alike} of {len(rows)} published values are reproduced.",),
-        )
-    )
+        figures = [*synthetic_figures(synthetic), *(real_figures(root) if real else [])]
+    for figure in figures:
+        say(f"{figure.title}. {figure.sentence}")
+    alike, claims = sum(row.agrees for row in rows), [c for each in figures for c in each.claims]
+    summary = [f"{alike} of {len(rows)} published values are reproduced."]
+    if claims:
+        holding = sum(claim.holds for claim in claims)
+        summary.append(f"{holding} of {len(claims)} statements on {len(figures)} figures agree.")
+    content = {
+        "rows": [{**asdict(row), "same": row.agrees} for row in rows],
+        "figures": [
+            {"name": each.name, "title": each.title, "claims": [c._asdict() for c in each.claims]}
+            for each in figures
+        ],
+    }
+    numbers = document("reproduction", title, content, summary=summary)
+    if out is not None:
+        from butterfly.report.page import PageTable  # noqa: PLC0415
+        from butterfly.report.thesis_page import write_thesis  # noqa: PLC0415
+
+        table = PageTable(headers=headers, rows=cells, words=(1, 2, 4))
+        say(f"Report: {write_thesis(out, table, figures, numbers)}")
+    write_json(numbers)
 
 
 def thesis_robot() -> Synthetic:

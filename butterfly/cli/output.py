@@ -134,15 +134,18 @@ def show(
     figures: bool = False,
     save: Path | None = None,
     rows: int | None = None,
+    after: str = "",
 ) -> ExitCode:
     """Print a result, verdict first, and write the requested files; return the exit code.
 
-    ``rows`` limits the rows of its tables.
+    ``rows`` limits the rows of its tables, which stand below the next command, ``after`` it.
     """
     if result.judged is not None:
         say_verdict(result.judged)
     verdict = result.judged.lines[:_VERDICT] if result.judged else ()
     say_some([each for each in result.paragraphs() if each not in verdict], headed=bool(verdict))
+    if after and not asked.silent:  # whole, however long: to be pasted
+        print(f"Next: {after}")
     tables = [each for each in result.tables() if asked.verbose or not each.detail]
     for table in () if asked.silent else tables:
         show_table(table.title, table.headers, table.rows[:rows])

@@ -10,27 +10,21 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import pyarrow as pa
-import pyarrow.compute as pc
 from cyclopts import Parameter as Option
-from pyarrow import csv, parquet
 
 from butterfly.cli.options import OUT
-from butterfly.cli.output import ExitCode, say, show_progress, show_table, write_json
+from butterfly.cli.output import ExitCode, say, show, show_progress, show_table, write_json
 from butterfly.cli.written import OutputFile
 from butterfly.errors import InputError, nearest
 from butterfly.experiment.record import OK, RunRecord
 from butterfly.experiment.source import EXPERIMENT, read_experiment
 from butterfly.experiment.store import SWEEP, ResultStore
 from butterfly.experiment.sweep_tables import ESTIMATES, RUNS
-from butterfly.files import replacing
-from butterfly.identification.findings import Ending
 from butterfly.identification.parameter import Parameter, or_nan
 from butterfly.logs.log import InputKind
-from butterfly.outputs import mark_of
 from butterfly.report.finding_texts import estimate_verdict
 from butterfly.report.format import field_label, field_name, field_unit, with_error
-from butterfly.report.numbers import record_document, rows_document, runs_document
-from butterfly.report.parameter_table import parameter_texts
+from butterfly.report.numbers import rows_document, write_columns
 from butterfly.result import document
 
 Folder = Annotated[Path, Option(help="A sweep's results, such as results/NAME.")]
@@ -78,37 +72,13 @@ def list_sweeps(folder: Folders = Path("results"), /) -> None:
 
 def show_run(folder: Folder, run: Run, /) -> None:
     """Show one run: settings, estimates, times and versions."""
-    record = run_record(folder, run)
-    for each in record.estimates:
-        if each.estimate is not None:
-            first, *others = estimate_verdict(each.estimate).lines
-            for line in (f"{each.estimator}: {first}", *others):
-                say(line)
-    pairs = [("key", record.key), ("status", record.status), ("seed", str(record.seed))]
-    pairs += [(field_label(name), str(value)) for name, value in record.overrides.items()]
-    pairs += [(f"seconds, {name}", f"{s:.3g}") for name, s in record.seconds.items()]
-    pairs += [(f"version, {name}", value) for name, value in record.versions.items()]
-    if record.error:
-        pairs.append(("error", record.error))
-    show_table("", (), pairs, lead=2)
-    for each in record.estimates:
-        if each.parameters:
-            show_table(
-                each.estimator,
-                ("", "true", "estimate", "95 % interval", "unit"),
-                [
-                    [row[key] for key in ("name", "true", "value", "interval", "unit")]
-                    for row in map(parameter_texts, each.parameters)
-                ],
-            )
-        if each.ending is not Ending.CONVERGED:
-            say(f"Solver: {each.ending}.")
-        if each.error:
-            say(each.error)
-    logs = ResultStore(folder).files_path(record.key)
+    from butterfly.api.experiments import Run as Answer  # noqa: PLC0415 - slow to import
+
+    record, store = run_record(folder, run), ResultStore(folder)
+    show(Answer.of(record, f"Run {record.key}", data={"name": store.sweep().name}))
+    logs = store.files_path(record.key)
     if logs.exists():
         say(f"Logs: {logs} (butterfly identify takes this folder)")
-    write_json(record_document(record))
 
 
 def table(
@@ -140,11 +110,7 @@ def table(
             say(f"The first {_MOST} of {found.num_rows} rows; --out FILE writes all.")
         show_rows(f"{folder}: {name}", found, asked=columns is not None)
     else:
-        with replacing(out, mark_of(out, "table")) as draft:
-            if out.suffix.lower() == ".csv":
-                csv.write_csv(without_formulas(found), draft)
-            else:
-                parquet.write_table(found.replace_schema_metadata({"butterfly.table": ""}), draft)
+        write_columns(out, "table", dict(zip(found.column_names, found.columns, strict=True)))
         say(f"{found.num_rows} rows: {out}")
     plan = folder / EXPERIMENT
     kind = read_experiment(plan).input_kind if plan.exists() else InputKind.TORQUE
@@ -226,18 +192,6 @@ def column_named(name: str, names: Sequence[str]) -> str:
     return meant[0]
 
 
-def without_formulas(table: pa.Table) -> pa.Table:
-    """Return a table with an apostrophe before each text that looks like a formula."""
-    for k, field in enumerate(table.schema):
-        if not pa.types.is_string(field.type):
-            continue
-        texts = table.column(k)
-        taken = pc.match_substring_regex(texts, r"^[=+\-@\t\r]")
-        quoted = pc.binary_join_element_wise("'", texts, "")
-        table = table.set_column(k, field, pc.if_else(taken, quoted, texts))
-    return table
-
-
 def is_run(path: Path) -> bool:
     """Whether a path names a run of a sweep: RESULTS/NUMBER, or RESULTS/KEY."""
     return (path.parent / SWEEP).exists() and not path.suffix
@@ -261,6 +215,8 @@ def run_record(folder: Path, run: str) -> RunRecord:
 
 def compare_runs(one: Path, other: Path) -> ExitCode:
     """Print the differences between the settings and estimates of two runs."""
+    from butterfly.api.experiments import Run as Answer  # noqa: PLC0415 - slow to import
+
     runs = [run_record(path.parent, path.name) for path in (one, other)]
     names = [path.name if one.parent == other.parent else str(path) for path in (one, other)]
     others = {each.estimator: each for each in runs[1].estimates}
@@ -292,7 +248,10 @@ def compare_runs(one: Path, other: Path) -> ExitCode:
                 if row.name in twins
             ],
         )
-    write_json(runs_document(runs))
+    answers = [Answer.of(each, f"Run {each.key}").to_dict() for each in runs]
+    title = " beside ".join(each["title"] for each in answers)
+    first = [f"{each['title']}: {each['summary'][0]}" for each in answers if each["summary"]]
+    write_json(document("runs", title, {"runs": answers}, summary=first))
     return ExitCode.DONE
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -11,7 +12,7 @@ from cyclopts.validators import Number
 
 import butterfly as bf
 from butterfly.cli.options import OUT, WRITTEN, HandMass
-from butterfly.cli.output import ExitCode, say, say_verdict, show_progress
+from butterfly.cli.output import ExitCode, asked, say, say_verdict, show_progress
 from butterfly.cli.written import OutputFile
 from butterfly.errors import InputError
 from butterfly.twin.forms import DEFAULTS, FORMS, INTEGRATORS, WITH_A_BODY, Options
@@ -172,6 +173,8 @@ def _with_run(source: Path, number: int) -> Experiment:
 _TWINS = tuple(sorted({ending for _, *endings in FORMS.values() for ending in endings}))
 _Form: Any = Literal[tuple(FORMS)]
 _Integrator: Any = Literal[INTEGRATORS]
+_OF_COMMAND: Any = {"group": WRITTEN, "validator": Number(gt=0)}
+_OF_FORMS = {"actuator": "bam", "smoothing": "compensation", "command_limit": "compensation"}
 
 
 def export(
@@ -185,14 +188,16 @@ def export(
     ] = DEFAULTS.timestep,
     integrator: Annotated[_Integrator, Parameter(group=WRITTEN)] = DEFAULTS.integrator,
     actuator: Annotated[str | None, Parameter(group=WRITTEN, metavar="NAME")] = None,
+    smoothing: Annotated[float | None, Parameter(**_OF_COMMAND, metavar="rad/s")] = None,
+    command_limit: Annotated[float | None, Parameter(**_OF_COMMAND, metavar="unit")] = None,
     hand_mass: HandMass = None,
     added_mass: AddedMass = 0.0,
     arm: Arm = None,
 ) -> ExitCode:
-    """Export the identified joint (its twin) to MuJoCo, URDF, C and others.
+    """Export the identified joint (its twin) to MuJoCo, URDF, C and others, or what cancels it.
 
     Also prints what the format cannot represent, and how far the twin's motion is from our own
-    simulation at the given time step.
+    simulation at the given time step; of a compensation, how far its command may be off.
 
     Parameters
     ----------
@@ -202,29 +207,51 @@ def export(
         File to write.
     to
         Format: MuJoCo model (mjcf), lines to paste into your MJCF (snippet), URDF (urdf), actuator
-        settings for mjlab and Isaac Lab (actuator), a C99 header (c), or JSON for BAM (bam).
+        settings for mjlab and Isaac Lab (actuator), a C99 header (c), JSON for BAM (bam), the
+        command that cancels gravity and friction in C or Python (compensation), or gains of WPILib
+        as JSON (wpilib).
     timestep
         Time step of your simulator.
     integrator
         MuJoCo integrator: RK4 is more accurate, implicitfast is common in learning frameworks.
     actuator
         BAM's name of the servo, such as xl330. Default: from the servo's law.
+    smoothing
+        Speed below which compensated friction has the wanted direction. Default: the error of a
+        velocity by the logs' encoder.
+    command_limit
+        Largest command of a compensation. Default: of the drive, or what the joint needs.
     added_mass
         Added mass, at --arm.
     """
     from butterfly.api.inspected import robot_of  # noqa: PLC0415 - slow to import
+    from butterfly.api.sources import is_data  # noqa: PLC0415
+    from butterfly.files import locate  # noqa: PLC0415
+    from butterfly.model.parameters import NO_ADDED_MASS  # noqa: PLC0415
     from butterfly.twin.forms import write_twin  # noqa: PLC0415
 
-    if actuator and to != "bam":
-        raise InputError("export", "--actuator", actuator, "--to bam as well")
+    options = Options(
+        timestep=timestep,
+        integrator=integrator,
+        actuator=actuator,
+        smoothing=smoothing,
+        command_limit=command_limit,
+    )
+    for name, form in _OF_FORMS.items():
+        if getattr(options, name) and to != form:
+            option = f"--{name.replace('_', '-')}"
+            raise InputError("export", option, getattr(options, name), f"--to {form} as well")
     named = robot_of(source, hand_mass=hand_mass, added_mass=added_mass, arm=arm)
     if named.judged is not None:
         say_verdict(named.judged)
-    asked = Options(timestep=timestep, integrator=integrator, actuator=actuator)
-    made = write_twin(to, named.twin, asked, out)
-    say(f"Twin: {out}, {made.about}.")
-    for sentence in (*made.left_out, *((made.accuracy.sentence,) if made.accuracy else ())):
+    made = write_twin(to, named.twin, options, out)
+    added = named.twin.added if to != "bam" else NO_ADDED_MASS
+    say(f"{made.title}: {out}, {made.about}{f', with {added}' if added.mass else ''}.")
+    accuracy = (made.accuracy.sentence,) if made.accuracy else ()
+    for sentence in (*made.said, *made.left_out, *accuracy):
         say(sentence)
     if named.note and to in WITH_A_BODY:
         say(named.note)
+    if not asked.silent and is_data(locate(source)):
+        print(f"Next: butterfly compare {shlex.quote(str(source))}")
     return ExitCode.of(named.judged)

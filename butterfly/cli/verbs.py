@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -57,9 +58,14 @@ def _validate(ask: Ask, /, *more: _More, page: Report = NO_REPORT) -> ExitCode:
 
 def _inspect(ask: Ask, *, page: Report = NO_REPORT, facts: DataOptions = SILENT) -> ExitCode:
     found = ask(root=facts.root, **facts.description())
-    ended = show(found, **vars(page))
-    if isinstance(found, bf.Inspection):
-        found.require_usable()
+    if not isinstance(found, bf.Inspection):
+        return show(found, **vars(page))
+    told = any(each.half_width is not None for each in found.before_fit)
+    plain = told and not found.unusable and page.report is None  # options that `identify` has too
+    words = [*asked.words]
+    words[words.index("inspect")] = "identify"
+    ended = show(found, **vars(page), after=f"butterfly {shlex.join(words)}" if plain else "")
+    found.require_usable()
     return ended
 
 
@@ -97,11 +103,13 @@ def _predict(
     if out is not None and pairs:
         raise InputError("butterfly predict", "--out", out, "an identification to draw from")
     given = parse_pairs(result, "--with") if pairs else Path(result)
-    found = ask(result=given, bands=bands or (page.report is not None and not pairs))
+    banded = bands or (page.report is not None and not pairs)
+    chosen = ask.keywords["draws"], ask.keywords["seed"]
+    drawn = bf.draws(result, *chosen) if out is not None and not banded else None
+    found = ask(result=given, bands=banded)
     ended = show(found, **vars(page))
     if out is not None:
-        drawn = found.drawn or bf.draws(result, ask.keywords["draws"], ask.keywords["seed"])
-        drawn.write(out)
+        (drawn or found.drawn).write(out)
         say(f"Draws: {out}")
     return ended
 

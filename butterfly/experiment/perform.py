@@ -171,15 +171,17 @@ class RunResult:
             believed = small_swings.parameters
             of_mass = data.equilibria
             zero = of_mass.get(control.added_masses[0], float(np.mean(list(of_mass.values()))))
-        rng = np.random.default_rng(experiment.orbit_seed)
+        rng, rig = np.random.default_rng(experiment.orbit_seed), experiment.plant.rig
         return study_orbit(
-            partial(experiment.plant.rig.run, rng=rng),
+            partial(rig.run, rng=rng),
             believed,
             zero,
             control,
             control.recalibration,
+            also=control.also,
             amplitudes=control.cross_check,
             small_swings=small_swings,
+            plants=rig.rough_and_fine(experiment.orbit_seed),
             rng=rng,
             name=experiment.name,
             description=experiment.description,
@@ -193,8 +195,8 @@ class RunResult:
         except ButterflyError as error:
             self._estimates.append(EstimateRecord(estimator=spec.label, error=str(error)))
             return
+        self.identifications[spec.label] = replace(identified, truth=self._truth)
         found = identified.estimate
-        self.identifications[spec.label] = identified
         held_out = np.array(list(identified.held_out.values()))
         names, how = (*found.names, *found.known.fixed), self._experiment.validation
         record = EstimateRecord(

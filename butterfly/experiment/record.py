@@ -4,6 +4,7 @@ SweepRecord             the planned runs in order
 RunRecord               the result of a run
   EstimateRecord        of each estimator: its estimate, or its error
   OrbitRecord           of a held orbit
+    AlsoRecord          of another one of the same robot, and what both say of it
 """
 
 from __future__ import annotations
@@ -19,11 +20,12 @@ from typing import Annotated, Any, Self, cast
 
 from pydantic import ConfigDict, PlainSerializer, PlainValidator, TypeAdapter, computed_field
 
+from butterfly.comparison.change import change
 from butterfly.identification.findings import Ending
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.parameter import Parameter, or_none
-from butterfly.orbit.loop import OrbitStudy
+from butterfly.orbit.loop import Calibration, OrbitStudy
 from butterfly.progress import current_search
 from butterfly.verdict import Level
 
@@ -112,27 +114,72 @@ class CrossRecord:
 
 
 @dataclass(frozen=True, kw_only=True)
-class OrbitRecord:
-    """A held orbit, and re-calibration next to it."""
+class RoundsRecord:
+    """The rounds of a calibration next to an orbit."""
 
-    target_rad: float  # amplitude that was wanted
+    target_rad: float | None  # amplitude that was wanted; None of an orbit that turns over
     amplitudes_rad: tuple[float | None, ...]  # of the rounds; None where the hand turned over
     ending: str  # why the rounds ended, in words
     absolute: bool  # whether the parameters are, or ratios to p1
+    target_rad_s: float | None = None  # mean speed of an orbit that turns over
+    speeds_rad_s: tuple[float | None, ...] = ()  # of the rounds; None where it did not turn over
+
+    @property
+    def reached(self) -> tuple[float | None, ...]:
+        """Amplitudes of the rounds in rad, or mean speeds in rad/s."""
+        return self.amplitudes_rad or self.speeds_rad_s
+
+    @staticmethod
+    def fields_of(calibration: Calibration) -> dict[str, Any]:
+        """Return the fields that a calibration has."""
+        last = calibration.rounds[-1]
+        reached = tuple(or_none(each.reached) for each in calibration.rounds)
+        turns = bool(last.orbit.direction)
+        return {
+            "target_rad": None if turns else last.wanted,
+            "amplitudes_rad": () if turns else reached,
+            "ending": calibration.ending,
+            "absolute": not last.recalibration.estimate.ratios,
+            "target_rad_s": last.wanted if turns else None,
+            "speeds_rad_s": reached if turns else (),
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class AlsoRecord(RoundsRecord):
+    """Another orbit of the same robot, and the 95 % intervals of what it says less what the first.
+
+    Each is of one parameter alone, or of its ratio to p1.
+    """
+
+    differences: dict[str, tuple[float, float]]
+
+    @property
+    def differing(self) -> tuple[str, ...]:
+        """Parameters on which both do not agree."""
+        return tuple(name for name, (low, high) in self.differences.items() if low * high > 0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class OrbitRecord(RoundsRecord):
+    """A held orbit, and re-calibration next to it."""
+
     free_run_rms_rad: dict[str, float]  # errors of the models' free runs, by model
     cross_orbit: CrossRecord
     verdict: str | None = None  # on the parameters; None in records of older programs
+    also: AlsoRecord | None = None
 
     @classmethod
     def of(cls, study: OrbitStudy) -> OrbitRecord:
         """Return the record of a study."""
-        rounds = study.calibration.rounds
-        last = rounds[-1].recalibration
+        also = None
+        if study.also is not None:
+            found = change(study.estimate, study.also.rounds[-1].recalibration.estimate)
+            differences = {each.name: each.interval for each in found.parameters}
+            also = AlsoRecord(**cls.fields_of(study.also), differences=differences)
         return cls(
-            target_rad=rounds[-1].wanted,
-            amplitudes_rad=tuple(or_none(each.amplitude) for each in rounds),
-            ending=study.calibration.ending,
-            absolute=not last.estimate.ratios,
+            **cls.fields_of(study.calibration),
+            also=also,
             verdict=study.estimate.level.verdict,
             free_run_rms_rad=study.errors,
             cross_orbit=CrossRecord(

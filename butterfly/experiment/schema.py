@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import product
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field, field_validator, model_validator
@@ -117,18 +117,8 @@ class PlantSpec(StrictModel):
     @property
     def rig(self) -> Rig:
         """The robot with how it is run."""
-        return Rig(
-            robot=self.robot,
-            simulator=self.simulator,
-            clock=self.clock,
-            encoder=self.encoder,
-            path=self.path,
-            faults=self.faults,
-            servo=self.servo,
-            torque_off=self.torque_off,
-            supply=self.supply,
-            run_in=self.run_in,
-        )
+        names = {each.name for each in fields(Rig)} - {"fine"}
+        return Rig(**{name: getattr(self, name) for name in names})
 
     @model_validator(mode="after")
     def _possible(self) -> PlantSpec:
@@ -190,19 +180,34 @@ class StateSpec(StrictModel):
 
 
 class TargetSpec(OneOf):
-    """The orbit to hold: by its amplitude in rad, its energy in J, or a state on it."""
+    """The orbit to hold: by its amplitude in rad, its energy in J, or a state on it.
+
+    One that turns over by its mean speed in rad/s, too, whose sign says which way round; of an
+    energy the direction does.
+    """
 
     amplitude: float | None = None
     energy: float | None = None
+    speed: float | None = None
     state: StateSpec | None = None
+    direction: Literal[1, -1] = 1
+    """Of turning over at an energy: 1 is anti-clockwise."""
+
+    @model_validator(mode="after")
+    def _energy_has_a_direction(self) -> TargetSpec:
+        if self.energy is None and "direction" in self.model_fields_set:
+            raise ValueError("direction goes with energy; speed and state have their own")
+        return self
 
     def __call__(self, parameters: LumpedParameters) -> Orbit:
         """Return the orbit of a joint with these parameters."""
         if self.amplitude is not None:
             return Orbit.of_amplitude(parameters, self.amplitude)
         if self.energy is not None:
-            return Orbit.of_energy(parameters, self.energy)
-        assert self.state is not None  # noqa: S101 - one of the three is
+            return Orbit.of_energy(parameters, self.energy, self.direction)
+        if self.speed is not None:
+            return Orbit.of_speed(parameters, self.speed)
+        assert self.state is not None  # noqa: S101 - one of the four is
         return Orbit.of_state(parameters, self.state.angle, self.state.velocity)
 
 
@@ -244,6 +249,7 @@ class ControlSpec(OrbitSchedule):
     believed: LumpedParameters | None = None  # of the bare hand; identified if not given
     recalibration: RecalibrationOptions = RecalibrationOptions()
     cross_check: tuple[float, ...] = ()  # amplitudes in rad (see `study_orbit`)
+    also: TargetSpec | None = None  # another orbit, calibrated on its own; estimates are compared
 
 
 class ValidationSpec(StrictModel):

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Callable, Mapping
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -42,16 +43,28 @@ class Source:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.documents = _chain(path)
+        self.files: dict[str, Path] = {}
+        """Signal files by their names beside results."""
         content: dict[str, Any] = {}
         for document in reversed(self.documents):
-            content = _merged(content, _seen_from(path.parent, document))
+            own = _with_paths(document.content, partial(self._name, document.path))
+            content = _merged(content, own)
         content.pop("extends", None)
         self.content = content
-        """The merged mapping; signal files are relative to the file's folder."""
+        """The merged mapping, in which signal files have their names beside results."""
         self.tables: dict[str, Table] = {}
         """Signals read from files so far, by digest."""
-        self.signals: dict[TableFile, tuple[Path, str]] = {}
-        """Paths of these files, with the digests of their tables."""
+        self.digests: dict[TableFile, str] = {}
+        """Digests of the tables of these files."""
+
+    def _name(self, source: Path, path: str) -> str:
+        """Return the name beside results of a signal file in one of the experiment's files."""
+        file, folder = _inside(source, path), self.path.parent.resolve()
+        below = file.relative_to(folder) if file.is_relative_to(folder) else Path(file.name)
+        name = below.as_posix()
+        while self.files.setdefault(name, file) != file:  # of another folder
+            name = f"_{name}"
+        return name
 
     def experiment(self, content: dict[str, Any] | None = None) -> Experiment:
         """Validate the merged content, or a variation of it, including signal files."""
@@ -66,12 +79,11 @@ class Source:
         if not (isinstance(signal, dict) and set(signal) == {"file"}):
             return signal
         named = validate(self.documents, signal, SignalSpec).chosen
-        if named not in self.signals:
-            path = _allowed(self.path.parent, named.path, self.path)
+        if named not in self.digests:
+            path = self.files[named.path.as_posix()]
             digest, table = read_table(path, named.time, named.values)
-            self.tables[digest] = table
-            self.signals[named] = path, digest
-        return {"table": self.signals[named][1]}
+            self.tables[digest], self.digests[named] = table, digest
+        return {"table": self.digests[named]}
 
 
 def read_experiment(path: str | PathLike[str]) -> Experiment:
@@ -93,13 +105,11 @@ def keep_experiment(source: Source, folder: Path) -> list[str]:
     Read again, its runs have the same addresses. A sweep must be planned before, so its signals are
     known. InputError if a file would overwrite one that was read.
     """
-    signals = {str(named.path): path for named, (path, _) in source.signals.items()}
-    within = {name: _below(path, source.path.parent) for name, path in signals.items()}
-    text = yaml_text(_with_paths(source.content, lambda path: within.get(path, path)))
-    contents = {EXPERIMENT: (HEAD + text).encode()}
-    contents |= {within[name]: path.read_bytes() for name, path in signals.items()}
-    extended = [document.path for document in source.documents]
-    read = [path.resolve() for path in (*extended, *signals.values())]
+    contents = {EXPERIMENT: (HEAD + yaml_text(source.content)).encode()}
+    names = [named.path.as_posix() for named in source.digests]
+    contents |= {name: source.files[name].read_bytes() for name in names}
+    extended = (document.path.resolve() for document in source.documents)
+    read = {*extended, *(source.files[name] for name in names)}
     for name, content in contents.items():
         place = folder / name
         if place.resolve() in read and place.read_bytes() == content:
@@ -145,12 +155,13 @@ def signal_digest(signal: Any) -> str | None:  # noqa: ANN401 - whatever stands 
     return named if isinstance(named, str) and named.startswith(_STORED) else None
 
 
-def _inside(folder: Path, named: Path, source: Path) -> Path:
+def _inside(source: Path, named: str) -> Path:
     """Resolve a path in a file against its folder; InputError if it leads out of it."""
-    require_path(str(named), source, "path")
+    require_path(named, source, "path")
+    folder = source.parent.resolve()
     path = (folder / named).resolve()
-    if not path.is_relative_to(folder.resolve()):
-        raise InputError(source, "path", named, f"a path inside {folder.resolve()}")
+    if not path.is_relative_to(folder):
+        raise InputError(source, "path", named, f"a path inside {folder}")
     return path
 
 
@@ -171,27 +182,6 @@ def _chain(path: Path) -> list[Document]:
     return documents
 
 
-def _seen_from(folder: Path, document: Document) -> dict[str, Any]:
-    """Return the content of a file, with its paths of signals relative to ``folder``."""
-    own = document.path.parent
-    if own.resolve() == folder.resolve():
-        return document.content
-    content: dict[str, Any] = _with_paths(
-        document.content,
-        lambda path: _below(_inside(own, Path(path), document.path), folder, elsewhere=True),
-    )
-    return content
-
-
-def _below(path: Path, folder: Path, *, elsewhere: bool = False) -> str:
-    """Return a resolved path relative to a folder; in full if it is ``elsewhere``."""
-    if path.is_relative_to(folder.resolve()):
-        path = path.relative_to(folder.resolve())
-    elif not elsewhere:
-        path = Path(path.name)
-    return path.as_posix()
-
-
 def _with_paths(value: Any, named: Callable[[str], str], place: str = "") -> Any:  # noqa: ANN401 - any YAML
     """Return a content with other paths of signals, including those set by a sweep."""
     if isinstance(value, dict):
@@ -201,22 +191,13 @@ def _with_paths(value: Any, named: Callable[[str], str], place: str = "") -> Any
     return named(value) if isinstance(value, str) and _OF_SIGNALS.search(place) else value
 
 
-def _allowed(folder: Path, named: Path, source: Path) -> Path:
-    """Return the path of a signal file: below a folder, or shipped with an experiment."""
-    require_path(str(named), source, "path")
-    path = named.resolve()
-    if named.is_absolute() and path.is_relative_to(shipped("experiments").resolve()):
-        return path
-    return _inside(folder, named, source)
-
-
 def _base(path: Path, named: str) -> Path:
     require_path(named, path, "extends")
     beside = path.parent / named
     if beside.exists():
         if beside.resolve().is_relative_to(shipped("experiments").resolve()):
             return beside.resolve()
-        return _inside(path.parent, Path(named), path)
+        return _inside(path, named)
     if Path(named).is_absolute() or ".." in Path(named).parts:
         raise InputError(
             path, "extends", named, "a file in the same folder, or a shipped experiment"

@@ -82,17 +82,22 @@ class ResultStore:
         record = RunRecord.from_json(text)
         return record if record is not None and record.key == key else None
 
+    def complete(self, key: str) -> RunRecord | None:
+        """Return a run's record if its files are intact and a repetition would give the same."""
+        record = self.read(key)
+        if record is None or not record.stays or not _hold(self.files_path(key), record.files):
+            return None
+        return record
+
     def latest(self, key: str) -> RunRecord | None:
-        """Return a run's record if it was the last one here, complete and intact."""
+        """Return a run's complete record if it was the last one here, all that it wrote intact."""
         try:
             sweep = self.sweep()
         except InputError:
             return None
         if sweep.beside is None or [run.key for run in sweep.runs] != [key]:
             return None
-        record = self.read(key)
-        stays = record is not None and record.stays and self.holds(record)
-        return record if stays and _hold(self.folder, sweep.beside) else None
+        return self.complete(key) if _hold(self.folder, sweep.beside) else None
 
     def write(self, outcome: Outcome) -> None:
         """Write the files of a run, then its record, each as a whole."""
@@ -102,10 +107,6 @@ class ResultStore:
         files = {name: digest_of(content) for name, content in outcome.files.items()}
         record = replace(outcome.record, files=files).to_json()
         write_file(self.record_path(key), record, own=True)
-
-    def holds(self, record: RunRecord) -> bool:
-        """Whether the files of a run are intact beside its record."""
-        return _hold(self.files_path(record.key), record.files)
 
     def begin_sweep(self, sweep: SweepRecord) -> None:
         """Write the plan before its runs; earlier tables stay."""

@@ -156,8 +156,8 @@ def run_sweep(
     chosen = chosen_of(plan.tasks, only)
     unique = {task.key: task for task in chosen}
     looked = () if force else track(unique.values(), "Checking finished runs")
-    kept = {task.key: kept_status(store, task) for task in looked}
-    statuses = {key: status for key, status in kept.items() if status is not None}
+    kept = (store.complete(task.key) for task in looked)
+    statuses = {record.key: record.status for record in kept if record is not None}
     pending = [task for task in unique.values() if task.key not in statuses]
     sweep = sweep_record(plan)
     store.begin_sweep(sweep)
@@ -192,14 +192,6 @@ def sweep_record(plan: SweepPlan) -> SweepRecord:
         versions=versions(),
         runs=plan.tasks,
     )
-
-
-def kept_status(store: ResultStore, task: Task) -> str | None:
-    """Return the status of a complete result; None if the task must be performed."""
-    record = store.read(task.key)
-    if record is None or not record.stays or not store.holds(record):
-        return None
-    return record.status
 
 
 def chosen_of(tasks: Sequence[Task], only: str | None) -> Sequence[Task]:

@@ -76,9 +76,14 @@ _RUN: dict[str, _OfRun] = {
     "logs": (_COUNT, lambda record: record.logs if record else None),
     "verdict": (_TEXT, lambda record: record.verdict if record else None),
     "unconverged": (_COUNT, lambda record: record.unconverged if record else None),
-    "orbit_rounds": _of_orbit(lambda orbit: len(orbit.amplitudes_rad), _COUNT),
+    "orbit_rounds": _of_orbit(lambda orbit: len(orbit.reached), _COUNT),
     "orbit_target": _of_orbit(lambda orbit: orbit.target_rad),
-    "orbit_amplitude": _of_orbit(lambda orbit: orbit.amplitudes_rad[-1]),
+    "orbit_amplitude": _of_orbit(lambda orbit: next(iter(orbit.amplitudes_rad[-1:]), None)),
+    "orbit_target_speed": _of_orbit(lambda orbit: orbit.target_rad_s),
+    "orbit_speed": _of_orbit(lambda orbit: next(iter(orbit.speeds_rad_s[-1:]), None)),
+    "orbit_differing": _of_orbit(
+        lambda orbit: ", ".join(orbit.also.differing) if orbit.also else None, _TEXT
+    ),
     "orbit_error_generic": _of_orbit(lambda orbit: orbit.free_run_rms_rad.get("generic")),
     "orbit_error_recalibrated": _of_orbit(
         lambda orbit: orbit.free_run_rms_rad.get("re-calibrated")
@@ -159,18 +164,6 @@ def _cell(value: Any, kind: pa.DataType) -> Any:  # noqa: ANN401 - whatever a fi
     if isinstance(value, dict) and not any(isinstance(v, dict | list) for v in value.values()):
         return ", ".join(f"{key} {part}" for key, part in value.items())
     return json.dumps(value, default=str) if isinstance(value, dict | list) else str(value)
-
-
-class Recovery(NamedTuple):
-    """How one estimator recovers one parameter."""
-
-    estimator: str
-    parameter: str
-    runs: int
-    median: float  # deviation from the truth, as a share; NaN without any
-    rms: float
-    largest: float
-    coverage: float  # of 95 % intervals; NaN without any
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,17 +247,23 @@ class Estimates:
                 found[owner] = row
         return self.take(np.isin(np.arange(sizes.size), list(found.values())))
 
-    def recovery(self) -> Iterator[Recovery]:
-        """Yield the recovery of each parameter, by estimator."""
+    def recovery(self) -> Iterator[dict[str, Any]]:
+        """Yield how each estimator recovers each parameter: deviations as shares, NaN of none."""
         for estimator in self.estimators:
             for parameter in self.distinct("parameter"):
                 group = self.where(estimator=estimator, parameter=parameter)
-                known, spread = group.deviating["deviation"], (math.nan, math.nan, math.nan)
-                if known.size:
-                    rms = float(np.sqrt(np.mean(known**2)))
-                    spread = float(np.median(known)), rms, float(np.abs(known).max())
                 if runs := int(group["value"].size):
-                    yield Recovery(estimator, parameter, runs, *spread, group.coverage)
+                    known = group.deviating["deviation"]
+                    known = known if known.size else np.array([math.nan])
+                    yield {
+                        "estimator": estimator,
+                        "parameter": parameter,
+                        "runs": runs,
+                        "median_deviation": float(np.median(known)),
+                        "rms_deviation": float(np.sqrt(np.mean(known**2))),
+                        "largest_deviation": float(np.abs(known).max()),
+                        "coverage": group.coverage,
+                    }
 
 
 def column(table: pa.Table, name: str) -> NDArray[Any]:

@@ -25,8 +25,8 @@ class FindingKind(StrEnum):
     NO_INERTIA = "no-inertia"  # p1 with the least added inertia
     NEGATIVE = "negative"  # parameters that cannot be negative
     SEARCH_STOPPED = "search-stopped"  # seconds; the parameters name what was skipped
-    # a unit error that hardly moves the values, or that no motion can show; the factor
-    SUSPECTED = "suspected-slip"
+    SUSPECTED = "suspected-slip"  # a unit error that hardly moves the values; the factor
+    ASKED = "asked-slip"  # one that no motion can show; the mass in kg
     EARLY = "early"  # a delay below 0
     NEGATIVE_GAIN = "negative-gain"
     SOURCES_CONFLICT = "told-apart"  # standard uncertainties between two given values
@@ -65,10 +65,20 @@ class FindingKind(StrEnum):
     NO_MISFIT = "no-misfit"  # the same, where sensor noise explains it
     ABSOLUTE = "absolute"
     RATIOS = "ratios"
+    PLANT = "plant"  # share by which the simulator's own error moves the value that it hits most
     RESTS_ON = "rests-on"  # scales that no log can show, given without an uncertainty
 
 
 KINDS = frozenset(map(str, FindingKind))
+_DOUBTING = {
+    FindingKind.SEARCH_STOPPED,
+    FindingKind.ASKED,
+    FindingKind.SOURCES_CONFLICT,
+    FindingKind.CONTRADICTED,
+    FindingKind.KNOWN_CONFLICT,
+    FindingKind.PRIOR_CONFLICT,
+    FindingKind.APPROXIMATE,
+}
 _GRAVITY = {str(kind): number for number, kind in enumerate(FindingKind)}
 
 
@@ -93,6 +103,11 @@ class Finding:
     def forbids(self) -> bool:
         """Whether it makes the values unusable."""
         return self.impossible or self.kind in {FindingKind.POOR_FIT, FindingKind.UNIT_ERROR}
+
+    @property
+    def doubts(self) -> bool:
+        """Whether values that it concerns are no better than *use with care*."""
+        return self.kind in _DOUBTING
 
     @property
     def level(self) -> Level:

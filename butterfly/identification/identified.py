@@ -58,6 +58,9 @@ class Identified:
     drive_fits: dict[str, float] = field(default_factory=dict)
     """FIT in per cent of each of these by its recorded or rebuilt drive alone."""
 
+    zeros: dict[str, float] = field(default_factory=dict)
+    """The encoder's reading in rad at angle 0 of each log; none where no gravity acts."""
+
     logs: DataSet | None = None
     """The data set; None for a result that was loaded, whose logs are read again by `data`."""
 
@@ -72,6 +75,9 @@ class Identified:
 
     made_by: Estimator | None = None
     """The estimator; None for a result that was loaded."""
+
+    truth: LumpedParameters | None = None
+    """The true parameters of the bare hand, where the logs were simulated."""
 
     @property
     def parameters(self) -> LumpedParameters:

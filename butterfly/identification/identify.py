@@ -196,6 +196,11 @@ def simulated(
             run.log.name: float(np.mean(np.abs(run.simulated - run.log.measured))) for run in looped
         },
         drive_fits={run.log.name: run.fit for run in opened},
+        zeros={
+            log.name: data.simulations.setting(number, estimate).zero
+            for number, log in enumerate(data.logs)
+            if data.hangs
+        },
         logs=data,
         runs=runs,
         comparisons=tuple(others),

@@ -98,10 +98,9 @@ def physical_parameters(
     `Quantities.combined_with`). ``carrier``: any added mass of the joint, for its kind and gravity.
     """
     joint = carrier.joint
-    of_intervals = np.maximum(estimate.farther / SPREADS, estimate.standard_errors)
     by_errors, by_intervals = (
-        _combined(estimate, errors, known, input_kind, carrier)
-        for errors in (estimate.standard_errors, of_intervals)
+        _combined(estimate, covariance, known, input_kind, carrier)
+        for covariance in (estimate.covariance, estimate.interval_covariance)
     )
     names = {*by_errors.names} - {*estimate.unestimated}
     well = {row.name for row in estimate.table() if row.claim in {"precise", "known"}}
@@ -142,14 +141,14 @@ def _unit(name: str, input_kind: InputKind, joint: JointKind) -> str:
 
 
 def _combined(
-    estimate: Estimate, errors: Samples, known: Prior, input_kind: InputKind, carrier: AddedMass
+    estimate: Estimate, covariance: Samples, known: Prior, input_kind: InputKind, carrier: AddedMass
 ) -> Quantities:
     """Return lumped and known physical parameters, each updated by the information in the other."""
     joint = carrier.joint
     causes = with_gear(known.physical, joint)
     if carrier.gravity:
         causes["gravity"] = Known(value=carrier.gravity)
-    lumped = _estimated(estimate, errors)
+    lumped = _estimated(estimate, covariance)
     links = relations(known.physical, input_kind, joint)
     if not np.isfinite(lumped.covariance).all():
         links = []  # without a covariance no update is defined
@@ -166,8 +165,8 @@ def _combined(
     )
 
 
-def _estimated(estimate: Estimate, errors: Samples) -> Quantities:
-    """Return the lumped parameters with ``errors`` as standard errors; fixed ones are exact."""
+def _estimated(estimate: Estimate, found: Samples) -> Quantities:
+    """Return the lumped parameters with an (n, n) covariance; fixed ones are exact."""
     held = {
         name: value
         for name, value in (estimate.known.fixed | estimate.fixed).items()
@@ -179,9 +178,7 @@ def _estimated(estimate: Estimate, errors: Samples) -> Quantities:
         held |= {BEST_SPEED: float(speed)} if 0 < speed < math.inf else {}
     n, count = len(estimate.names), len(estimate.names) + len(held)
     covariance = np.zeros((count, count))
-    before = estimate.standard_errors
-    scale = np.divide(errors, before, out=np.ones(n), where=before > 0)
-    covariance[:n, :n] = estimate.covariance * np.outer(scale, scale)
+    covariance[:n, :n] = found
     return Quantities(
         names=(*estimate.names, *held),
         values=np.array([*estimate.values.tolist(), *held.values()]),

@@ -14,8 +14,9 @@ is the asymptotic one (Gelman et al., Bayesian Data Analysis, 3rd ed. 2013, sect
 The error of a new log is that of a log whose added mass was held out. Where none can be left out,
 errors in sample replace it, larger by sqrt(1 + 1/G): a further mass differs from the mean of G
 exchangeable ones by (1 + 1/G) times their variance. A whole log with another mass is the donor of
-errors relative to its motion, drawn in blocks of whole drive periods (the circular block bootstrap:
-Politis & Romano, in Exploring the Limits of Bootstrap, 1992).
+errors, drawn in blocks of whole drive periods (the circular block bootstrap: Politis & Romano, in
+Exploring the Limits of Bootstrap, 1992). Their size is that of the model's error, which follows the
+motion, and of the sensor's noise, which does not.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ from butterfly.identification.inference.blocks import length_of
 from butterfly.identification.inference.covariance import honest_limits, widened
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.levels import CONFIDENCE, DRAWS, SPREADS
+from butterfly.identification.sensor_errors import SensorErrors
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.terms import lower_bounds
@@ -75,6 +77,14 @@ class ParameterDraws:
             yield replace(estimate, values=values)
 
 
+def require_draws(count: int, seed: int) -> None:
+    """Raise InputError if fewer draws than `LEAST` are asked for, or the seed is negative."""
+    if count < LEAST:
+        raise InputError("draws", "count", count, f"at least {LEAST}")
+    if seed < 0:
+        raise InputError("draws", "seed", seed, "0 or more")
+
+
 def draw_parameters(
     estimate: Estimate, count: int = COUNT, *, masses: Iterable[AddedMass] = (), seed: int = 0
 ) -> ParameterDraws:
@@ -84,10 +94,7 @@ def draw_parameters(
     negative friction. InputError if fewer than `LEAST` are asked for, or the seed is negative;
     IdentifiabilityError without a covariance, or if hardly any draw is possible.
     """
-    if count < LEAST:
-        raise InputError("draws", "count", count, f"at least {LEAST}")
-    if seed < 0:
-        raise InputError("draws", "seed", seed, "0 or more")
+    require_draws(count, seed)
     covariance = honest_covariance(estimate)
     lower, rng = lower_bounds(estimate.names) - estimate.values, np.random.default_rng(seed)
     different, root = tuple(set(masses)), covariance_root(covariance)
@@ -201,6 +208,14 @@ class ExpectedErrors:
     log: Log
     relative: Samples  # (n,) measured less simulated angle, over the rms of the log's motion
     held_out: bool  # whether the estimate was made without its added mass
+    noise: float = 0.0  # of the sensor in rad, by standard deviation
+
+    def scale(self, motion: float) -> float:
+        """Return what the relative errors of a log are multiplied by, whose rms motion is given."""
+        own, size = self.log.rms_measured, float(np.sqrt(np.mean(np.square(self.relative))))
+        steady = min(self.noise / own, size)
+        model = math.sqrt(size**2 - steady**2) * motion
+        return math.hypot(model, steady * own) / size if size else 0.0
 
     def drawn(self, time: Samples, rng: np.random.Generator) -> Samples:
         """(m,) relative errors of samples at (m,) instants in s, in blocks from anywhere."""
@@ -225,7 +240,9 @@ def expected_errors(data: DataSet, estimate: Estimate) -> list[ExpectedErrors]:
         fitted = estimate if others is None else replace(estimate, values=others)
         run = data.simulations.run(number, fitted)
         relative = (log.measured - run.simulated) / motion * (further if others is None else 1.0)
-        found.append(ExpectedErrors(log=log, relative=relative, held_out=others is not None))
+        noise = SensorErrors.of(log.measured, run.simulated).spread
+        left_out = others is not None
+        found.append(ExpectedErrors(log=log, relative=relative, held_out=left_out, noise=noise))
     return found
 
 
@@ -288,8 +305,9 @@ def _drawn_errors(
     """(count, k) errors in rad, each row of one donor, every donor as often as any other."""
     others, time = donors(errors, run.log.added_mass), run.log.time[samples]
     rounds = [rng.permutation(len(others)) for _ in range(-(-count // len(others)))]
-    drawn = np.array([others[k].drawn(time, rng) for k in np.concatenate(rounds)[:count]])
-    return float(np.std(run.simulated)) * drawn
+    scales = [each.scale(float(np.std(run.simulated))) for each in others]
+    chosen = np.concatenate(rounds)[:count].tolist()
+    return np.array([scales[k] * others[k].drawn(time, rng) for k in chosen])
 
 
 def _band(angles: Samples) -> Band:

@@ -112,7 +112,8 @@ class UnitError(StrEnum):
         *("grams", "mass"),
         "Is an added mass of {number:.4g} kg right? The motion cannot tell kilograms from grams. "
         "If it is in grams, all values except the delay are a thousand times too large. "
-        + _advice("mass", "g"),
+        + _advice("mass", "g")
+        + " If it is right, --known mass_scale=1+-0.001 says so.",
     )
     LATE = (
         *("late", "delay"),
@@ -253,7 +254,8 @@ def clock_error(points: Sequence[ResponsePoint]) -> float:
 def unit_errors_of_masses(masses: Sequence[AddedMass]) -> list[Finding]:
     """Return the question whether the heaviest mass is in grams, which motion cannot decide."""
     heaviest = max(mass.mass for mass in masses)
-    return [unit_error(UnitError.GRAMS, heaviest, moves=False)] if heaviest > _HEAVIEST else []
+    asked = Finding(FindingKind.ASKED, (UnitError.GRAMS,), number=heaviest)
+    return [asked] if heaviest > _HEAVIEST else []
 
 
 def _ratios(sines: Sequence[Log], signal: str) -> tuple[Samples, Samples]:

@@ -95,6 +95,12 @@ _HINTS = {
 }
 
 
+class NoColumnError(InputError):
+    """A column is not among those of a log."""
+
+    names: Sequence[str] = ()  # of the columns that it has
+
+
 def checked_map(
     source: object, columns: ColumnMap, about: Mapping[str, Any]
 ) -> dict[str, str | int]:
@@ -143,7 +149,9 @@ def place(source: object, names: Sequence[str], wanted: str | int) -> int:
         raise InputError(source, "columns", f"number {number}", expected)
     hint = "; ".join([_HINT, *_HINTS.get(str(wanted), ())])
     expected = f"{nearest(str(wanted), names)} ({hint})"
-    raise InputError(source, str(wanted), "no such column", expected)
+    error = NoColumnError(source, str(wanted), "no such column", expected)
+    error.names = names
+    raise error
 
 
 def chosen_columns(

@@ -522,6 +522,11 @@ class Log:
         return float(np.std(self._velocities))
 
     @property
+    def top_speed(self) -> float:
+        """Largest speed in rad/s."""
+        return float(np.abs(self._velocities).max())
+
+    @property
     def lag_per_play(self) -> float:
         """Delay in s per rad of lag (play): the delay that resembles that lag most."""
         speeds = abs(self._velocities - self._velocities.mean())

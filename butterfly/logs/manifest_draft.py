@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from butterfly.errors import InputError
-from butterfly.logs.formats import ENDINGS, FORMATS, OFTEN_OTHERS, holds_table
+from butterfly.logs.formats import ENDINGS, FORMATS, OFTEN_OTHERS, NoColumnError, holds_table
 from butterfly.logs.json import logs_in
 from butterfly.logs.log import InputKind, Log
 from butterfly.logs.manifest import MANIFEST_NAME, LogEntry, Manifest, described, manifest_text
@@ -20,12 +20,12 @@ from butterfly.model.prior import known_of
 
 _THESIS_NAME = re.compile(r"Data_(\d+(?:_\d+)?)__(\d+(?:_\d+)?)__0(\d+)")
 _GRAMS = re.compile(r"(\d+(?:\.\d+)?)g")  # a part of another name
-_WIDEST = 20  # columns that are looked at for usual words
 _QUESTIONS = {
     "input": "what does the input command: voltage, torque, current, duty, or the setpoint of a "
     "servo (which needs its loop)? The files do not say.",
-    "intersample": "is the input held between samples (zero_order_hold) or interpolated linearly "
-    "(first_order_hold)? The files do not say.",
+    "intersample": "zero_order_hold if the command is held until the next row, first_order_hold if "
+    "it was sampled from a continuous signal; a wrong choice shifts only the delay by half a "
+    "sample. The files do not say.",
     "columns": "which columns hold time, input and angle, by name or number? No column has these "
     "names; the first three are assumed, in this order.",
     "logs": "which mass was added in each log (added_mass in kg, arm in m), and which sine drove "
@@ -115,9 +115,14 @@ def with_columns(manifest: Manifest) -> Manifest:
 
     They are those that usual words or units in their names say, else time, input and angle.
     """
-    if manifest.columns is not None or _read(manifest):
+    if manifest.columns is not None:
         return manifest
-    named = [name for k in range(_WIDEST) if (name := _name_of(manifest, k))]
+    try:
+        read_entry(manifest, manifest.logs[0])
+    except InputError as error:
+        named = error.names if isinstance(error, NoColumnError) else ()
+    else:
+        return manifest
     meant = {field: [each for each in named if field_of(each) == field] for field in _FIELDS}
     if all(len(names) == 1 for names in meant.values()):
         return manifest.model_copy(update={"columns": {f: names[0] for f, names in meant.items()}})
@@ -128,13 +133,6 @@ def with_columns(manifest: Manifest) -> Manifest:
     if log.reading.columns["time"].name in _INDEX and "no header" not in log.reading.layout:
         columns = {field: k + 1 for field, k in columns.items()}
     return manifest.model_copy(update={"columns": columns})
-
-
-def _name_of(manifest: Manifest, column: int) -> str:
-    """Return the name of a column of the first log, by its number; "" if it has none."""
-    alone: dict[str, Any] = {"columns": {"input": column, "angle": column}, "interval": 1.0}
-    log = _read(manifest.model_copy(update=alone | {"units": {"input": 1.0, "angle": 1.0}}))
-    return "" if log is None else str(log.reading.columns["angle"].name)
 
 
 def _read(manifest: Manifest) -> Log | None:
@@ -155,10 +153,17 @@ def open_questions(manifest: Manifest, given: Collection[str], *, named: bool) -
 
 
 def draft_text(manifest: Manifest, questions: Mapping[str, str]) -> str:
-    """Return a manifest as YAML, each question as a comment above its key."""
+    """Return a manifest as YAML, each question as a comment above its key.
+
+    Below that of the logs, which do not tell all, stands what to fill in, with units.
+    """
+    names = {"added_mass": "kg", "arm": "m", "omega": "rad/s", "amplitude": manifest.input.unit}
+    units = {name: manifest.units.get(name.removeprefix("added_"), names[name]) for name in names}
+    places = ", ".join(f"{name}: ({unit})" for name, unit in units.items())
     lines = manifest_text(manifest).splitlines(keepends=True)
     return "".join(
         f"# To settle: {questions[key]}\n{line}"
+        + f"  # - {{file: ..., {places}}}\n" * (key == "logs")
         if key in questions
         else f"# {_REPAIRED}\n" * (key == "repair") + line
         for line in lines

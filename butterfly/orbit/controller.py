@@ -1,4 +1,4 @@
-"""Energy shaping: pump or brake until the hand swings with the energy of an orbit (103), (109)."""
+"""Energy shaping: pump or brake until the hand moves with the energy of an orbit (103), (109)."""
 
 from __future__ import annotations
 
@@ -9,18 +9,19 @@ from typing import Protocol
 import numpy as np
 
 from butterfly.errors import InputError, require_number
-from butterfly.model.energy import Orbit, energy
+from butterfly.model.energy import Orbit, potential
 from butterfly.model.parameters import LumpedParameters
-from butterfly.model.terms import CONSERVATIVE, DISSIPATIVE, Term, made_up, torque_of
+from butterfly.model.terms import CONSERVATIVE, DISSIPATIVE, TERMS, Term, made_up, torque_of
 from butterfly.plant.motor import ControlLaw, Reading
 from butterfly.plant.sensors import FilteredDifference
 
 Target = Callable[[LumpedParameters], Orbit]
 
 _FRICTION = tuple(row for row in DISSIPATIVE if row.name != "p2")
-_STARTED = 0.01  # share of the target's energy above which the hand needs no kick
+_STARTED = 0.01  # share of the wanted kinetic energy above which the hand needs no kick
 _LEAST_GAIN = 0.1  # share of its gain that a drive is believed to keep at any command
 _SINES = 12  # of a dither
+_ANGLES = 361  # of a turn, where its potential is looked at
 _STANDSTILL = 1e-3  # rad/s, below which Coulomb friction has no sign and is not compensated
 _STATIC = (*CONSERVATIVE, *DISSIPATIVE)
 
@@ -87,7 +88,11 @@ class EnergyShaping:
     v = (p2 thd + T_c sgn thd)/p4 - gamma thd (E - E*) sgn p4, and whatever other friction the
     model has is compensated like T_c. The orbit is that of the hand with what it carries, as
     believed; gamma is in units of the input per rad/s and J. A ``kick`` along the velocity starts a
-    hand that hangs still, which (109) would leave alone.
+    hand that stands still, which (109) would leave alone.
+
+    A hand that is to turn over makes up for its bias, too, and goes over the top in the direction
+    of the orbit: while it moves the other way, E* is as many times below the top's energy as it is
+    above it otherwise.
     """
 
     def __init__(
@@ -111,26 +116,29 @@ class EnergyShaping:
             raise InputError("EnergyShaping", "gamma", gamma, "a positive number")
         p = orbit.parameters
         self._p = p
-        self._target = orbit.energy
-        self._rest = energy(p, 0.0, 0.0)
+        self._target, self._direction = orbit.energy, orbit.direction
+        self._backwards = _short_of_top(orbit)
         self._gain = math.copysign(gamma, p.p4)
         # Looking for the terms that a hand has takes longer than what is left of the law.
-        self._stored = _present(p, CONSERVATIVE)
-        self._braked = _present(p, _FRICTION)
+        self._stored = _present(orbit.conserving, CONSERVATIVE)
+        lost = (*_FRICTION, TERMS["bias"]) if orbit.direction else _FRICTION
+        self._braked = _present(p, lost)
 
     def __call__(self, reading: Reading) -> float:
         """Return the command for one reading."""
         p = self._p
         speed = self._velocity.update(reading.time, reading.angle, self._command)
         angle = reading.angle - self._zero
-        excess = energy(p, angle, speed, self._stored) - self._target
+        target = self._target if speed * self._direction >= 0 else self._backwards
+        kinetic, wanted = 0.5 * p.p1 * speed**2, target - potential(p, angle, self._stored)
+        excess = kinetic - wanted
         command = p.p2 / p.p4 * speed - self._gain * speed * excess
         if self._braked and abs(speed) > _STANDSTILL:
             motion = p.motion(angle, speed, motor=p.p4 * command - p.back_emf * speed)
             command += made_up(p, motion, self._braked) / p.p4
         command /= max(1 - p.compression * abs(command), _LEAST_GAIN)
         command += math.copysign(p.dead_zone, command)
-        if excess < (1 - _STARTED) * (self._rest - self._target):
+        if kinetic < _STARTED * wanted:
             command += math.copysign(self._kick, speed)
         self._command = float(command)
         return self._command
@@ -157,6 +165,13 @@ class Dithered:
         self._square = fade * self._square + (1 - fade) * command**2
         sines = float(np.sin(self._omega * reading.time + self._phase).sum())
         return command + self._share * math.sqrt(2 * self._square / _SINES) * sines
+
+
+def _short_of_top(orbit: Orbit) -> float:
+    """Return the energy in J to hold while the hand moves against the direction of an orbit."""
+    levels = potential(orbit.conserving, np.linspace(orbit.lower, orbit.upper, _ANGLES))
+    lowest = float(levels.min())
+    return lowest + (float(levels.max()) - lowest) ** 2 / (orbit.energy - lowest)
 
 
 def _present(parameters: LumpedParameters, rows: Iterable[Term]) -> tuple[Term, ...]:

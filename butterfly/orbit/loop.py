@@ -1,4 +1,4 @@
-"""Control, log, re-calibrate, control again, until the hand swings as it should; try the model."""
+"""Control, log, re-calibrate, control again, until the hand moves as it should; try the model."""
 
 from __future__ import annotations
 
@@ -19,7 +19,12 @@ from butterfly.logs.log import Log
 from butterfly.model.energy import Orbit
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.orbit.controller import Dithered, EnergyShaping, Target, VelocityEstimator, gain_for
-from butterfly.orbit.recalibration import Recalibration, RecalibrationOptions, recalibrate
+from butterfly.orbit.recalibration import (
+    LoopEquations,
+    Recalibration,
+    RecalibrationOptions,
+    recalibrate,
+)
 from butterfly.plant.motor import ControlLaw
 from butterfly.plant.sensors import FilteredDifference
 from butterfly.progress import Track, untracked
@@ -27,7 +32,7 @@ from butterfly.progress import Track, untracked
 PERIODS = 5
 """Length of the free runs that are compared, in periods of the orbit."""
 
-_SETTLED = 0.5  # share of a run after which its amplitude is measured
+_SETTLED = 0.5  # share of a run after which its amplitude or mean speed is measured
 _TOP = 0.25  # share of a half swing, either side of its middle, to which a turning point is fitted
 _FEWEST = 10  # samples of a half swing
 _BESIDE = 1.08  # amplitude over the orbit's, at which a held-out run starts
@@ -54,7 +59,7 @@ class OrbitSchedule:
     )
     multiplier: float = 0.5  # share of a perturbation that is left after one period; sets gamma
     duration: float = 20.0  # of each run in s
-    starts: tuple[float, ...]  # rad, a run from each; the first one's amplitude is measured
+    starts: tuple[float, ...]  # rad, a run from each; what the first one comes to is measured
     orbits: tuple[float, ...] = ()  # amplitudes in rad of further orbits, held in a run each
     dither: float = 0.0  # share of the control's rms added to all runs but the first, at random
     # each run is made with each of them, the first is the one that the controller is for; with two
@@ -62,7 +67,8 @@ class OrbitSchedule:
     added_masses: tuple[AddedMass, ...] = (NO_ADDED_MASS,)
     kick: float = 0.0  # see `EnergyShaping`
     rounds: int = 4  # at most
-    amplitude_tolerance: float = 3.5e-3  # rad off, below which the loop ends; it does, too,
+    amplitude_tolerance: float = 3.5e-3  # rad off, below which the loop ends; of a hand that turns
+    speed_tolerance: float = 0.02  # over rad/s of its mean speed; it ends, too,
     parameter_tolerance: float = 1e-3  # when no parameter changes by more than this share
 
     def __post_init__(self) -> None:
@@ -71,6 +77,7 @@ class OrbitSchedule:
             dither=self.dither,
             kick=self.kick,
             amplitude_tolerance=self.amplitude_tolerance,
+            speed_tolerance=self.speed_tolerance,
             parameter_tolerance=self.parameter_tolerance,
         )
         require_number(
@@ -104,18 +111,20 @@ class Round:
     gamma: float  # and gain
     logs: tuple[Log, ...]  # what it recorded, the nominal run first
     starts: int  # how many of them, from the first on, hold the target's orbit
-    amplitude: float  # in rad, that the nominal run came to; NaN if it turned over
+    reached: (
+        float  # size (see `Orbit.size`) that the nominal run came to; NaN if it moved otherwise
+    )
     recalibration: Recalibration  # from the logs
 
     @property
     def wanted(self) -> float:
-        """Amplitude of the target, in rad."""
-        return 0.5 * (self.orbit.upper - self.orbit.lower)
+        """Size of the target (see `Orbit.size`)."""
+        return self.orbit.size
 
     @property
-    def amplitude_error(self) -> float:
-        """Amplitude less that of the target, in rad."""
-        return self.amplitude - self.wanted
+    def error(self) -> float:
+        """What was reached less what was wanted."""
+        return self.reached - self.wanted
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -139,13 +148,16 @@ def calibrate(
     schedule: OrbitSchedule,
     options: RecalibrationOptions = RecalibrationOptions(),
     *,
+    plants: tuple[RunLaw, RunLaw] | None = None,
     rng: np.random.Generator,
     track: Track = untracked,
 ) -> Calibration:
     """Hold the orbit, re-calibrate next to it, and hold it better.
 
     ``believed`` are parameters of the bare hand to begin with, from small swings say, ``zero`` is
-    the encoder reading in rad of the hanging hand; the dither is drawn from ``rng``.
+    the encoder reading in rad of the hanging hand; the dither is drawn from ``rng``. Of a simulated
+    rig the intervals include the simulator's own error: what changes from the first of its
+    ``plants`` to the second, which is solved more finely, if both draw the same random numbers.
     """
     require_number("believed parameters", positive=True, p1=believed.p1, p4=believed.p4)
     loaded = {mass: believed.with_added_mass(mass) for mass in schedule.added_masses}
@@ -156,13 +168,22 @@ def calibrate(
         rounds.append(last)
         before, found = last.believed, last.recalibration
         loaded = {mass: found.loaded(mass, before.p1) for mass in schedule.added_masses}
-        if abs(last.amplitude_error) <= schedule.amplitude_tolerance:
-            ending = "the amplitude error is within its bound"
+        turns = last.orbit.direction != 0
+        if abs(last.error) <= (schedule.speed_tolerance if turns else schedule.amplitude_tolerance):
+            ending = f"the {'speed' if turns else 'amplitude'} error is within its bound"
             break
         change = _largest_change(before, loaded[schedule.added_masses[0]])
         if change <= schedule.parameter_tolerance:
             ending = "the parameters have converged"
             break
+    if plants is not None:
+        found = rounds[-1].recalibration
+        names, tried = found.estimate.names, []
+        for plant in plants:
+            logs = _runs(plant, loaded, zero, schedule, np.random.default_rng(0))
+            tried.append(LoopEquations(logs, zero, options).fit(names)[0].values)
+        found = replace(found, estimate=found.estimate.resting_on(tried[1] - tried[0]))
+        rounds[-1] = replace(rounds[-1], recalibration=found)
     return Calibration(rounds=tuple(rounds), ending=ending)
 
 
@@ -175,7 +196,30 @@ def _round(
     *,
     rng: np.random.Generator,
 ) -> Round:
-    """Run the controller from every start, on every orbit, with every added mass; re-calibrate."""
+    """Run the controller with what is believed; re-calibrate."""
+    logs = _runs(rig, loaded, zero, schedule, rng)
+    believed = loaded[schedule.added_masses[0]]
+    nominal, first = schedule.target(believed), logs[0]
+    measured = mean_speed if nominal.direction else swing
+    return Round(
+        believed=believed,
+        orbit=nominal,
+        gamma=gain_for(nominal, schedule.multiplier),
+        logs=tuple(logs),
+        starts=len(schedule.starts),
+        reached=measured(first, zero, _settled(first)),
+        recalibration=recalibrate(logs, zero, options),
+    )
+
+
+def _runs(
+    rig: RunLaw,
+    loaded: dict[AddedMass, LumpedParameters],
+    zero: float,
+    schedule: OrbitSchedule,
+    rng: np.random.Generator,
+) -> list[Log]:
+    """Run the controller from every start, on every orbit, with every added mass."""
     logs: list[Log] = []
     for added, model in loaded.items():
         runs = [(start, schedule.target(model)) for start in schedule.starts]
@@ -185,18 +229,7 @@ def _round(
             if schedule.dither > 0 and logs:
                 law = Dithered(law, schedule.dither, 2 * math.pi / orbit.period, rng)
             logs.append(rig(law, start, schedule.duration, added))
-    believed = loaded[schedule.added_masses[0]]
-    nominal, first = schedule.target(believed), logs[0]
-    since = first.time[0] + _SETTLED * (first.time[-1] - first.time[0])
-    return Round(
-        believed=believed,
-        orbit=nominal,
-        gamma=gain_for(nominal, schedule.multiplier),
-        logs=tuple(logs),
-        starts=len(schedule.starts),
-        amplitude=swing(first, zero, since),
-        recalibration=recalibrate(logs, zero, options),
-    )
+    return logs
 
 
 def _largest_change(before: LumpedParameters, after: LumpedParameters) -> float:
@@ -216,6 +249,25 @@ def swing(log: Log, zero: float, since: float) -> float:
         return math.nan
     upper, lower = (_turning_points(time, sign * angle) for sign in (1, -1))
     return float(np.mean(upper) + np.mean(lower)) / 2 if upper and lower else 0.0
+
+
+def mean_speed(log: Log, zero: float, since: float) -> float:
+    """Return the mean speed in rad/s of whole turns, from ``since`` s on; NaN if it made none."""
+    rows = log.time >= since
+    time, turns = log.time[rows], (log.angle[rows] - zero) / (2 * math.pi)
+    whole = np.floor(turns)
+    ends = np.flatnonzero(np.diff(whole))[[0, -1]] if np.ptp(whole) > 1 else np.array([0, 0])
+    level = np.maximum(whole[ends], whole[ends + 1])  # where it hangs
+    if level[0] == level[1]:
+        return math.nan
+    share = (level - turns[ends]) / (turns[ends + 1] - turns[ends])
+    passed = time[ends] + share * (time[ends + 1] - time[ends])
+    return float(2 * math.pi * (level[1] - level[0]) / (passed[1] - passed[0]))
+
+
+def _settled(log: Log) -> float:
+    """Return the time in s from which on a run is on its orbit."""
+    return float(log.time[0] + _SETTLED * (log.time[-1] - log.time[0]))
 
 
 def _turning_points(time: Samples, angle: Samples) -> list[float]:
@@ -246,6 +298,7 @@ class OrbitStudy:
     estimate: Estimate  # of the last round, with what its free run of that log says
     small_swings: Estimate | None  # that it began with; None if parameters were given
     errors: dict[str, float]  # rms in rad over `PERIODS`, by model: "generic", "re-calibrated"
+    also: Calibration | None  # another one, on its own
     amplitudes: tuple[float, ...]  # (n,) in rad, of the orbits of the next
     cross: Samples  # (n, n) rms in rad of the row's model at the column's orbit
 
@@ -257,28 +310,36 @@ def study_orbit(
     schedule: OrbitSchedule,
     options: RecalibrationOptions,
     *,
+    also: Target | None = None,
     amplitudes: tuple[float, ...] = (),
     small_swings: Estimate | None = None,
+    plants: tuple[RunLaw, RunLaw] | None = None,
     rng: np.random.Generator,
     name: str = "orbit",
     description: str = "",
     track: Track = untracked,
 ) -> OrbitStudy:
-    """Calibrate, compare free runs, and use models of orbits of ``amplitudes`` crosswise."""
-    calibration = calibrate(rig, believed, zero, schedule, options, rng=rng, track=track)
+    """Calibrate, compare free runs, and use models of orbits of ``amplitudes`` crosswise.
+
+    Another calibration of the same robot, next to the orbit ``also``, shares nothing with the first
+    but what was believed.
+    """
+    calibration = calibrate(
+        rig, believed, zero, schedule, options, plants=plants, rng=rng, track=track
+    )
     carried = schedule.added_masses[0]
     final = calibration.parameters
 
-    def run(amplitude: float, start: float, dither: float) -> Log:
-        orbit = Orbit.of_amplitude(final, amplitude)
+    def run(orbit: Orbit, start: float, dither: float) -> Log:
         law = Dithered(schedule.law(orbit, zero), dither, 2 * np.pi / orbit.period, rng)
         return rig(law, start, schedule.duration, carried)
 
     last, generic = calibration.rounds[-1], calibration.rounds[0].believed
-    nominal = last.orbit.upper
-    held_out = run(nominal, _BESIDE * nominal, _DITHER)
+    nominal = last.orbit.of_same_size(final)
+    beside = schedule.starts[0] if nominal.direction else _BESIDE * nominal.upper
+    held_out = run(nominal, beside, _DITHER)
     runs = {
-        name: beside_orbit(held_out, model, zero)
+        name: beside_orbit(held_out, model, zero, nominal)
         for name, model in (("generic", generic), ("re-calibrated", final))
     }
     run_of_found = runs["re-calibrated"]
@@ -288,9 +349,14 @@ def study_orbit(
     ]
     fresh, models_at = [], []
     for amplitude in track(amplitudes, "Cross-checking orbits"):
-        fresh.append(run(amplitude, _BESIDE * amplitude, _DITHER))
-        logs = [run(amplitude, share * amplitude, _DITHER) for share in _AROUND]
+        orbit = Orbit.of_amplitude(final, amplitude)
+        fresh.append(run(orbit, _BESIDE * amplitude, _DITHER))
+        logs = [run(orbit, share * amplitude, _DITHER) for share in _AROUND]
         models_at.append(recalibrate(logs, zero, options).loaded(carried, final.p1))
+    other = None
+    if also is not None:
+        plan = replace(schedule, target=also)
+        other = calibrate(rig, believed, zero, plan, options, plants=plants, rng=rng, track=track)
     return OrbitStudy(
         name=name,
         description=description,
@@ -300,6 +366,7 @@ def study_orbit(
         estimate=last.recalibration.estimate.with_findings(*followed),
         small_swings=small_swings,
         errors={name: run.rms for name, run in runs.items()},
+        also=other,
         amplitudes=amplitudes,
         cross=np.array(
             [[beside_orbit(log, model, zero).rms for log in fresh] for model in models_at]
@@ -307,8 +374,19 @@ def study_orbit(
     )
 
 
-def beside_orbit(log: Log, loaded: LumpedParameters, zero: float) -> FreeRun:
-    """Return a free run of `PERIODS` from where a log is at rest, its first sample."""
+def beside_orbit(
+    log: Log, loaded: LumpedParameters, zero: float, orbit: Orbit | None = None
+) -> FreeRun:
+    """Return a free run of `PERIODS` from where a log is at rest, its first sample.
+
+    Of an ``orbit`` that turns over from where the log is settled on it: how fast a hand goes over
+    the top that it hardly reaches cannot be foretold.
+    """
+    if orbit is not None and orbit.direction:
+        ends = _settled(log) + np.array([0, PERIODS]) * orbit.period
+        first, last = np.searchsorted(log.time, ends)
+        cut = replace(log.piece(int(first), int(last)), added_mass=NO_ADDED_MASS)
+        return FreeRun.of(cut, Setting(parameters=loaded, zero=zero))
     start = max(abs(float(log.angle[0]) - zero), _HANGING)
     period = Orbit.of_amplitude(replace(loaded, p3_offset=0.0, bias=0.0), start).period
     cut = replace(log.take(log.time - log.time[0] <= PERIODS * period), added_mass=NO_ADDED_MASS)

@@ -10,7 +10,7 @@ import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, require_number
-from butterfly.model.energy import Orbit, energy, pull, stiffness
+from butterfly.model.energy import Orbit, pull, stiffness
 from butterfly.model.linear import DelayStates
 from butterfly.model.terms import DISSIPATIVE, made_up
 
@@ -46,7 +46,8 @@ def loop_margins(orbit: Orbit, gamma: float, *, lag: float = 0.0) -> Margins:
     - a nontrivial Floquet multiplier leaves the unit circle, or
     - friction, made up for late, takes more energy from every smaller swing than the feedback
       gives, so that the hand comes to rest: a balance of powers over a period, in which the
-      swing is the orbit of that energy, slowed by what of the command is in phase with the angle.
+      swing is the orbit of that energy, slowed by what of the command is in phase with the angle;
+      from every slower turn over the top, so that the hand falls back.
 
     Within the margins the loop holds an orbit, but with friction and a delay not quite the wanted
     one, and a wrong p4 moves it too. The delay of the orbit's parameters is in the loop, and the
@@ -56,11 +57,11 @@ def loop_margins(orbit: Orbit, gamma: float, *, lag: float = 0.0) -> Margins:
     require_number("loop_margins", positive=True, gamma=gamma)
     p = orbit.parameters
     now = max(p.delay, 0.0) + p.time_constant + lag
-    transverse, swings = _Transverse.of(orbit), _Swings.below(orbit)
+    transverse, smaller = _Transverse.of(orbit), _Smaller.below(orbit)
 
     def holds(factor: float, more: float) -> bool:
         strength, delay = factor * gamma, now + more
-        return swings.carry(strength, delay) and transverse.multiplier(strength, delay) < 1
+        return smaller.carry(strength, delay) and transverse.multiplier(strength, delay) < 1
 
     multiplier = transverse.multiplier(gamma, now)
     if not holds(1.0, 0.0):
@@ -87,30 +88,33 @@ class _Transverse:
     """The loop's linearisation along its orbit, at the Gauss nodes of the period's steps."""
 
     step: float  # s
+    flow: tuple[float, float]  # velocity and acceleration where the period begins
     fall: Samples  # (2 steps,) curvature of the potential over p1, in 1/s^2
     feedback: Samples  # (2 steps, 2) acceleration per angle and velocity, gamma 1
 
     @classmethod
     def of(cls, orbit: Orbit) -> _Transverse:
-        p, step = orbit.parameters, orbit.period / _STEPS
+        p, step = orbit.conserving, orbit.period / _STEPS
+        begin, speed = orbit.start
         angle, velocity = orbit.solution(((np.arange(_STEPS)[:, None] + _NODES) * step).ravel())
         pulls, slopes = (np.array([f(p, x) for x in angle.tolist()]) for f in (pull, stiffness))
         change = np.stack([-pulls, p.p1 * velocity], axis=1)
         feedback = -abs(p.p4) / p.p1 * velocity[:, None] * change
-        return cls(step=step, fall=slopes / p.p1, feedback=feedback)
+        flow = (speed, pull(p, begin) / p.p1)
+        return cls(step=step, flow=flow, fall=slopes / p.p1, feedback=feedback)
 
     def multiplier(self, gamma: float, delay: float) -> float:
         """Return the size of the largest nontrivial Floquet multiplier of the late loop.
 
         p1 thdd = pull - |p4| gamma [thd (E - E*)](t - delay): (104) with (109), friction made up
         for on time. The late loop has the very same orbit, on which the bracket vanishes, and its
-        variational equation feeds back thd times the change of E, integrated over a period from the
-        upper turning point on.
+        variational equation feeds back thd times the change of E, integrated over a period from
+        `Orbit.start` on.
 
         The delay is Padé's, the steps are those of the Magnus series of fourth order (Iserles &
-        Nørsett, Phil. Trans. R. Soc. A 357, 1999). At a turning point the shift along the orbit is
-        a change of velocity alone and the delay's states do not take part: without the velocity's
-        row and column the monodromy matrix keeps the other multipliers.
+        Nørsett, Phil. Trans. R. Soc. A 357, 1999). The shift along the orbit, in which the delay's
+        states do not take part, keeps its size: across it the monodromy matrix has the other
+        multipliers.
         """
         feedback, size = gamma * self.feedback, 2 + _ORDER * (delay > 0)
         rates = np.zeros((self.fall.size, size, size))
@@ -129,15 +133,16 @@ class _Transverse:
         monodromy = np.eye(size)
         for part in _exponential(mean + twist):
             monodromy = part @ monodromy
-        others = np.delete(np.delete(monodromy, 1, axis=0), 1, axis=1)
-        return float(np.abs(np.linalg.eigvals(others)).max())
+        across = np.linalg.svd([[*self.flow, *np.zeros(size - 2)]])[2][1:]
+        return float(np.abs(np.linalg.eigvals(across @ monodromy @ across.T)).max())
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Swings:
-    """Orbits of less energy, and what the loop does to them in a period."""
+class _Smaller:
+    """Orbits of the same kind and less energy, and what the loop does to them in a period."""
 
     inertia: float  # kg m^2
+    slows: bool  # whether a command in phase with the angle slows them, as it does no turn
     p4: float  # N m per unit of input
     periods: Samples  # (n,) s
     missing: Samples  # (n,) J that they are short of
@@ -145,18 +150,17 @@ class _Swings:
     friction: Samples  # (n, samples) N m
 
     @classmethod
-    def below(cls, orbit: Orbit) -> _Swings:
-        p = orbit.parameters
-        middle = np.linspace(orbit.lower, orbit.upper, _SAMPLES)
-        depth = orbit.energy - float(energy(p, middle, 0.0).min())
-        shares = np.sin(0.5 * np.pi * (np.arange(_LEVELS) + 0.5) / _LEVELS) ** 2
-        missing = _DEEPEST * depth * shares
-        swings = [Orbit.of_energy(p, orbit.energy - each) for each in missing.tolist()]
-        motions = [each.solution(np.arange(_SAMPLES) / _SAMPLES * each.period) for each in swings]
+    def below(cls, orbit: Orbit) -> _Smaller:
+        p, shares = orbit.parameters, np.sin(np.pi * (np.arange(_LEVELS) + 0.5) / _LEVELS / 2) ** 2
+        missing = _DEEPEST * (orbit.energy - orbit.least) * shares
+        energies = (orbit.energy - missing).tolist()
+        orbits = [Orbit.of_energy(p, each, orbit.direction or 1) for each in energies]
+        motions = [each.solution(np.arange(_SAMPLES) / _SAMPLES * each.period) for each in orbits]
         return cls(
             inertia=p.p1,
+            slows=not orbit.direction,
             p4=abs(p.p4),
-            periods=np.array([swing.period for swing in swings]),
+            periods=np.array([each.period for each in orbits]),
             missing=missing,
             velocity=np.array([velocity for _, velocity in motions]),
             friction=np.array(
@@ -174,6 +178,7 @@ class _Swings:
         """Say whether any gains energy, at w^2 + w strength/p1 sin(w delay) = (2 pi/T)^2."""
         command = self.friction + self.p4 * gamma * self.missing[:, None] * self.velocity
         strength = np.mean(command * self.velocity, axis=1) / np.mean(self.velocity**2, axis=1)
+        strength *= self.slows
         free = 2 * np.pi / self.periods
         low, high = np.zeros_like(free), free
         for _ in range(_HALVINGS):

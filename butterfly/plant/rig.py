@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -27,7 +29,7 @@ from butterfly.plant.motor import (
     recorded,
 )
 from butterfly.plant.robot import Robot
-from butterfly.plant.sensors import Clock, Encoder, Faults
+from butterfly.plant.sensors import FINEST, Clock, Encoder, Faults
 from butterfly.signals.excitations import Excitation, Table, initial_angle
 
 _RUN_IN_STEP, _RUN_IN_PHASE = 5e-3, 0.25  # s and rad of the sine, at most
@@ -148,12 +150,14 @@ class Rig:
     """Supply in V over time, if not that of the loop."""
     run_in: float = 0.0
     """Time in s for which each sine drives the joint before its log begins; not that of a servo."""
+    fine: bool = False
+    """Whether MuJoCo solves it more finely (see `MujocoJoint`), at over twice the cost."""
 
     @property
     def runs_in_mujoco(self) -> bool:
         """Whether MuJoCo simulates whole runs: without a servo, and without `Assistance`."""
         mujoco = self.simulator is Simulator.MUJOCO
-        return mujoco and self.servo is None and not self.robot.assistance
+        return mujoco and self.servo is None and not self.robot.assistance and not self.fine
 
     def start(self, added: AddedMass, excitation: Excitation) -> tuple[float, float]:
         """Return the angle in rad and the velocity in rad/s at which a run begins.
@@ -176,7 +180,8 @@ class Rig:
     ) -> MujocoJoint | GreyBoxJoint:
         """Return the joint in a state in rad and rad/s; in MuJoCo with a scene for a viewer."""
         if self.simulator is Simulator.MUJOCO:
-            return MujocoJoint(self.robot, added, angle=angle, velocity=velocity, scene=scene)
+            about = {"angle": angle, "velocity": velocity}
+            return MujocoJoint(self.robot, added, scene=scene, fine=self.fine, **about)
         return GreyBoxJoint(self.robot, added, angle=angle, velocity=velocity)
 
     def loop(self, joint: Joint, rng: np.random.Generator) -> ControlLoop:
@@ -191,6 +196,20 @@ class Rig:
             joint, path=path, encoder=self.encoder, clock=self.clock, rng=rng, servo=servo
         )
         return ControlLoop(motor, clock=self.clock, rng=rng)
+
+    def rough_and_fine(
+        self, seed: int | np.random.SeedSequence
+    ) -> tuple[Callable[..., Log], Callable[..., Log]] | None:
+        """Return `run` with exact readings, and that of a finer rig; None for the exact grey box.
+
+        What differs is MuJoCo's error.
+        """
+        if self.simulator is not Simulator.MUJOCO:
+            return None
+        rough = replace(self, encoder=Encoder(steps=FINEST), faults=Faults())
+        fine = replace(rough, fine=True)
+        rngs = np.random.default_rng(seed), np.random.default_rng(seed)
+        return partial(rough.run, rng=rngs[0]), partial(fine.run, rng=rngs[1])
 
     def run(
         self,

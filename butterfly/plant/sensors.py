@@ -16,7 +16,7 @@ from butterfly.logs.log import Log
 VELOCITY_LAG = 0.006
 """Lag in s of the velocity that the Butterfly robot's own controller records."""
 
-_FINEST = 1 << 60  # steps per turn, finer than any angle in double precision
+FINEST = 1 << 60  # steps per turn, finer than any angle in double precision
 _BYTES_PER_CYCLE = 64  # timestamps, input, angle and velocity of a log, and copies
 _SHORTEST = 0.1  # least interval, relative to the nominal one
 _MULTIPLIER, _MODULUS = 16807, 2147483647  # Park & Miller's minimal standard generator
@@ -86,9 +86,9 @@ class Encoder:
     """Simulink's noise, added too, or None."""
 
     def __post_init__(self) -> None:
-        if not 1 <= self.steps <= _FINEST:
-            found = self.steps if self.steps < _FINEST else "more"
-            raise InputError("Encoder", "steps", found, f"1 to {_FINEST} steps per turn")
+        if not 1 <= self.steps <= FINEST:
+            found = self.steps if self.steps < FINEST else "more"
+            raise InputError("Encoder", "steps", found, f"1 to {FINEST} steps per turn")
         require_number("Encoder", unit="rad", noise=self.noise)
 
     def read(self, time: Samples, angle: Samples, rng: np.random.Generator) -> Samples:

@@ -24,7 +24,7 @@ GREY = "#888888"
 SYMBOLS = ("circle", "square", "diamond", "triangle-up", "triangle-down", "star", "pentagon")
 """As many as colours, in the same order."""
 
-_ROW, _HIGHEST = 18, 900  # pixels of a log, and of all at most
+_ROW, _HIGHEST = 18, 900  # pixels of a row, and of all at most
 
 
 def look(number: int) -> tuple[str, str]:
@@ -89,13 +89,13 @@ def log_ticks(*digits: int) -> dict[str, Any]:
     return {"type": "log", "tickvals": values, "ticktext": [f"{each:.9g}" for each in values]}
 
 
-def logs_panel(names: Sequence[str], across: str) -> Figure:
-    """Return a figure with a row for each log, the first on top; their y is 0, 1, and so on.
+def rows_panel(names: Sequence[str], across: str, line: int = _ROW) -> Figure:
+    """Return a figure with a row for each name, the first on top; their y is 0, 1, and so on.
 
-    A name may have several lines.
+    A name may have several lines, each of ``line`` pixels.
     """
-    count, high = len(names), _ROW * max((name.count("\n") + 1 for name in names), default=1)
-    figure = panel(across, "", min(high * count, _HIGHEST) + 100)
+    count, high = len(names), line * max((name.count("\n") + 1 for name in names), default=1)
+    figure = panel(across, "", min(high * count, _HIGHEST) + 110)
     rows = list(range(0, count, -(-high * count // _HIGHEST)))  # those whose names have room
     texts = [escape(names[row]).replace("\n", "<br>") for row in rows]
     return figure.update_yaxes(tickvals=rows, ticktext=texts, range=[count - 0.4, -0.6])

@@ -61,14 +61,23 @@ def minor_notes(estimate: Estimate) -> list[str]:
 
 
 def _texts_of(estimate: Estimate, level: Level) -> list[str]:
-    said = {FindingKind.SCATTER, *_IN_VERDICT}
+    said, led = {FindingKind.SCATTER, *_IN_VERDICT}, _doubts(estimate)
     found = [
         each
         for each in estimate.findings
-        if each.level is level and each.kind not in said and not _outdone(each, estimate)
+        if each.level is level
+        and each.kind not in said
+        and not _outdone(each, estimate)
+        and each not in led
     ]
     found.sort(key=lambda each: each.gravity)
     return [finding_text(each, values_of(estimate)) for each in found]
+
+
+def _doubts(estimate: Estimate) -> list[Finding]:
+    """Return the findings that begin a verdict of *use with care*."""
+    doubts = (each for each in estimate.findings if each.doubts)
+    return sorted(doubts, key=lambda e: e.gravity) if estimate.level is Level.CARE else []
 
 
 def _outdone(finding: Finding, estimate: Estimate) -> bool:
@@ -102,6 +111,9 @@ def estimate_verdict(estimate: Estimate) -> Verdict:
         if estimate.unsettled:
             why.append("The fit did not converge.")
         values = " ".join(why)
+    else:
+        doubts = [finding_text(each, values_of(estimate)) for each in _doubts(estimate)]
+        values = " ".join([*doubts, values])
     return Verdict(level, tuple(filter(None, (values, model_sentence(estimate)))))
 
 
@@ -163,7 +175,7 @@ def model_sentence(estimate: Estimate) -> str:
     if missing is not None:
         share_of_error = _percent(_number(missing))
         text += f"; missing term: {missing.parameters[0]} ({share_of_error} of the residual)"
-    elif beyond and not grave_notes(estimate):
+    elif beyond and not (_doubts(estimate) or grave_notes(estimate)):
         text += "; none of the optional terms explains it"
     return f"{text}."
 
@@ -277,6 +289,7 @@ _RESTS_ON = {
 _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     FindingKind.UNIT_ERROR: lambda finding, _: unit_error_text(finding),
     FindingKind.SUSPECTED: lambda finding, _: unit_error_text(finding),
+    FindingKind.ASKED: lambda finding, _: unit_error_text(finding),
     FindingKind.POOR_FIT: _poor_fit,
     FindingKind.NO_INERTIA: (
         "No joint has these values: {names} gives an inertia of {number:.2g} kg m². Check units, "
@@ -397,6 +410,10 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "The logs cannot show errors of "
         f"{_both([_RESTS_ON[name] for name in finding.parameters])}. A spring "
         "at small swings appears as p3."
+    ),
+    FindingKind.PLANT: (
+        "All values rest on the simulator, too: solved more finely it moves {names} by "
+        "{percent:.1g} %, the others by less of their intervals. These include it."
     ),
     FindingKind.ABSOLUTE: "Absolute values, scaled by the known masses.",
     FindingKind.RATIOS: (

@@ -93,6 +93,8 @@ def field_unit(path: str) -> str:
         return "share of true"
     if path.startswith(("fit_", "held_out_", "holdout_")):
         return "%"
+    if path.startswith("orbit_") and path not in {"orbit_rounds", "orbit_differing"}:
+        return "rad/s" if path.endswith("speed") else "rad"
     _, dot, name = path.rpartition(".")
     return _UNITS.get(name, "") if dot else ""
 

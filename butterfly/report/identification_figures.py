@@ -16,18 +16,17 @@ from butterfly.errors import InputError, nearest
 from butterfly.identification.data import DataSet
 from butterfly.identification.identified import Identified
 from butterfly.model.linear import quasi_linear_response
-from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.model.parameters import AddedMass
 from butterfly.report.figures import (
     GREY,
     PALETTE,
     add,
     grams,
     log_ticks,
-    logs_panel,
     mass_looks,
     middle,
-    panel,
     panels,
+    rows_panel,
 )
 from butterfly.report.forest import forest
 from butterfly.report.log_figures import first_stretch, time_figure
@@ -55,17 +54,18 @@ class IdentificationPlots:
 
     identification: Identified
 
-    def parameters(self, truth: LumpedParameters | None = None) -> Figure:
+    def parameters(self) -> Figure:
         """Draw the half-widths of the intervals, in per cent on a logarithmic axis: a forest plot.
 
         Thick: 95 %, in another colour where the value may be 0; thin: the farthest estimate that
         leaves one added mass out; a diamond: the truth, where it is known.
         """
-        rows = self.identification.estimate.table(truth)
+        rows = self.identification.estimate.table(self.identification.truth)
         bars, places = forest(rows), list(range(len(rows)))
         halves = [bar.half_width for bar in bars]
         zeros = [bar.half_width if bar.may_be_zero else None for bar in bars]
-        figure = panel("distance from the value, in % of it", "", _ROW * len(rows) + 110)
+        names = [row.name for row in rows]
+        figure = rows_panel(names, "distance from the value, in % of it", _ROW)
         for name, (colour, width, below), sizes in (
             ("95 % half-width", (PALETTE[0], 12, 0.0), halves),
             ("may be 0", (PALETTE[1], 12, 0.0), zeros),
@@ -88,9 +88,7 @@ class IdentificationPlots:
                 name="truth",
                 marker={"color": PALETTE[2], "symbol": "diamond", "size": 9},
             )
-        names = [row.name for row in rows]
-        figure.update_xaxes(log_ticks(1))
-        return figure.update_yaxes(tickvals=places, ticktext=names, range=[len(rows) - 0.4, -0.6])
+        return figure.update_xaxes(log_ticks(1))
 
     def correlations(self) -> Figure | None:
         """Draw the correlation of the parameters' errors; None without a covariance."""
@@ -123,7 +121,7 @@ class IdentificationPlots:
         data, fits = self.identification.data, self.identification.fit_of_logs
         order = np.argsort(fits)
         labels = [data.logs[number].label for number in order]
-        figure = logs_panel(labels, "FIT in %")
+        figure = rows_panel(labels, "FIT in %")
         for mass, (colour, symbol) in mass_looks(data.masses).items():
             rows = [k for k, number in enumerate(order) if data.logs[number].added_mass == mass]
             numbers = order[rows]

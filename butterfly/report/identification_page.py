@@ -11,9 +11,8 @@ import numpy as np
 
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identified import Identified
-from butterfly.identification.parameter import Parameter
 from butterfly.model.linear import resonance_frequency
-from butterfly.model.parameters import JointKind, LumpedParameters
+from butterfly.model.parameters import JointKind
 from butterfly.report.figures import middle
 from butterfly.report.finding_texts import estimate_verdict
 from butterfly.report.forest import Bar, forest, forest_caption
@@ -72,7 +71,6 @@ def identification_page(
     notes: Sequence[str],
     facts: Sequence[Fact],
     numbers: dict[str, Any],
-    truth: LumpedParameters | None = None,
 ) -> Page:
     """Put together the report of an identification, beside the truth where it is known."""
     data, residuals = identification.data, identification.residuals
@@ -122,7 +120,7 @@ def identification_page(
         *tabulated("Held out", _held_out_table(identification)),
     ]
     return replace(
-        first_screen(identification, facts, truth),
+        first_screen(identification, facts),
         summary=notes,
         sections=sections,
         numbers=numbers,
@@ -130,7 +128,7 @@ def identification_page(
         logs=[f"{run.log.label} – FIT {fit_text(run.fit)} %" for run in runs],
         chosen=chosen,
         pictures={
-            "parameters": partial(plots.parameters, truth),
+            "parameters": plots.parameters,
             "time": plots.time,
             "left-over": partial(correlation_figure, residuals.logs[chosen]),
             "spectrum": partial(spectrum_figure, runs[chosen], residuals.logs[chosen]),
@@ -138,18 +136,16 @@ def identification_page(
     )
 
 
-def first_screen(
-    identification: Identified, facts: Sequence[Fact], truth: LumpedParameters | None = None
-) -> Page:
+def first_screen(identification: Identified, facts: Sequence[Fact]) -> Page:
     """Put together what is seen first: verdict, tiles and parameters."""
-    origin, parameters = identification.origin, identification.estimate.table(truth)
+    origin = identification.origin
     return Page(
         name=origin["name"],
         description=origin.get("description", ""),
         kind="identification",
         verdict=estimate_verdict(identification.estimate),
         facts=facts,
-        lead=_lead(parameters, identification.estimate.joint, with_truth=truth is not None),
+        lead=_lead(identification),
         summary=(),
         sections=(),
         numbers={},
@@ -162,11 +158,13 @@ def _place(identification: Identified) -> str:
     return "" if root is None else str(root)
 
 
-def _lead(parameters: Sequence[Parameter], joint: JointKind, *, with_truth: bool) -> Section:
+def _lead(identification: Identified) -> Section:
     """Return the forest plot: each parameter a row, its interval drawn and in numbers."""
+    joint, truth = identification.estimate.joint, identification.truth
+    parameters = identification.estimate.table(truth)
     texts, bars = map(parameter_texts, parameters), forest(parameters)
     headers = {"width": "±", "interval": "95 % interval", "error": "standard error"}
-    headers |= {"true": "true", "deviation": "deviation"} if with_truth else {}
+    headers |= {"true": "true", "deviation": "deviation"} if truth else {}
     rows: list[tuple[str | Marked | Bar, ...]] = []
     for each, row, bar in zip(parameters, texts, bars, strict=True):
         name = Marked(each.name, meaning=row["meaning"])
@@ -235,7 +233,7 @@ def _logs_table(identification: Identified) -> PageTable:
 def _physical(identification: Identified) -> list[Section]:
     found = identification.separated()
     caption = "Derived from the parameters, and from what is known of motor and joint."
-    text, table = "\n".join(physical_sentences(found)), physical_table(found)
+    text, table = "\n".join(physical_sentences(found)), physical_table(found, identification.zeros)
     page = replace(table._replace(caption=caption).on_page(), name="physical")
     tables = (page,) if table.rows else ()
     return [Section(title=table.title, text=text, tables=tables)] if text or tables else []

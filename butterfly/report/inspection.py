@@ -89,7 +89,7 @@ class Inspection(Answer):
         return cls(
             title=f"Logs of {part.name!r}",
             summary=(
-                *([] if single else [conditions_text([each.condition for each in seen])]),
+                conditions_text([each.condition for each in seen]),
                 *forecast_sentences(forecasts),
                 *hints(seen),
                 *more,
@@ -167,14 +167,21 @@ class Inspection(Answer):
         ]
 
     def tables(self) -> list[TextTable]:
-        """Return the logs, of a single one all that is known of it, and the forecasts."""
+        """Return logs with findings, all of a single one, the forecasts, and the other logs."""
         rows, told = self.shown_rows(), forecast_rows(self.before_fit)
-        lines = [tuple(row.values()) for row in rows]
-        tables = [TextTable(self.source, tuple(rows[0]), lines)] if rows else []
+        lines, ok = [tuple(row.values()) for row in rows], STATES[Level.GOOD]
+        found, others = (
+            [line for line in lines if (line[1] == ok) is fine] for fine in (False, True)
+        )
+        tables = [
+            TextTable(self.source, (*rows[0],), found),
+            TextTable(_FORECAST, FORECAST_HEADERS, told),
+            TextTable("Without findings", (*rows[0],), others, detail=True),
+        ]
         if self._single:
             state = ("state", rows[0]["state"]), ("findings", rows[0]["findings"] or "none")
-            tables = [TextTable(self.source, (), [*state, *self._single])]
-        return [*tables, *([TextTable(_FORECAST, FORECAST_HEADERS, told)] if told else [])]
+            tables = [TextTable(self.source, (), [*state, *self._single]), tables[1]]
+        return [each for each in tables if each.rows]
 
     def figures(self) -> dict[str, Figure]:
         """Return the recording of the first, and worst, log that can be read."""
@@ -186,10 +193,12 @@ class Inspection(Answer):
     def page(self) -> Page:
         """Return the page of `report`: of a single log all that is known of it."""
         page, told = super().page(), forecast_rows(self.before_fit)
-        if self._single:
-            page = self._of_single(page)
         table = PageTable(headers=FORECAST_HEADERS, rows=told, words=(1, 2, 4))
-        return replace(page, sections=[*tabulated(_FORECAST, table), *page.sections])
+        forecast = tabulated(_FORECAST, table)
+        if not self._single:
+            return replace(page, sections=[*forecast, *page.sections])
+        lead, *sections = [*forecast, *self._of_single(page).parts]
+        return replace(self._of_single(page), lead=lead, sections=sections)
 
     def _of_single(self, page: Page) -> Page:
         """Return the page with the condition of a single log on top, and its numbers."""

@@ -20,15 +20,7 @@ from butterfly.identification.levels import CONFIDENCE
 from butterfly.identification.predict import OF_NEW_LOG, OF_PARAMETERS, Prediction
 from butterfly.identification.sensor_errors import Curve
 from butterfly.logs.log import Log
-from butterfly.report.figures import (
-    GREY,
-    PALETTE,
-    add,
-    look,
-    panel,
-    panels,
-    seen_samples,
-)
+from butterfly.report.figures import GREY, PALETTE, add, look, panel, panels, seen_samples
 from butterfly.report.page import Page, Section, Series
 from butterfly.signals.spectrum import periodogram, resample
 

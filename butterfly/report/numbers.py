@@ -1,33 +1,31 @@
-"""What results, and runs and sweeps on disk, say for programs."""
+"""What results and tables of sweeps say for programs."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from butterfly.experiment.record import EstimateRecord, RunRecord
+from butterfly.files import replacing
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.residuals import LogResiduals, Residuals
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.findings import Finding
-from butterfly.identification.inference.estimate import Estimate
+from butterfly.identification.inference.estimate import Estimate, Truth
 from butterfly.identification.parameter import lumped_numbers, unit_of
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import PARAMETERS
-from butterfly.report.finding_texts import estimate_verdict, finding_text, values_of
+from butterfly.outputs import mark_of
+from butterfly.report.finding_texts import finding_text, values_of
+from butterfly.report.format import field_unit
 from butterfly.result import document
-from butterfly.verdict import Level, Verdict
 
 if TYPE_CHECKING:
     import pyarrow as pa
-
-NEAR_ORBIT = "near the orbit"
-"""Name of an orbit's estimate among those of a run."""
 
 RESIDUAL_CAPTION = (
     "Error: rms of measured minus simulated motion, in % of the rms motion, averaged over steps of "
@@ -65,11 +63,11 @@ def finding_numbers(findings: Iterable[Finding], estimate: Estimate) -> list[dic
     return [{"kind": "", "text": finding_text(each, values)} | asdict(each) for each in findings]
 
 
-def estimate_numbers(estimate: Estimate, truth: LumpedParameters | None = None) -> dict[str, Any]:
+def estimate_numbers(estimate: Estimate, truth: Truth | None = None) -> dict[str, Any]:
     """Return an estimate under the keys that all results have which rest on one."""
     content = estimate.to_dict(truth)
     content["findings"] = finding_numbers(estimate.findings, estimate)
-    if truth is not None:
+    if isinstance(truth, LumpedParameters):
         content["truth"] = lumped_numbers(truth, estimate.input_kind, estimate.joint)
     return content
 
@@ -105,40 +103,16 @@ def _plain(value: object) -> Any:  # noqa: ANN401 - any option
     return value if isinstance(value, bool | int | float | None) else str(value)
 
 
-def record_document(record: RunRecord) -> dict[str, Any]:
-    """Return the record of one run."""
-    content = json.loads(record.to_json())
-    for unsaid in ("schema", "digest", "versions"):
-        del content[unsaid]
-    verdict = run_verdict(record)
-    return document(
-        "run-record",
-        f"Run {record.key}",
-        content | {"made_with": record.versions, "estimates": [*map(_estimate, record.estimates)]},
-        verdict=verdict,
-        summary=() if verdict is None else verdict.lines,
-        units={"seconds": "s", "estimates.fit": "%", "estimates.held_out": "%"},
-    )
-
-
-def runs_document(records: Sequence[RunRecord]) -> dict[str, Any]:
-    """Return the records of runs that are compared."""
-    runs = [record_document(each) for each in records]
-    return document(
-        "runs",
-        " beside ".join(each["title"] for each in runs),
-        {"runs": runs},
-        summary=[f"{each['title']}: {each['summary'][0]}" for each in runs if each["summary"]],
-    )
-
-
 def rows_document(name: str, table: pa.Table, kind: InputKind) -> dict[str, Any]:
     """Return the rows of a table of results, with the units of what they estimate."""
     rows = table.to_pylist()
     for row in rows:
         if "parameter" in row:
             row["unit"] = unit_of(row["parameter"], kind)
-    units = {f"rows.{each}": _unit_of_column(each) for each in table.column_names}
+    units = {
+        f"rows.{each}": "the row's unit" if each in _IN_THEIR_UNIT else field_unit(each)
+        for each in table.column_names
+    }
     return document(
         "table",
         f"Rows of {name}",
@@ -147,32 +121,24 @@ def rows_document(name: str, table: pa.Table, kind: InputKind) -> dict[str, Any]
     )
 
 
-def _unit_of_column(name: str) -> str:
-    if name.startswith(("fit_", "held_out_", "holdout_")):
-        return "%"
-    if name.startswith("orbit_") and name != "orbit_rounds":
-        return "rad"
-    return "the row's unit" if name in _IN_THEIR_UNIT else ""
+def write_columns(path: Path, kind: str, columns: Mapping[str, Any]) -> None:
+    """Write (n,) columns by name as CSV, or as Parquet by the ending of the path.
 
+    In CSV an apostrophe stands before each text that a spreadsheet would take for a formula.
+    """
+    import pyarrow as pa  # noqa: PLC0415 - slow to import
+    import pyarrow.compute as pc  # noqa: PLC0415
+    from pyarrow import csv, parquet  # noqa: PLC0415
 
-def run_verdict(record: RunRecord) -> Verdict | None:
-    """Return the worst verdict on the estimates of a run; None if there is none."""
-    found = {e.estimator: estimate_verdict(e.estimate) for e in record.estimates if e.estimate}
-    if record.orbit is not None and record.orbit.verdict is not None:
-        level = Level.of_verdict(record.orbit.verdict)
-        found[NEAR_ORBIT] = Verdict(level, ("see the orbit's findings.",))
-    if len(found) == 1:
-        return next(iter(found.values()))
-    return Verdict.of_several(found) if found else None
-
-
-def _estimate(record: EstimateRecord) -> dict[str, Any]:
-    found = record.estimate
-    fits = {name: getattr(record, name) for name in ("fit", "held_out", "holdout")}
-    content: dict[str, Any] = {"estimator": record.estimator, "error": record.error}
-    if found is None:
-        content |= {"verdict": None, "reasons": [], "ending": str(record.ending)}
-    else:
-        content |= estimate_verdict(found).numbers() | found.to_dict(record.truth)
-        content["findings"] = finding_numbers(found.findings, found)
-    return content | {name: fit and fit.numbers() for name, fit in fits.items()}
+    table = pa.table(columns).replace_schema_metadata({f"butterfly.{kind}": ""})
+    with replacing(path, mark_of(path, kind)) as draft:
+        if path.suffix.lower() == ".parquet":
+            parquet.write_table(table, draft)
+            return
+        for k, field in enumerate(table.schema):
+            if pa.types.is_string(field.type):
+                texts = table.column(k)
+                taken = pc.match_substring_regex(texts, r"^[=+\-@\t\r]")
+                quoted = pc.binary_join_element_wise("'", texts, "")
+                table = table.set_column(k, field, pc.if_else(taken, quoted, texts))
+        csv.write_csv(table, draft)

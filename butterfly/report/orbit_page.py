@@ -14,10 +14,11 @@ from butterfly.experiment.record import OrbitRecord
 from butterfly.identification.parameter import Parameter, lumped_numbers
 from butterfly.model.energy import Orbit, energy
 from butterfly.model.parameters import LumpedParameters
-from butterfly.orbit.loop import PERIODS, OrbitStudy, Round
+from butterfly.orbit.loop import PERIODS, Calibration, OrbitStudy, Round
 from butterfly.report.figures import PALETTE, panel
 from butterfly.report.finding_texts import estimate_notes, estimate_verdict
 from butterfly.report.forest import forest, forest_caption
+from butterfly.report.format import interval
 from butterfly.report.numbers import estimate_numbers
 from butterfly.report.page import Fact, Page, PageTable, Section
 from butterfly.report.parameter_table import parameter_texts
@@ -34,7 +35,7 @@ def orbit_page(study: OrbitStudy, truth: LumpedParameters | None = None) -> Page
     errors = [(name, degrees_said(error)) for name, error in study.errors.items()]
     sections = [
         Section(
-            title="Amplitude per round",
+            title=f"{_named(rounds[-1].orbit)[0].capitalize()} per round",
             text="Each round stabilises the orbit with the model from the previous round; the "
             "first uses the given model, or one identified from small swings.",
             tables=(_rounds_table(rounds),),
@@ -44,7 +45,8 @@ def orbit_page(study: OrbitStudy, truth: LumpedParameters | None = None) -> Page
             title="Phase plane and invariant",
             text="From the first and the last round, the run that starts farthest from the orbit, "
             "and the target orbit. Dotted: the decay exp(−p₄γ∫θ̇² dt) of the invariant I = E − E*, "
-            "which holds if the controller's model is right and no dither is added.",
+            "which holds if the controller's model is right and no dither is added; of a hand that "
+            "turns over from when it turns that way alone.",
             figures={"phase-plane": _phase_figure(study), "invariant": _invariant_figure(study)},
         ),
         Section(
@@ -59,6 +61,8 @@ def orbit_page(study: OrbitStudy, truth: LumpedParameters | None = None) -> Page
             tables=(PageTable(headers=("model", "rms error in °"), rows=errors),),
         ),
     ]
+    if study.also is not None:
+        sections.append(_also_section(study, study.also))
     if study.amplitudes:
         sections.append(
             Section(
@@ -96,6 +100,8 @@ def orbit_document(study: OrbitStudy, truth: LumpedParameters | None) -> dict[st
         "ratios_to_p1": [name for name in fitted.estimate.names if fitted.is_ratio(name)],
         "carried": str(log.added_mass),
     }
+    if study.also is not None:
+        content["also"] |= estimate_numbers(study.also.rounds[-1].recalibration.estimate)
     if truth is not None:
         content["truth"] = lumped_numbers(truth, log.input_kind)
     return document(
@@ -104,22 +110,23 @@ def orbit_document(study: OrbitStudy, truth: LumpedParameters | None) -> dict[st
         content,
         verdict=verdict,
         summary=(*verdict.lines, *_sentences(study)),
-        units={"free_run_rms_rad": "rad", "amplitudes_rad": "rad", "target_rad": "rad"},
+        units={
+            **dict.fromkeys(("free_run_rms_rad", "amplitudes_rad", "target_rad"), "rad"),
+            **dict.fromkeys(("speeds_rad_s", "target_rad_s"), "rad/s"),
+        },
     )
 
 
 def _sentences(study: OrbitStudy) -> list[str]:
     """Say in plain words what was found, but for the verdict."""
     rounds, generic = study.calibration.rounds, study.errors["generic"]
-    last, wanted = rounds[-1], rounds[-1].wanted
+    last = rounds[-1]
     better = generic / max(study.errors["re-calibrated"], 1e-12)
     recalibration = last.recalibration
     rejected = ", ".join(recalibration.rejected) or "none"
     begun = study.small_swings
     return [
-        f"Target amplitude {math.degrees(wanted):.2f}°; reached "
-        + ", ".join(degrees_said(each.amplitude) for each in rounds)
-        + f"° in {len(rounds)} rounds; {study.calibration.ending}.",
+        _reached_sentence(study.calibration),
         f"Near the orbit, the error of the free run is "
         f"{degrees_said(study.errors['re-calibrated'])}° rms with the re-calibrated model and "
         f"{degrees_said(generic)}° with the initial model: {better:.3g} times less.",
@@ -127,32 +134,94 @@ def _sentences(study: OrbitStudy) -> list[str]:
         f"terms that did not help on held-out data: {rejected}.",
         *estimate_notes(study.estimate),
         *([] if begun is None else [f"Initial model: {estimate_verdict(begun).lines[0]}"]),
+        *([] if study.also is None else _also_sentences(study, study.also)),
     ]
+
+
+def _named(orbit: Orbit) -> tuple[str, str, str]:
+    """Return what an orbit is named by, its unit, and what a hand did that has none of it."""
+    if orbit.direction:
+        return "mean speed", "°/s", "did not turn over"
+    return "amplitude", "°", "turned over"
+
+
+def _size_said(orbit: Orbit, size: float) -> str:
+    return _named(orbit)[2] if math.isnan(size) else degrees_said(size)
+
+
+def _reached_sentence(calibration: Calibration) -> str:
+    rounds, orbit = calibration.rounds, calibration.rounds[-1].orbit
+    name, unit, _ = _named(orbit)
+    reached = ", ".join(_size_said(orbit, each.reached) for each in rounds)
+    return (
+        f"Target {name} {math.degrees(orbit.size):.2f}{unit}; reached {reached}{unit} in "
+        f"{len(rounds)} rounds; {calibration.ending}."
+    )
+
+
+def _also_sentences(study: OrbitStudy, also: Calibration) -> list[str]:
+    """Say what the other orbit came to, and whether both say the same of the robot."""
+    record = OrbitRecord.of(study).also
+    assert record is not None  # noqa: S101 - there is another orbit
+    differing = record.differing
+    agreeing = [name for name in record.differences if name not in differing]
+    said = f"Both orbits agree within their 95 % intervals on {', '.join(agreeing) or 'nothing'}"
+    if differing:
+        said += f", not on {', '.join(differing)}"
+    return [f"Another orbit: {_reached_sentence(also)}", f"{said}."]
+
+
+def _also_section(study: OrbitStudy, also: Calibration) -> Section:
+    """Put the estimates of both orbits beside each other."""
+    record = OrbitRecord.of(study).also
+    assert record is not None  # noqa: S101 - there is another orbit
+    rounds = (study.calibration.rounds[-1], also.rounds[-1])
+    headers = [f"{math.degrees(each.wanted):.4g}{_named(each.orbit)[1]}" for each in rounds]
+    found = rounds[0].recalibration
+    values = [each.recalibration.estimate.named for each in rounds]
+    rows = [
+        (
+            f"{name}/p1" if found.is_ratio(name) else name,
+            *(f"{each[name]:.6g}" for each in values),
+            interval(*limits),
+            "no" if name in record.differing else "yes",
+        )
+        for name, limits in record.differences.items()
+    ]
+    return Section(
+        title="Two orbits, one robot",
+        text="Each estimate is from its orbit alone. They agree if the 95 % interval of their "
+        "difference contains 0.\n" + "\n".join(_also_sentences(study, also)),
+        tables=(PageTable(headers=("", *headers, "difference", "agree"), rows=rows),),
+    )
 
 
 def degrees_said(angle: float) -> str:
     """Return an angle in degrees as it is said."""
-    return "turned over" if math.isnan(angle) else f"{math.degrees(angle):.4g}"
+    return f"{math.degrees(angle):.4g}"
 
 
 def _facts(study: OrbitStudy) -> list[Fact]:
     last = study.calibration.rounds[-1]
     before, after = (degrees_said(study.errors[name]) for name in ("generic", "re-calibrated"))
-    wanted = f"of {math.degrees(last.wanted):.4g}°"
+    name, unit, _ = _named(last.orbit)
+    reached = f"{_size_said(last.orbit, last.reached)}{unit}"
     return [
-        Fact("amplitude reached", f"{degrees_said(last.amplitude)}°", wanted),
+        Fact(f"{name} reached", reached, f"of {math.degrees(last.wanted):.4g}{unit}"),
         Fact("rounds", str(len(study.calibration.rounds)), "numbered from 0"),
         Fact("error of a free run near it", f"{after}°", f"rms; before, {before}°"),
     ]
 
 
 def _rounds_table(rounds: tuple[Round, ...]) -> PageTable:
+    name, unit, _ = _named(rounds[-1].orbit)
+    named = (f"{name} in {unit}", f"error in {unit}")
     return PageTable(
-        headers=("round", "amplitude in °", "error in °", "controller gain γ", *_RATIOS.values()),
+        headers=("round", *named, "controller gain γ", *_RATIOS.values()),
         rows=[
             (
                 str(number),
-                *map(degrees_said, (each.amplitude, each.amplitude_error)),
+                *(_size_said(each.orbit, size) for size in (each.reached, each.error)),
                 f"{each.gamma:.4g}",
                 *(f"{getattr(each.believed, name) / each.believed.p1:.5g}" for name in _RATIOS),
             )
@@ -182,17 +251,18 @@ def _parameters_table(study: OrbitStudy, truth: LumpedParameters | None) -> Page
             for row, bar, first in zip(texts, bars, before, strict=True)
         ],
         caption=f"{forest_caption(bars)} SI units; ratios if the added mass was not changed. "
-        "Intervals include the leave-one-run-out estimates.",
+        "Intervals include the leave-one-run-out estimates and the simulator's own error.",
     )
 
 
 def _amplitude_figure(rounds: tuple[Round, ...]) -> Figure:
     counts = list(range(len(rounds)))
-    reached = [math.degrees(each.amplitude) for each in rounds]
+    reached = [math.degrees(each.reached) for each in rounds]
     marker = {"color": PALETTE[0], "size": 9}
     wanted = [math.degrees(rounds[-1].wanted)] * len(rounds)
     line = {"color": PALETTE[5], "dash": "dash"}
-    figure = panel("round", "amplitude in °", 320).update_xaxes(dtick=1)
+    name, unit, _ = _named(rounds[-1].orbit)
+    figure = panel("round", f"{name} in {unit}", 320).update_xaxes(dtick=1)
     figure.add_scatter(x=counts, y=reached, mode="lines+markers", marker=marker, name="reached")
     return figure.add_scatter(x=counts, y=wanted, mode="lines", line=line, name="target")
 
@@ -202,9 +272,10 @@ def _motions(study: OrbitStudy) -> Iterator[tuple[int, str, list[Samples], slice
     rounds = study.calibration.rounds
     for number, colour in {0: PALETTE[1], len(rounds) - 1: PALETTE[0]}.items():
         each = rounds[number]
+        orbit = each.orbit
+        highest = math.pi if orbit.direction else orbit.size
         from_orbit = [
-            abs(abs(float(log.angle[0]) - study.zero) - each.wanted)
-            for log in each.logs[: each.starts]
+            abs(abs(float(log.angle[0]) - study.zero) - highest) for log in each.logs[: each.starts]
         ]
         log = each.logs[int(np.argmax(from_orbit))]
         width = max(1, round(_SMOOTH / log.mean_step))
@@ -216,27 +287,40 @@ def _motions(study: OrbitStudy) -> Iterator[tuple[int, str, list[Samples], slice
 
 def _phase_figure(study: OrbitStudy) -> Figure:
     figure = panel("angle in °", "velocity in °/s", 520)
-    for number, colour, (_, *motion), some in _motions(study):
-        x, y = (np.degrees(part[some]).astype(np.float32) for part in motion)
+    orbit = study.calibration.rounds[-1].orbit
+    for number, colour, (_, angle, velocity), some in _motions(study):
+        shown = np.array(_within_a_turn(orbit, angle[some], velocity[some]))
+        x, y = np.degrees(shown).astype(np.float32)
         line = {"color": colour, "width": 1}
         figure.add_scatter(x=x, y=y, mode="lines", line=line, name=f"round {number}")
-    orbit = study.calibration.rounds[-1].orbit
-    x, y = np.degrees(orbit.solution(np.linspace(0, orbit.period, 200)))
+    x, y = np.degrees(_within_a_turn(orbit, *orbit.solution(np.linspace(0, orbit.period, 200))))
     dashed = {"color": PALETTE[5], "width": 2, "dash": "dash"}
     return figure.add_scatter(x=x, y=y, line=dashed, name="orbit")
+
+
+def _within_a_turn(orbit: Orbit, angle: Samples, velocity: Samples) -> tuple[Samples, Samples]:
+    """Return (n,) angles and velocities as drawn, those of an orbit that turns over in one turn."""
+    if not orbit.direction:
+        return angle, velocity
+    turns, within = np.divmod(angle - orbit.lower, 2 * math.pi)
+    jumps = np.flatnonzero(np.diff(turns)) + 1
+    return np.insert(within + orbit.lower, jumps, np.nan), np.insert(velocity, jumps, np.nan)
 
 
 def _invariant_figure(study: OrbitStudy) -> Figure:
     """Invariant of the nominal runs, as a share of E*, and its predicted decay."""
     rounds, model = study.calibration.rounds, study.calibration.parameters
-    orbit = Orbit.of_amplitude(model, rounds[-1].orbit.upper)
+    orbit = rounds[-1].orbit.of_same_size(model)
+    model = orbit.conserving
     depth = orbit.energy - energy(model, 0.0, 0.0)
     figure = panel("time in s", "invariant I/E*", 360)
     for number, colour, (time, angle, velocity), some in _motions(study):
         values = (energy(model, angle, velocity) - orbit.energy) / depth
         area = np.concatenate([[0.0], np.cumsum(velocity[:-1] ** 2 * np.diff(time))])
         each = rounds[number]
-        predicted = values[0] * np.exp(-each.believed.p4 * each.gamma * area)
+        begin = np.flatnonzero(np.append(-1, orbit.direction * velocity[:-1]) < 0)[-1]
+        decay = np.exp(-each.believed.p4 * each.gamma * (area - area[begin]))
+        predicted = np.where(np.arange(area.size) < begin, np.nan, values[begin] * decay)
         for y, dash, what in ((values, "solid", "measured"), (predicted, "dot", "predicted")):
             line = {"color": colour, "width": 1.2, "dash": dash}
             curve = {"x": time[some].astype(np.float32), "y": y[some].astype(np.float32)}

@@ -264,28 +264,18 @@ def _packed(program: str) -> str:
     return b64encode(gzip.compress(program.encode(), 6, mtime=0)).decode("ascii")
 
 
-def write_html(page: Page, path: Path) -> None:
-    """Write a page as HTML alone."""
-    require_page(page, path)
-    write_file(path, rendered(page), mark_of(path, page.kind))
-
-
-def require_page(page: Page, path: Path) -> None:
-    """Raise InputError unless a page may be written to a path."""
-    require_endings(path, (".html",))
-    require_free(path, mark_of(path, page.kind))
-
-
 def write_page(page: Page, path: Path, *, figures: bool = False) -> None:
     """Write a report as HTML, and beside it its numbers as JSON, and its ``figures`` if wanted."""
-    require_page(page, path)
+    mark = mark_of(path, page.kind)
+    require_endings(path, (".html",))
+    require_free(path, mark)
     if figures:
         from butterfly.report.pictures import write_pictures  # noqa: PLC0415 - slow to import
 
         pictures = {name: draw() for name, draw in page.pictures.items()}
         write_pictures({**page.figures, **pictures}, path.with_name(f"{path.stem}-figures"))
     write_document(page.numbers, path.with_suffix(".json"))
-    write_html(page, path)
+    write_file(path, rendered(page), mark)
 
 
 def cell_html(page: Page, figure: Figure | None = None) -> str:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, ClassVar
 
 from butterfly.identification.derived_quantities import SYMBOLS
@@ -112,8 +113,10 @@ def forecast_rows(forecasts: Sequence[Forecast]) -> list[tuple[str, ...]]:
     return rows if any(told) else []
 
 
-def physical_table(parameters: PhysicalParameters) -> TextTable:
-    """Tabulate physical parameters."""
+def physical_table(
+    parameters: PhysicalParameters, zeros: Mapping[str, float] = MappingProxyType({})
+) -> TextTable:
+    """Tabulate physical parameters, then encoder zeros in rad, if any."""
     rows = [
         (
             each.name,
@@ -124,6 +127,9 @@ def physical_table(parameters: PhysicalParameters) -> TextTable:
         )
         for each in parameters.found
     ]
+    if zeros:
+        ends = dict.fromkeys(f"{round(each(zeros.values()), 4) + 0.0:.4f}" for each in (min, max))
+        rows.append(("zero", " to ".join(ends), "", "rad", "encoder's angle less the model's"))
     return TextTable(_TITLE, ("", "value ± 95 %", "given", "unit", "meaning"), rows)
 
 

@@ -16,16 +16,7 @@ from plotly.subplots import make_subplots
 
 from butterfly.arrays import Samples
 from butterfly.identification.parameter import or_nan
-from butterfly.report.figures import (
-    GREY,
-    PALETTE,
-    add,
-    log_ticks,
-    logs_panel,
-    look,
-    panel,
-    panels,
-)
+from butterfly.report.figures import GREY, PALETTE, add, log_ticks, look, panel, panels, rows_panel
 from butterfly.report.format import fit_text, label_of, with_error
 from butterfly.report.summary import medians_of
 from butterfly.result import Result
@@ -64,7 +55,7 @@ class TablePlots:
         """Draw columns in per cent, a row for each log."""
         rows = self.result.rows()
         labels = [*map(label_of, rows)]
-        figure = logs_panel(labels, title)
+        figure = rows_panel(labels, title)
         for number, name in enumerate(columns):
             colour, symbol = look(number)
             marker = {"color": colour, "symbol": symbol + "-open" * (number % 2)}
@@ -79,10 +70,12 @@ class TablePlots:
             )
         return figure
 
-    def frequencies(self) -> Figure:
-        """Draw how the simulators' steady responses differ from the logs', by added mass."""
-        figure = panels("frequency in rad/s", ("amplitude error in %", "phase error in °"), 480)
+    def frequencies(self) -> Figure | None:
+        """Draw how the simulators' responses to sines differ from the logs', by added mass."""
         rows = [row for row in self.result.rows() if row["phase error MuJoCo in °"] is not None]
+        if not rows:
+            return None
+        figure = panels("frequency in rad/s", ("amplitude error in %", "phase error in °"), 480)
         masses = sorted({row["added mass in kg"] for row in rows})
         for (number, mass), name in product(enumerate(masses), _SIMULATORS):
             (colour, symbol), (mark, size) = look(number), _SIMULATORS[name]
@@ -155,9 +148,11 @@ class TablePlots:
         figure.update_yaxes(categoryorder="array", categoryarray=names[::-1], range=ends)
         return figure
 
-    def choices(self) -> Figure:
-        """Draw the median FIT with each set of terms, in sample and held out."""
+    def choices(self) -> Figure | None:
+        """Draw the median FIT with each set of terms, in sample and held out; None of one set."""
         figure, rows = panel("fitted terms", "median FIT in %", 340), self.result.rows()
+        if len(rows) == 1:
+            return None
         names = [", ".join(row["terms"]) or "none" for row in rows]
         fits = [*map(medians_of, rows)]
         for number, name in enumerate(fits[0]):
@@ -173,7 +168,7 @@ class TablePlots:
         names = [f"{row['input']}, {row['added mass']}" for row in rows]
         short = [wrap(name, _BROAD, max_lines=2, placeholder=" …") for name in names]
         across = "standard errors after this run<br>in % of the present ones"
-        figure = logs_panel(["\n".join(lines) for lines in short], across)
+        figure = rows_panel(["\n".join(lines) for lines in short], across)
         means = [100 * or_nan(row["mean"]) for row in rows]
         return figure.update_xaxes(range=[min(0.0, *means), 105.0]).add_scatter(
             x=means,

@@ -70,19 +70,23 @@ def residual_figures(
     residual: ResidualTorque, residuals: LogResiduals, joint: JointKind
 ) -> dict[str, Figure]:
     """Return the residual torque of a log, and the correlations of its free run's error."""
+    return {
+        "torque": torque_figure(residual, joint),
+        "correlations": correlation_figure(residuals),
+    }
+
+
+def torque_figure(residual: ResidualTorque, joint: JointKind, most: int = _MOST) -> Figure:
+    """Draw the residual torque of a log against time, angle and velocity."""
     title = "residual force in N" if joint is JointKind.SLIDE else "residual torque in N m"
-    torque = _torque_figure(residual, title, joint.way)
-    return {"torque": torque, "correlations": correlation_figure(residuals)}
-
-
-def _torque_figure(residual: ResidualTorque, title: str, way: str) -> Figure:
+    way = joint.way
     columns = {
         "time in s": residual.time,
         f"angle in {way}": residual.angle,
         f"velocity in {way}/s": residual.velocity,
     }
     figure = make_subplots(rows=3, cols=1, vertical_spacing=0.11)
-    some = seen_samples([residual.torque], _MOST)
+    some = seen_samples([residual.torque], most)
     torque = residual.torque[some].astype(np.float32)
     for row, (below, values) in enumerate(columns.items(), start=1):
         colour, _ = look(row - 1)

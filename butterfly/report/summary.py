@@ -15,13 +15,13 @@ import numpy as np
 from butterfly.errors import InputError, listed
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import HELPS, Candidate
-from butterfly.identification.encoder_offset import OffsetKind, encoder_offsets
+from butterfly.identification.encoder_offset import EncoderOffset, OffsetKind, encoder_offsets
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identified import Identified
+from butterfly.identification.parameter import Parameter
 from butterfly.identification.validate import CrossValidation, Structure
 from butterfly.logs.log import Log
 from butterfly.logs.thinning import thinned
-from butterfly.model.parameters import LumpedParameters
 from butterfly.model.prior import Prior
 from butterfly.model.terms import PARAMETERS, TERMS, offered
 from butterfly.report.agreement_texts import agreement_table
@@ -107,19 +107,17 @@ def _fit(identification: Identified) -> str:
     )
 
 
-def tables(identification: Identified, truth: LumpedParameters | None) -> list[TextTable]:
+def tables(identification: Identified) -> list[TextTable]:
     """Return parameters beside the true ones if known, physical ones, and FIT of others."""
     estimate, fit = identification.estimate, identification.fit
-    rows = [*map(parameter_texts, estimate.table(truth))]
-    title = f"{identification.origin['name']}: {estimate.method}"
-    compared = ("true", "deviation", "unit") if truth else ("unit", "meaning")
+    rows = estimate.table(identification.truth)
     found = [
-        _columns(title, rows, "estimate", *compared, "mark"),
+        values_table(f"{identification.origin['name']}: {estimate.method}", rows),
         _columns("Errors and intervals", rows, "error", "interval", "left_out", detail=True),
     ]
     if estimate.agreement:
         found.append(agreement_table(estimate.agreement))
-    if (derived := physical_table(identification.separated())).rows:
+    if (derived := physical_table(identification.separated(), identification.zeros)).rows:
         found.append(derived)
     if estimate.resonances:
         resonances = [(str(mass), f"{w:.4f}") for mass, w in estimate.resonances.items()]
@@ -169,12 +167,20 @@ def _of_logs(identification: Identified, residuals: Mapping[str, Any]) -> list[F
     return [*servo, Fact("model error", error, noise)]
 
 
+def values_table(title: str, rows: Sequence[Parameter]) -> TextTable:
+    """Tabulate the values of parameters, beside the true ones if these are known."""
+    known = any(each.true is not None for each in rows)
+    compared = ("true", "deviation", "unit") if known else ("unit", "meaning")
+    return _columns(title, rows, "estimate", *compared, "mark")
+
+
 def _columns(
-    title: str, rows: Sequence[Mapping[str, str]], *columns: str, detail: bool = False
+    title: str, rows: Sequence[Parameter], *columns: str, detail: bool = False
 ) -> TextTable:
     """Return some columns of parameters as texts."""
     headers = ("", *(_HEADERS.get(each, each) for each in columns))
-    return TextTable(title, headers, [[row[c] for c in ("name", *columns)] for row in rows], detail)
+    cells = [[row[c] for c in ("name", *columns)] for row in map(parameter_texts, rows)]
+    return TextTable(title, headers, cells, detail)
 
 
 def loop_rows(identification: Identified) -> list[tuple[str, ...]]:
@@ -251,14 +257,19 @@ def zero_sentences(logs: Sequence[Log], known: Prior) -> list[str]:
     logs = [thinned(log) for log in logs]
     zeros = encoder_offsets(logs, [_response(log) for log in logs])
     found, guessed = [], []
-    for zero in dict.fromkeys(zeros):
-        own = [log for log, each in zip(logs, zeros, strict=True) if each == zero]
+    for said in dict.fromkeys(map(_zero_text, zeros)):
+        own = [log for log, each in zip(logs, zeros, strict=True) if _zero_text(each) == said]
         where = "" if len(own) == len(logs) else f" {_named(own, logs)}"
-        if zero.kind is OffsetKind.GUESS:
-            guessed.append(f"The encoder zero{where} is a guess: {REMEDY}.")
+        if said:
+            found.append(f"{said}{where}")
         else:
-            found.append(f"{zero}{where}")
+            guessed.append(f"The encoder zero{where} is a guess: {REMEDY}.")
     return [*([f"Encoder zero: {'; '.join(found)}."] if found else []), *guessed]
+
+
+def _zero_text(zero: EncoderOffset) -> str:
+    """Return an encoder zero as it is printed; "" of a guess."""
+    return "" if zero.kind is OffsetKind.GUESS else str(zero)
 
 
 def _named(own: Sequence[Log], logs: Sequence[Log]) -> str:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from plotly.graph_objects import Figure
 
 from butterfly.experiment.sweep_tables import Estimates
-from butterfly.report.figures import GREY, PALETTE, add, log_ticks, panel, panels
+from butterfly.report.figures import GREY, PALETTE, add, log_ticks, panel, panels, rows_panel
 from butterfly.report.forest import MOST
 from butterfly.report.format import field_label
 from butterfly.result import cell_text
@@ -36,7 +36,7 @@ def recovery_figure(table: Estimates) -> Figure | None:
     names = table.distinct("parameter")
     if not names:
         return None
-    figure, reach = panel("deviation from the truth in %", "", _LINE * len(names) + 110), 0.0
+    figure, reach = rows_panel(names, "deviation from the truth in %", _LINE), 0.0
     count = len(table.estimators)
     for index, method in enumerate(table.estimators):
         colour = PALETTE[index % len(PALETTE)]
@@ -55,9 +55,7 @@ def recovery_figure(table: Estimates) -> Figure | None:
         dots = {"color": colour, "size": 9, "line": {"color": "#ffffff", "width": 1}}
         style = {"mode": "markers", "marker": dots, "legendgroup": method, "name": method}
         figure.add_scatter(x=spread[:, 2], y=places, hovertemplate="%{x:.3g} %", **style)
-    figure.update_xaxes(range=[-1.05 * (reach or 1), 1.05 * (reach or 1)])
-    rows = list(range(len(names)))
-    return figure.update_yaxes(tickvals=rows, ticktext=names, range=[len(names) - 0.4, -0.6])
+    return figure.update_xaxes(range=[-1.05 * (reach or 1), 1.05 * (reach or 1)])
 
 
 def affected(table: Estimates, field: str) -> dict[str, float]:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.experiment.record import OK, SweepRecord
-from butterfly.experiment.sweep_tables import MISSING, Estimates, Recovery, column
+from butterfly.experiment.sweep_tables import MISSING, Estimates, column
 from butterfly.identification.findings import Ending
 from butterfly.identification.validate import Gain
 from butterfly.model.terms import TERMS
@@ -33,6 +33,7 @@ _LISTED = 100  # runs in a table of what went wrong
 _NEXT_TO_ZERO = 10.0  # times the true value, from which a deviation in per cent says nothing
 _LEAST = 1e-12  # deviation that is told from 0
 _ORBITS = 200  # runs in the table of orbits
+_SHARES = ("median_deviation", "rms_deviation", "largest_deviation", "coverage")  # of `recovery`
 
 
 def sweep_page(sweep: SweepRecord, runs: pa.Table, estimates: pa.Table) -> Page:
@@ -49,16 +50,7 @@ def sweep_page(sweep: SweepRecord, runs: pa.Table, estimates: pa.Table) -> Page:
         "ok": int((status == OK).sum()),
         "verdicts": table.verdicts,
         "unconverged": table.unconverged,
-        "recovery": [
-            {
-                "estimator": each.estimator,
-                "parameter": each.parameter,
-                "runs": each.runs,
-                "rms_deviation": each.rms,
-                "coverage": each.coverage,
-            }
-            for each in recovered
-        ],
+        "recovery": recovered,
     }
     sections = [
         *tabulated("Estimators", _ranking_table(table)),
@@ -93,7 +85,7 @@ def sweep_page(sweep: SweepRecord, runs: pa.Table, estimates: pa.Table) -> Page:
             f"Sweep {sweep.name!r}",
             numbers,
             summary=summary,
-            units={"recovery.rms_deviation": "1", "recovery.coverage": "1"},
+            units={f"recovery.{name}": "1" for name in _SHARES},
         ),
     )
 
@@ -144,12 +136,13 @@ def _verdicts_table(table: Estimates) -> PageTable:
     return PageTable(headers=("estimator", *(each.verdict for each in VERDICTS)), rows=rows)
 
 
-def _recovery_table(recovered: Sequence[Recovery]) -> PageTable:
+def _recovery_table(recovered: Sequence[Mapping[str, Any]]) -> PageTable:
+    *deviations, coverage = _SHARES
     rows = [
         (
-            *(each.estimator, each.parameter, str(each.runs)),
-            *(_percent(value, ".3g") for value in (each.median, each.rms, each.largest)),
-            _percent(each.coverage),
+            *(str(each[name]) for name in ("estimator", "parameter", "runs")),
+            *(_percent(each[name], ".3g") for name in deviations),
+            _percent(each[coverage]),
         )
         for each in recovered
     ]
@@ -269,17 +262,19 @@ def _failures_table(runs: pa.Table) -> PageTable:
 
 
 def _orbits_table(runs: pa.Table) -> PageTable:
-    held = runs.filter(np.isfinite(column(runs, "orbit_amplitude")))
-    angles = ("target", "amplitude", "error_generic", "error_recalibrated")
-    rows = [
-        (
-            str(row["number"]),
-            *(f"{math.degrees(row[f'orbit_{name}']):.4g}" for name in angles),
-            str(row["orbit_rounds"]),
-        )
-        for row in held.slice(0, _ORBITS).to_pylist()
-    ]
-    headers = ("run", "target in °", "reached in °", "generic, rms in °", "re-calibrated", "rounds")
+    names = ("orbit_amplitude", "orbit_speed")
+    held = runs.filter(np.isfinite([column(runs, name) for name in names]).any(axis=0))
+    rows = []
+    for row in held.slice(0, _ORBITS).to_pylist():
+        turns = row["orbit_speed"] is not None
+        sizes = ("target_speed", "speed") if turns else ("target", "amplitude")
+        said = [
+            f"{math.degrees(row[f'orbit_{name}']):.4g}"
+            for name in (*sizes, "error_generic", "error_recalibrated")
+        ]
+        said[:2] = [f"{each}{'°/s' if turns else '°'}" for each in said[:2]]
+        rows.append((str(row["number"]), *said, str(row["orbit_rounds"])))
+    headers = ("run", "target", "reached", "generic, rms in °", "re-calibrated", "rounds")
     return PageTable(headers=headers, rows=rows)
 
 

@@ -8,15 +8,14 @@ from functools import partial
 
 import numpy as np
 from plotly.graph_objects import Figure
-from plotly.subplots import make_subplots
 
 from butterfly.arrays import Samples
 from butterfly.comparison.three_way import ThreeWay
 from butterfly.identification.diagnostics.residuals import LogResiduals
-from butterfly.model.parameters import JointKind
 from butterfly.report.figures import PALETTE, add, middle, panel, panels, seen_samples
 from butterfly.report.log_figures import correlation_figure, correlation_series, first_stretch
 from butterfly.report.page import Page, Section, Series
+from butterfly.report.residual import torque_figure
 
 _LINES = {  # the later ones above, and thinner, so that all are seen
     "MuJoCo": {"color": PALETTE[1], "width": 8},
@@ -26,7 +25,7 @@ _LINES = {  # the later ones above, and thinner, so that all are seen
 _STEP = 0.02  # s between drawn points
 _MOST = 4000  # points of a curve
 _PERIODS = 4  # of the drawn motion in the phase plane
-_DOTS = 800  # of a residual torque
+_DOTS = 800  # instants of a residual torque
 
 
 def with_courses(compared: Sequence[ThreeWay], own: Sequence[LogResiduals], page: Page) -> Page:
@@ -103,18 +102,5 @@ def _phase_figure(each: ThreeWay) -> Figure:
 
 
 def _residual_figure(each: ThreeWay) -> Figure:
-    """Draw the residual torque against angle and velocity."""
-    residual, joint = each.residual, each.log.added_mass.joint
-    figure = make_subplots(rows=1, cols=2, shared_yaxes=True, horizontal_spacing=0.04)
-    way, every = joint.way, max(1, residual.torque.size // _DOTS)
-    across = {f"angle in {way}": residual.angle, f"velocity in {way}/s": residual.velocity}
-    for column, (title, values) in enumerate(across.items(), start=1):
-        marker = {"color": PALETTE[column - 1], "size": 3}
-        x, y = (part[::every].astype(np.float32) for part in (values, residual.torque))
-        style = {"mode": "markers", "marker": marker, "showlegend": False}
-        figure.add_scatter(x=x, y=y, row=1, col=column, **style)
-        figure.update_xaxes(title=title, row=1, col=column)
-    unit = "residual force in N" if joint is JointKind.SLIDE else "residual torque in N m"
-    figure.update_yaxes(title=unit, row=1, col=1)
-    figure.update_layout(height=360)
-    return figure
+    """Draw the residual torque of a log."""
+    return torque_figure(each.residual, each.log.added_mass.joint, _DOTS)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -23,6 +23,7 @@ from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass
 from butterfly.plant.rig import Rig
 from butterfly.signals.frequency_response import ResponsePoint, response_point
+from butterfly.thesis.claims import digits
 from butterfly.thesis.method import (
     ScriptedAmplitude,
     fit_resonances,
@@ -33,10 +34,13 @@ from butterfly.thesis.method import (
 COARSE = 4
 """Keep every n-th sample of the synthetic data, as the scripts do: 0.04 s."""
 
+WINDOW = 45.0
+"""Length in s of the end of a record that the first script uses."""
+
+TABLE_1_PRINTED = ("3.8788 4.0671 4.4156 4.8812 5.4194", "3.7740 3.7705 4.0492 4.4680 5.0265")
+TABLE_4_PRINTED = "4.1915 5.7650 6.2847"
 _START = 0.01  # rad, at which the Simulink model starts
 _ITERATIONS = 30  # of the complex fit
-_WINDOW = 45.0  # s at the end of a record that the first script uses
-_TABLE_1_PRINTED = ("3.8788 4.0671 4.4156 4.8812 5.4194", "3.7740 3.7705 4.0492 4.4680 5.0265")
 _TABLE_2_PRINTED = ("0.0033 0.0453", "0.0033 0.0100 0.0606")
 
 
@@ -92,7 +96,7 @@ class Row:
 def reproduce(synthetic: Synthetic, root: Path | None = None) -> list[Row]:
     """Compute Tables 1, 2, 4 and 5 and (63), (66) as in the thesis, and corrected.
 
-    Tables 4 and 5 need the 41 real logs (see `write_figure_data`).
+    Tables 4 and 5 need the 41 real logs (see `has_real_logs`).
     """
     scripted, right = _table_1(synthetic)
     return [
@@ -104,7 +108,7 @@ def reproduce(synthetic: Synthetic, root: Path | None = None) -> list[Row]:
 
 
 def has_real_logs(root: Path | None) -> bool:
-    """Whether the real logs are available."""
+    """Whether the real logs are in `root`, BUTTERFLY_LOGS or the folder of `fetch`."""
     return root is not None or found_folder() is not None
 
 
@@ -112,10 +116,10 @@ def scripted_point(log: Log) -> ScriptedAmplitude:
     """Dominant DFT bin and gain in dB, as in the thesis's first script."""
     assert log.excitation is not None  # noqa: S101 - synthetic logs are sines
     step = log.mean_step
-    coarse = log.angle[::COARSE][-math.floor(_WINDOW / (COARSE * step)) - 1 :]
-    fine = log.angle[-math.floor(_WINDOW / step) - 1 :] - (coarse.max() + coarse.min()) / 2
+    coarse = log.angle[::COARSE][-math.floor(WINDOW / (COARSE * step)) - 1 :]
+    fine = log.angle[-math.floor(WINDOW / step) - 1 :] - (coarse.max() + coarse.min()) / 2
     power = np.abs(np.fft.fft(coarse)[1 : coarse.size // 2]) ** 2
-    amplitude = math.sqrt(2 * step / _WINDOW * float(np.sum(fine**2)))
+    amplitude = math.sqrt(2 * step / WINDOW * float(np.sum(fine**2)))
     return ScriptedAmplitude(
         omega=2 * math.pi * (int(np.argmax(power)) + 1) / ((coarse.size - 1) * COARSE * step),
         gain_db=20 * math.log10(amplitude / log.excitation.amplitude),
@@ -181,7 +185,7 @@ def _linearisation(synthetic: Synthetic) -> list[Row]:
         Row(
             what="(66) a1 a0 b1 b0",
             published="-1.9638 0.9878 2.4465 2.4365",
-            obtained=_digits([a1, a0, b1, b0]),
+            obtained=digits([a1, a0, b1, b0]),
         ),
     ]
 
@@ -199,16 +203,16 @@ def _table_1_rows(
     return [
         Row(
             what="Table 1, column 3: (79)",
-            published=_TABLE_1_PRINTED[0],
-            obtained=_digits(twice),
-            corrected=_digits(once),
+            published=TABLE_1_PRINTED[0],
+            obtained=digits(twice),
+            corrected=digits(once),
             note="the thesis counts each added mass twice, once at the shortest arm",
         ),
         Row(
             what="Table 1, column 4: (100)",
-            published=_TABLE_1_PRINTED[1],
-            obtained=_digits(scripted.values()),
-            corrected=_digits(right.values()),
+            published=TABLE_1_PRINTED[1],
+            obtained=digits(scripted.values()),
+            corrected=digits(right.values()),
             note="mistakes: sign, gains in dB, index; corrected: complex fit of the same data",
         ),
     ]
@@ -224,8 +228,8 @@ def _table_2_rows(scripted: dict[AddedMass, float], right: dict[AddedMass, float
             Row(
                 what=f"Table 2, {'p1 p3' if p2 else 'p1 p2 p3'}: (102)",
                 published=printed,
-                obtained=_digits(found[kept]),
-                corrected=_digits(better[kept]),
+                obtained=digits(found[kept]),
+                corrected=digits(better[kept]),
                 note="true: 0.0033 0.0010 0.0491; corrected: from the complex fit's resonances",
             )
         )
@@ -240,21 +244,17 @@ def _real_rows(root: Path | None) -> list[Row]:
     return [
         Row(
             what="Table 4: (100)",
-            published="4.1915 5.7650 6.2847",
-            obtained=_digits(coarse.resonances.values()),
-            corrected=_digits(resonances),
+            published=TABLE_4_PRINTED,
+            obtained=digits(coarse.resonances.values()),
+            corrected=digits(resonances),
             note="corrected: linearisation by harmonic balance of the same logs",
         ),
         Row(
             what="Table 5, p1 p2 p3: (102)",
             published="0.0028 0.0188 0.0583",
-            obtained=_digits(fine.values[:3]),
-            corrected=_digits([right.p1, right.p2, right.p3]),
+            obtained=digits(fine.values[:3]),
+            corrected=digits([right.p1, right.p2, right.p3]),
             note="published: where the optimiser stopped; reproduced: the minimum, from step-5 "
             "data; corrected: harmonic balance",
         ),
     ]
-
-
-def _digits(values: Iterable[float]) -> str:
-    return " ".join(f"{value:.4f}" for value in values)

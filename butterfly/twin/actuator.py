@@ -86,7 +86,7 @@ def as_actuator(twin: Twin, options: Options) -> Written:
         "isaaclab": {"class": name, "fields": isaaclab},
         "gain": {"value": p.p4 or 1.0, "unit": f"{effort_unit(twin)}/{twin.kind.unit}"},
         "body": {"inertia_about_axis": p.p1, "gravity_moment": p.p3},
-        "notes": [*notes, *measured],
+        "notes": [*twin.zero_lines, *notes, *measured],
     }
     about = f"{own} of mjlab, {name} of Isaac Lab"
     return Written(text=json_text(content), about=about, left_out=notes, accuracy=error)

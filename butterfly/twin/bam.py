@@ -77,7 +77,10 @@ def as_bam(twin: Twin, options: Options) -> Written:
         content["max_velocity"] = servo.speed_limit if servo is not None and slowed else _FAST
         content["error_gain_ratio"] = p.loop_kp
     notes = (f"kt and R: {source}.", *_notes(p, model, added), *_of_loop(p, name, servo))
-    text, about = json_text(content | {"notes": notes}), f"BAM's {model} of {name}"
+    text, about = (
+        json_text(content | {"notes": [*twin.zero_lines, *notes]}),
+        f"BAM's {model} of {name}",
+    )
     return Written(text=text, about=about, left_out=notes)
 
 

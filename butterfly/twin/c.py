@@ -56,7 +56,7 @@ def as_c(twin: Twin, options: Options) -> Written:
     substeps = _substeps(yardstick)
     accuracy = yardstick.accuracy(mover(yardstick.step, substeps))
     left_out = tuple(unheard(twin))
-    said = (*left_out, *accuracy.lines)
+    said = (*twin.zero_lines, *left_out, *accuracy.lines)
     return Written(
         text=header(twin, options.timestep, substeps, said),
         about=f"{twin.identifier}.h, a C99 header in steps of {1e3 * options.timestep:g} ms",
@@ -179,10 +179,10 @@ def header(twin: Twin, step: float, substeps: int, said: Iterable[str] = ()) -> 
     moved, drive = kernel_of(twin)
     functions = [*(moved.called | drive.called)]
     language, delay = C(twin.identifier, functions), max(twin.loaded.delay, 0.0)
-    values = [each.value for f in functions for each in all_of(f.body) if each.value]
-    read = {part.meant for each in values for part in each.all() if part.op == "field"}
     given = {"p4": twin.loaded.p4} | {
-        name: value for name, value in constants(twin).items() if name in {*read, "delay"}
+        name: value
+        for name, value in constants(twin).items()
+        if name in {*fields_of(functions), "delay"}
     }
     states = [
         (*about, number)
@@ -191,26 +191,44 @@ def header(twin: Twin, step: float, substeps: int, said: Iterable[str] = ()) -> 
     ]
     at = {number: f"s->{name}" for name, _, number in states}
     known = {"state": "state", "drives": "drive", "h": "duration / count", "c": "p"}
-    loader = PackageLoader("butterfly.twin", "templates")
-    made = Environment(  # noqa: S701 - no HTML
-        loader=loader, undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True
-    )
-    text = made.get_template("joint.h.j2").render(
+    return rendered(
+        "joint.h",
         twin=twin,
         n=twin.identifier,
         N=twin.identifier.upper(),
         step=repr(float(step)),
         substeps=substeps,
         room=math.ceil(_SPARE * delay / step) + 2 if delay else 0,
-        parameters=[(name, repr(float(each)), _about(name, twin)) for name, each in given.items()],
+        parameters=[
+            (name, repr(float(each)), explained(name, twin)) for name, each in given.items()
+        ],
         states=states,
         whole=", ".join(at.get(number, "0.0") for number in range(len(moved.returned))),
         functions=language.text(),
         interval=language.call(moved, known),
         shaped=language.call(drive, known | {"command": "command"}),
-        said=[line for each in said for line in wrap(each, _WIDTH)],
+        said=said,
     )
-    text = "\n".join(part for line in text.split("\n") for part in wrapped(line))
+
+
+def fields_of(functions: Iterable[Function]) -> set[str]:
+    """Return the names of the constants that functions read."""
+    values = [each.value for f in functions for each in all_of(f.body) if each.value]
+    return {part.meant for each in values for part in each.all() if part.op == "field"}
+
+
+def rendered(template: str, *, said: Iterable[str], **values: Any) -> str:  # noqa: ANN401
+    """Return the text of a template, of short lines in C; it says some sentences."""
+    made = Environment(  # noqa: S701 - no HTML
+        loader=PackageLoader("butterfly.twin", "templates"),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        keep_trailing_newline=True,
+    )
+    lines = [line for each in said for line in wrap(each, _WIDTH)]
+    text = made.get_template(f"{template}.j2").render(said=lines, **values)
+    if template.endswith(".h"):
+        text = "\n".join(part for line in text.split("\n") for part in wrapped(line))
     return text.translate(_ASCII).encode("ascii", "replace").decode()
 
 
@@ -223,7 +241,7 @@ def _states(twin: Twin) -> tuple[tuple[str, str], ...]:
     return *first, ("motor_torque", unit), ("bristles", f"{way}, their deflection")
 
 
-def _about(name: str, twin: Twin) -> str:
+def explained(name: str, twin: Twin) -> str:
     """Return unit and meaning of a parameter."""
     if name in _MORE:
         unit, meaning = _MORE[name]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -21,6 +21,8 @@ FORMS = {
     "actuator": ("butterfly.twin.actuator:as_actuator", ".json"),
     "c": ("butterfly.twin.c:as_c", ".h"),
     "bam": ("butterfly.twin.bam:as_bam", ".json"),
+    "compensation": ("butterfly.twin.compensation:as_compensation", ".h", ".py"),
+    "wpilib": ("butterfly.twin.wpilib:as_wpilib", ".json"),
 }
 """What makes each form, by its name: a function of a twin and options; and its files' endings."""
 
@@ -38,6 +40,9 @@ class Options:
     timestep: float = 0.002  # of the simulator, in s
     integrator: Literal["RK4", "implicitfast"] = "RK4"  # of MuJoCo
     actuator: str | None = None  # which of BAM's servos it is
+    smoothing: float | None = None  # speed in rad/s, from which on friction's sign is the speed's
+    command_limit: float | None = None  # of compensation
+    ending: str = ".h"  # of a file whose ending says its language
 
 
 DEFAULTS = Options()
@@ -60,7 +65,7 @@ def write_twin(form: str, twin: Twin, options: Options, path: Path) -> Written:
     """Write a twin to a file in one of `FORMS`, and return it (see `write_as`)."""
     require_endings(path, FORMS[form][1:])
     require_free(path, mark_of(path, form))
-    written = write_as(form, twin, options)
+    written = write_as(form, twin, replace(options, ending=path.suffix.lower()))
     if mark_of(path, form):
         write_xml(path, written.text, form)
     else:

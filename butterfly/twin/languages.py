@@ -1,7 +1,8 @@
-"""What is left of functions (see `translate`), written in C or JavaScript."""
+"""What is left of functions (see `translate`), written in C, JavaScript or Python."""
 
 from __future__ import annotations
 
+import builtins
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -23,7 +24,6 @@ _BINDS = {"?": 1, "or": 2, "and": 3, "+": 5, "-": 5, "*": 6, "/": 6, "not": 7, "
 _BINDS |= dict.fromkeys(("<", "<=", ">", ">=", "==", "!="), _COMPARES)
 """How hard operators bind; those that compare never stand side by side."""
 _WIDTH = 100
-_ALIKE = {"and": "&&", "or": "||"}
 
 _HELPERS = {
     "abs": "double {0}_abs(double x) {{ return x < 0.0 ? -x : x; }}",
@@ -61,6 +61,9 @@ class C:
 
     infinity, nan, flags = "INFINITY", "NAN", ("0", "1")
     counter, comment = "int", "/* {} */"
+    words = {"and": "&&", "or": "||", "not": "!"}  # noqa: RUF012 - what each language writes
+    head_of, otherwise, chained = "{} ({}) {{", "} else {", "}} else {}"
+    end, close = ";", ["}"]
 
     def __init__(self, prefix: str, functions: Sequence[Function]) -> None:
         self._prefix = prefix
@@ -140,11 +143,16 @@ class C:
         """Return a call with arguments by name."""
         return f"{self._names[function]}({', '.join(given[each] for each in function.arguments)})"
 
-    def _function(self, function: Function) -> str:
+    def lines(self, function: Function) -> list[str]:
+        """Return the head of a function, and the lines of its block."""
         counts = Counter(each.target for each in all_of(function.body) if each.target)
-        lines = _Lines(self, function, counts).of(function.body, {*function.arguments})
+        block = _Lines(self, function, counts).of(function.body, {*function.arguments})
+        return [self.head(function), *block]
+
+    def _function(self, function: Function) -> str:
+        head, *lines = self.lines(function)
         about = self.comment.format(function.about.replace("``", ""))
-        lines = [about, f"{self.head(function)} {{", *lines, "}"]
+        lines = [about, f"{head} {{", *lines, "}"]
         return "\n".join(part for line in lines for part in wrapped(line))
 
     def expression(self, value: Expression, binds: int = 0) -> str:
@@ -172,15 +180,28 @@ class C:
                 name = self._names[meant] if isinstance(meant, Function) else self.called(meant)
                 return f"{name}({', '.join(map(self.expression, parts))})"
             case "?":
-                test, one, other = (self.expression(each, own + 1) for each in parts)
-                return f"{test} ? {one} : {other}"
+                return self.choice(*(self.expression(each, own + 1) for each in parts))
             case "and" | "or":
-                return f" {_ALIKE[op]} ".join(self.expression(each, _COMPARES) for each in parts)
+                return f" {self.words[op]} ".join(
+                    self.expression(each, _COMPARES) for each in parts
+                )
             case "not" | "neg":
-                return f"{'!' if op == 'not' else '-'}{self.expression(parts[0], _ATOM)}"
+                return f"{self.words.get(op, '-')}{self.expression(parts[0], _ATOM)}"
         left = self.expression(parts[0], own + (own == _COMPARES))
         right = self.expression(parts[1], own + 1)
         return f"{left} {op} {right}"
+
+    def choice(self, test: str, one: str, other: str) -> str:
+        """Return one of two values."""
+        return f"{test} ? {one} : {other}"
+
+    def loop(self, name: str, count: Expression) -> str:
+        """Return the head of a loop."""
+        text, begin = self.expression(count), f"{self.counter} {name} = 0"
+        until = f"{count.kind:g}" if is_known(count.kind) else text
+        if not is_known(count.kind) and count.op != "name":
+            until, begin = "n", f"{begin}, n = {self.whole(text)}"
+        return self.head_of.format("for", f"{begin}; {name} < {until}; {name}++")
 
     def number(self, value: float | bool) -> str:
         """Return a number or a flag."""
@@ -231,6 +252,50 @@ class JavaScript(C):
         return text
 
 
+class Python(JavaScript):
+    """Python, where a name begins with an underscore."""
+
+    infinity, nan, flags = "math.inf", "math.nan", ("False", "True")
+    words = {"and": "and", "or": "or", "not": "not "}  # noqa: RUF012
+    head_of, otherwise, chained, end, close = "{} {}:", "else:", "el{}", "", []
+
+    def helper(self, name: str) -> str:
+        """Return a function of numbers that the language lacks."""
+        what = {"square": "x * x", "sign": "float(x > 0.0) - float(x < 0.0)"}[name]
+        return f"def {self._prefix}_{name}(x):\n    return {what}"
+
+    def declared(self, kind: Kind, name: str, *, once: bool) -> str:  # noqa: ARG002
+        """Return a variable as it is first named."""
+        return name
+
+    def head(self, function: Function) -> str:
+        """Return a function's first line."""
+        return f"def {self._names[function]}({', '.join(function.arguments)}):"
+
+    def tuple_of(self, kind: Kind, parts: Sequence[str]) -> str:  # noqa: ARG002
+        """Return a tuple of its elements."""
+        return f"({', '.join(parts)},)"
+
+    def called(self, name: str) -> str:
+        """Return what a function of numbers is called."""
+        if name in {"square", "sign"}:
+            return C.called(self, name)
+        return name if name in vars(builtins) else f"math.{name}"
+
+    def choice(self, test: str, one: str, other: str) -> str:
+        """Return one of two values."""
+        return f"{one} if {test} else {other}"
+
+    def loop(self, name: str, count: Expression) -> str:
+        """Return the head of a loop."""
+        return f"for {name} in range(int({self.expression(count)})):"
+
+    def _function(self, function: Function) -> str:
+        head, *lines = self.lines(function)
+        about = function.about.replace("``", "")
+        return "\n".join([f"\n{head}", f'    """{about}"""', *lines])
+
+
 class _Lines:
     """Lines of a function; a variable is declared in the innermost block that holds it."""
 
@@ -240,12 +305,13 @@ class _Lines:
     def of(self, statements: Sequence[Statement], declared: set[str]) -> list[str]:
         """Return the lines of a block, given what is declared before it."""
         lines: list[str] = []
-        declared = {*declared}
+        declared, language = {*declared}, self._language
         for k, each in enumerate(statements):
             later = _names(statements[k + 1 :])
             new = {inner.target for inner in all_of([each]) if inner.op == "="} - declared
             for name in sorted(new & later - {each.target}):
-                lines.append(f"{self._first(name, once=False)} = {self._zero(self._kinds[name])};")
+                first = self._first(name, once=False)
+                lines.append(f"{first} = {self._zero(self._kinds[name])}{language.end}")
                 declared.add(name)
             lines += self._lines(each, declared)
             declared |= {each.target} if each.op == "=" else set()
@@ -259,39 +325,35 @@ class _Lines:
             return self._language.tuple_of(kind, [self._zero(each) for each in kind])
         return self._language.number(0.0 if kind == NUMBER or type(kind) is float else False)
 
-    def _lines(self, each: Statement, declared: set[str]) -> list[str]:  # noqa: C901, PLR0911
+    def _lines(self, each: Statement, declared: set[str]) -> list[str]:  # noqa: PLR0911
         language, value = self._language, each.value
         text = language.expression(value) if value else ""
         match each.op:
             case "=":
                 if each.target not in declared:
                     once = self._counts[each.target] == 1
-                    return [f"{self._first(each.target, once=once)} = {text};"]
+                    return [f"{self._first(each.target, once=once)} = {text}{language.end}"]
                 if value and value.op in {"+", "-", "*", "/"}:
                     first, second = value.parts
                     if first.op == "name" and first.meant == each.target:
-                        return [f"{each.target} {value.op}= {language.expression(second)};"]
-                return [f"{each.target} = {text};"]
+                        text = language.expression(second)
+                        return [f"{each.target} {value.op}= {text}{language.end}"]
+                return [f"{each.target} = {text}{language.end}"]
             case "if":
-                final = ["}"]
+                final = [*language.close]
                 if len(each.other) == 1 and each.other[0].op == "if":
                     begun, *rest = self._lines(each.other[0], declared)
-                    final = [f"}} else {begun}", *rest]
+                    final = [language.chained.format(begun), *rest]
                 elif each.other:
-                    final = ["} else {", *self.of(each.other, declared), "}"]
-                return [f"if ({text}) {{", *self.of(each.body, declared), *final]
-            case "for":
-                name = "i" if each.target == "_" else each.target
-                until, begin = text, f"{language.counter} {name} = 0"
-                if value and is_known(value.kind):
-                    until = f"{value.kind:g}"
-                elif value and value.op != "name":
-                    until, begin = "n", f"{begin}, n = {language.whole(text)}"
-                head = f"for ({begin}; {name} < {until}; {name}++) {{"
-                return [head, *self.of(each.body, {*declared, each.target}), "}"]
+                    final = [language.otherwise, *self.of(each.other, declared), *final]
+                return [language.head_of.format("if", text), *self.of(each.body, declared), *final]
+            case "for" if value:
+                head = language.loop("i" if each.target == "_" else each.target, value)
+                return [head, *self.of(each.body, {*declared, each.target}), *language.close]
             case "while":
-                return [f"while ({text}) {{", *self.of(each.body, declared), "}"]
-        return [f"{each.op} {text};" if text else f"{each.op};"]
+                head = language.head_of.format("while", text)
+                return [head, *self.of(each.body, declared), *language.close]
+        return [f"{each.op} {text}".rstrip() + language.end]
 
 
 def _names(statements: Sequence[Statement]) -> set[str]:

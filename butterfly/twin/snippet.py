@@ -31,7 +31,13 @@ def as_snippet(twin: Twin, options: Options) -> Written:
     for each in actuators:
         each.attrib |= {"name": f"{twin.identifier}_{each.get('name')}", "joint": twin.identifier}
     ElementTree.indent(actuators)
-    head = (*_head(twin, options), *left_out, *(accuracy.lines if accuracy else ()))
+    head = (
+        *_head(twin, options),
+        *twin.zero_lines,
+        *made.late,
+        *left_out,
+        *(accuracy.lines if accuracy else ()),
+    )
     parts = (
         *map(xml_comment, head),
         *("", *map(xml_comment, _on_joint(twin))),

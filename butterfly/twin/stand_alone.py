@@ -59,6 +59,7 @@ class StandAlone:
     root: ElementTree.Element
     accuracy: Accuracy
     left_out: tuple[str, ...]
+    late: tuple[str, ...]  # how the delay is written, where not as it is
 
 
 def as_mjcf(twin: Twin, options: Options) -> Written:
@@ -70,7 +71,9 @@ def as_mjcf(twin: Twin, options: Options) -> Written:
         "mean over each step; leave other ctrl at 0."
     )
     head, rest = text_of(made.root).split("\n", 1)
-    comments = map(xml_comment, [first, *made.left_out, *made.accuracy.lines])
+    comments = map(
+        xml_comment, [first, *twin.zero_lines, *made.late, *made.left_out, *made.accuracy.lines]
+    )
     step = f"steps of {1e3 * options.timestep:g} ms by {options.integrator}"
     return Written(
         text="\n  ".join([head, *comments, rest.lstrip()]),
@@ -88,6 +91,7 @@ def stand_alone(twin: Twin, options: Options = DEFAULTS) -> StandAlone:
         root=_root(twin, options, form),
         accuracy=yardstick.accuracy(mover(options, form)),
         left_out=tuple(_left_out(twin, form)),
+        late=tuple(_late(twin.parameters.delay, form, options.timestep)),
     )
 
 
@@ -190,6 +194,17 @@ def _left_out(twin: Twin, form: Form) -> Iterator[str]:
             "no delay is more accurate than a whole step."
         )
     yield from unheard(twin)
+
+
+def _late(delay: float, form: Form, step: float) -> Iterator[str]:
+    """Say why a delay in s is written as another."""
+    late = form.late(delay, step)
+    if late is None or abs(late - delay) <= NO_DELAY:
+        return
+    why = "of whole steps" if form.delay == "whole" else "of at least a step"
+    if form.delay == "later":
+        why = "half a step more: ctrl is a mean, of the middle of its step"
+    yield f"The delay of {1e3 * delay:.4g} ms is written as {1e3 * late:.4g} ms, {why}."
 
 
 def models(

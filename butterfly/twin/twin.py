@@ -14,6 +14,7 @@ import numpy as np
 from butterfly.errors import ButterflyError
 from butterfly.identification.free_run import Setting
 from butterfly.identification.identified import Identified
+from butterfly.identification.inference.estimate import Estimate
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import (
     GRAVITY,
@@ -54,9 +55,12 @@ class Twin:
     known: Prior = NO_PRIOR  # what was known of it
     ratios: bool = False  # whether the parameters are ratios to p1
     robot: Robot | None = None  # that of an experiment, whose shape is known, not its motion alone
+    zeros: tuple[float, ...] = ()  # readings in rad of the logs' encoders at angle 0
     mass: float | None = None  # in kg, on which no motion depends; a possible one if None
     # whether what swings across the ground's gravity is drawn as the Butterfly robot's hand
     is_butterfly: bool = False
+    # whose covariance says how well its parameters are known; None if they are exact
+    estimate: Estimate | None = field(default=None, compare=False)
     # returns logs of its motion, and what each is simulated with
     recorded: Callable[[], Sequence[tuple[Log, Setting]]] = field(default=tuple, compare=False)
 
@@ -81,12 +85,14 @@ class Twin:
         return cls(
             name=origin["name"],
             parameters=estimate.parameters,
+            estimate=estimate,
             added=replace(added, gravity=gravity, joint=joint),
             joint=joint,
             kind=InputKind(origin["input"]),
             servo=ServoLoop.of(loop, whole=False) if loop else None,
             known=Prior.of(origin.get("known", {})),
             ratios=estimate.ratios,
+            zeros=tuple(found.zeros.values()),
             mass=mass,
             is_butterfly=manifest.get("shape") == "butterfly",
             recorded=recorded,
@@ -124,6 +130,16 @@ class Twin:
         beside = hand.mass * hand.com_offset / mass
         below = (hand.mass * hand.com_distance + added.mass * added.arm) / mass
         return Body(mass, beside, below, p1 - mass * (beside**2 + below**2))
+
+    @property
+    def zero_lines(self) -> tuple[str, ...]:
+        """Say how the encoder's angle follows from the twin's, if that is known."""
+        if not self.zeros:
+            return ()
+        ends = dict.fromkeys(f"{round(each(self.zeros), 4) + 0.0:g}" for each in (min, max))
+        return (
+            f"Encoder's angle = angle here + zero; zero = {' to '.join(ends)} rad in the logs.",
+        )
 
     @property
     def identifier(self) -> str:
@@ -200,7 +216,8 @@ class Accuracy:
         errors = [*self.errors.values()]
         text = f"Largest error against our own simulation: {self.worst:.2g} {self.unit}"
         if len(errors) > 1:
-            text += f" in {len(errors)} logs (median {np.median(errors):.2g} {self.unit})"
+            middle = f"(median {np.median(errors):.2g} {self.unit})"
+            text += f" in {len(errors)} logs, each with its own mass {middle}"
         more = f"; {self.besides} more logs not compared" if self.besides else ""
         return f"{text}{more}."
 
@@ -221,3 +238,5 @@ class Written:
     left_out: tuple[str, ...] = ()
     # error against our own simulation; None for a format without simulation
     accuracy: Accuracy | None = None
+    title: str = "Twin"  # what it is
+    said: tuple[str, ...] = ()  # sentences on its use

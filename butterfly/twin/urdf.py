@@ -21,7 +21,13 @@ def as_urdf(twin: Twin, options: Options) -> Written:
     """Return a twin as URDF, with what URDF cannot say in comments."""
     error = accuracy(twin, options)
     missing = tuple(_missing(twin, options))
-    notes = (f"{twin.name}, as identified.", *missing, "In MuJoCo, driven this way:", *error.lines)
+    notes = (
+        f"{twin.name}, as identified.",
+        *twin.zero_lines,
+        *missing,
+        "In MuJoCo, driven this way:",
+        *error.lines,
+    )
     comments = "\n  ".join(map(xml_comment, notes))
     slides, p, name = twin.built[0].shape is Shape.SLIDE, twin.loaded, twin.identifier
     kind, own, axis = (
@@ -61,6 +67,8 @@ def _missing(twin: Twin, options: Options) -> Iterator[str]:
         yield f"Delay each effort yourself by {late} (delay {delay})."
     if twin.servo is not None:
         yield f"The servo's loop ({twin.servo.law}) is not included: the command is its drive's."
+    if twin.loaded.p2 or twin.loaded.coulomb:
+        yield "Importers may drop damping and friction (Isaac Sim 6.1.0, IsaacSim#841): check both."
     yield from left_out(twin, "URDF")
 
 

@@ -25,6 +25,10 @@ def test_a_prediction_has_rows_the_verdict_and_bands_in_time(predicted, data, re
     for row in rows:
         assert 0 < row[f"{OF_PARAMETERS}: width in rad"] < row[f"{OF_NEW_LOG}: width in rad"]
     assert np.mean([row[f"{OF_NEW_LOG}: inside in %"] for row in rows]) > 85
+    worst = min(rows, key=lambda row: row[f"{OF_NEW_LOG}: inside in %"])
+    least = f"{worst[f'{OF_NEW_LOG}: inside in %']:.0f} %"
+    assert f"(expected: 95 %); in {worst['log']} {least}, the least." in predicted.summary[3]
+    assert predicted.facts()[-2].detail.endswith(f"worst log {least}")
     said = " ".join(predicted.summary)
     assert "60 parameter draws, all with the same weight." in said
     assert "9 logs, each predicted with its added mass held out" in said
@@ -129,7 +133,7 @@ def test_slips_are_one_typed_error(data, result, predicted, by_thesis, tmp_path)
         (lambda: bf.predict(data, data), "result: got DataSet"),
         (lambda: bf.predict(tmp_path / "nowhere", result), "no such file"),
         (lambda: bf.predict("", result), "got empty"),
-        (lambda: bf.predict(data, result, draws=5), "at least 40"),
+        (lambda: bf.predict("nowhere", "nothing.json", draws=5), "at least 40"),  # before it reads
         (lambda: bf.draws(result, seed=-1), "seed: got -1"),
         (lambda: bf.identify(data, metod="linear"), "metod: got an unknown.*expected 'method'"),
         (lambda: bf.predict(replace(data.logs[0], input_kind="torque"), result), "input: got torq"),

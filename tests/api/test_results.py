@@ -34,6 +34,18 @@ def test_a_zero_is_told_of_logs_and_of_whatever_is_read(quick_data, data):
         bf.read(data, zero="left")
 
 
+def test_the_encoder_s_zero_is_a_row_of_the_answer_is_saved_and_reaches_the_twin(results, tmp_path):
+    found = results["identification"]
+    found.save(tmp_path / "r.json")
+    loaded, (zero,) = bf.load(tmp_path / "r.json"), {*found.zeros.values()}
+    assert zero == found.estimate.local[None]["zero"]
+    row = ("zero", f"{zero:z.4f}", "", "rad", "encoder's angle less the model's")
+    for each in (found, loaded):
+        assert row in [line for table in each.tables() for line in table.rows]
+        assert each.to_dict()["zeros"] == dict.fromkeys(found.fits, zero)
+        assert each.model.twin().zeros == (*found.zeros.values(),)
+
+
 def shown(result):
     """What a result shows on a console, in a frame, on its page without figures."""
     page = result.page()
@@ -400,6 +412,9 @@ def test_an_inspection_forecasts_on_the_logs_that_are_fitted(quick_data, results
     found.save(tmp_path / "seen.json")
     again = bf.load(tmp_path / "seen.json")
     assert (again.before_fit, again.unusable) == (found.before_fit, 0)
+    alone = bf.inspect(quick_data / found.rows()[0]["log"], known={"p4": 0.025})
+    assert alone.rows()[0]["log"] in (cell := alone._repr_html_())
+    assert "identifiable" in cell[cell.index("<table") :]
     assert results["one log"].before_fit == ()  # one log tells less than the data set
     told = bf.inspect(quick_data, holdout=["of no log", "*"])
     assert told.before_fit == ()  # the first pattern does not undo the second

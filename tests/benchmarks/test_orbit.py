@@ -54,6 +54,25 @@ def _errors(seed):
     ]
 
 
+def _held(seed):
+    """Whether the intervals from MuJoCo's logs hold each ratio."""
+    rng, plan = np.random.default_rng(seed), setting.sixty_degrees(rounds=2)
+    rig, believed = partial(ROUGH.rig.run, rng=rng), setting.wrong(TRUE, rng)
+    plants = ROUGH.rig.rough_and_fine(seed)
+    found = calibrate(rig, believed, 0.0, plan, plants=plants, rng=rng)
+    ratios = {name: getattr(TRUE, name) / TRUE.p1 for name in EXPECTED}
+    rows = found.rounds[-1].recalibration.estimate.table(ratios)
+    return {row.name: row.lower <= row.true <= row.upper for row in rows}
+
+
+def test_in_mujoco_the_intervals_hold_each_ratio_as_often_as_they_should():
+    with ProcessPoolExecutor() as pool:
+        held = list(pool.map(_held, range(DRAWS)))
+    shares = {name: np.mean([each[name] for each in held]) for name in EXPECTED[1:]}
+    print("\nshare of draws in MuJoCo whose interval holds the ratio:", shares)
+    assert min(shares.values()) >= 0.85
+
+
 def test_errors_over_random_draws():
     with ProcessPoolExecutor() as pool:
         draws = list(pool.map(_errors, range(DRAWS)))
@@ -74,7 +93,7 @@ def _effect(name):
     options = RecalibrationOptions(**told)
     study = study_orbit(rig, small, 0.0, setting.sixty_degrees(), options, rng=rng)
     rounds = study.calibration.rounds
-    swings = [round(math.degrees(each.amplitude), 2) for each in rounds]
+    swings = [round(math.degrees(each.reached), 2) for each in rounds]
     errors = map(math.degrees, study.errors.values())
     return (*errors, swings, rounds[-1].recalibration.estimate.names)
 
@@ -99,7 +118,7 @@ def _swings(seed):
     ]
     lowest = min(each.recalibration.estimate.values.min() for loop in loops for each in loop.rounds)
     assert lowest >= 0
-    return [[round(math.degrees(each.amplitude), 2) for each in loop.rounds] for loop in loops]
+    return [[round(math.degrees(each.reached), 2) for each in loop.rounds] for loop in loops]
 
 
 def test_the_loop_over_random_draws():

@@ -4,12 +4,13 @@ import hashlib
 import json
 import re
 from dataclasses import replace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
 import butterfly as bf
-from butterfly.logs import thesis_logs
+from butterfly.logs import manifest_draft, thesis_logs
 from butterfly.logs.csv import write_csv
 from butterfly.logs.manifest import read_manifest
 from tests.cli.one_line import assert_one_line_error, done
@@ -70,8 +71,9 @@ COLUMNS = ("--columns", "time=t,input=volts,angle=phi", "--units", "time=ms,angl
 
 def test_a_folder_of_any_logs_is_told_the_worst_first_with_what_to_do(butterfly, loose, tmp_path):
     path = tmp_path / "found.json"
-    code, out, err = butterfly("inspect", loose, *COLUMNS, "--json", path)
+    code, out, err = butterfly("inspect", loose, *COLUMNS, "--json", path, "--verbose")
     assert code == 2
+    assert "Next: " not in out
     assert "1 unusable" in err
     rows = [line.split()[:3] for line in out.splitlines() if re.match(r"  .*\.txt", line)]
     assert rows == [
@@ -90,6 +92,18 @@ def test_a_folder_of_any_logs_is_told_the_worst_first_with_what_to_do(butterfly,
     assert "by a turn, undone; the angle spans 2.5 turns" in " ".join(out.split())
 
 
+def test_logs_without_findings_are_listed_on_request_below_the_verdict_and_the_next_command(
+    butterfly, quick_data
+):
+    out = butterfly("inspect", quick_data)[1]
+    assert out.splitlines()[0] == "9 logs: all ok."
+    step = out.index(f"Next: butterfly identify {quick_data}")
+    assert step < out.index("What these logs can tell")
+    assert len(out.splitlines()) < 20
+    assert "Without findings" not in out
+    assert ".mat" in butterfly("inspect", quick_data, "--verbose")[1]
+
+
 def test_a_manifest_is_drafted_of_any_logs_with_what_is_said_of_them(butterfly, loose):
     out = done(butterfly("manifest", loose, *COLUMNS, "--repair", "unwrap"))
     assert "added_mass" in out
@@ -104,9 +118,14 @@ def test_a_manifest_is_drafted_of_any_logs_with_what_is_said_of_them(butterfly, 
     assert butterfly("inspect", loose)[0] == 0
 
 
-def test_columns_of_usual_words_are_taken_and_not_asked_for(butterfly, loose):
-    _, out, _ = butterfly("manifest", loose, "--units", "time=ms,angle=deg")
+def test_columns_of_usual_words_are_taken_and_not_asked_for(butterfly, loose, monkeypatch):
+    read = Mock(side_effect=manifest_draft.read_entry)
+    monkeypatch.setattr(manifest_draft, "read_entry", read)
+    _, out, _ = butterfly("manifest", loose, "--units", "time=ms,angle=deg,mass=g")
     assert "- columns" not in out
+    assert read.call_count == 1
+    places = "# - {file: ..., added_mass: (g), arm: (m), omega: (rad/s), amplitude: (V)}"
+    assert places in (loose / "manifest.yaml").read_text(encoding="utf-8")
     found = read_manifest(loose / "manifest.yaml").columns
     assert found == {"time": "t", "input": "volts", "angle": "phi"}
     assert butterfly("inspect", loose, "--repair", "unwrap")[0] == 0
@@ -144,7 +163,7 @@ def test_recordings_put_together_and_pieces_of_a_log_are_told_apart(butterfly, t
     rows = [(t, np.sin(3 * t), 0.3 * np.sin(3 * t + k)) for k in range(2) for t in time]
     path = tmp_path / "two.csv"
     np.savetxt(path, rows, delimiter=",", header="time,input,angle", comments="")
-    out = done(butterfly("inspect", path, "--restarts"))
+    out = done(butterfly("inspect", path, "--restarts", "--verbose"))
     assert all(f"two.csv (part {k})" in out for k in (1, 2))
     np.savetxt(path, rows[:200], delimiter=",", header="time,input,angle", comments="")
     out = done(butterfly("inspect", path, "--from", "0.5", "--to", "1.5"))

@@ -102,6 +102,7 @@ def test_the_robot_of_an_experiment_is_told_and_exported(answer, quick, tmp_path
     assert re.search(twin, " ".join(out.split()))
     assert "Largest error against our own simulation: " in out
     assert "MuJoCo does not round commands" in out
+    assert "Next: " not in out
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "q.xml"))
     assert model.dof_damping[0] == 2e-4
     assert model.actuator("motor").ctrlrange[1] == 5.0
@@ -130,6 +131,9 @@ def test_a_hand_gets_a_mass_that_its_parameters_allow_and_no_other(butterfly, sa
     heavy.write_text(json.dumps(content))
     out = done(butterfly("export", heavy, "--out", tmp_path / "t.xml"))
     assert "(change: export --hand-mass)" in out
+    assert out.splitlines()[-1] == f"Next: butterfly compare {heavy}"
+    out = done(butterfly("export", heavy, "--out", tmp_path / "t.xml", "--added-mass", 0.05))
+    assert "by RK4, with 50 g at 104 mm." in " ".join(out.split())
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "t.xml"))
     hand = model.joint("hinge").bodyid[0]
     about = model.body_inertia[hand, 0] + model.body_mass[hand] * model.body_ipos[hand, 2] ** 2

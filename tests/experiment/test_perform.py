@@ -60,8 +60,8 @@ def test_every_key_counts_without_a_sweep(run):
     labels = ["weak-form(no terms)", "weak-form(load)"]
     assert [each.estimator for each in record.estimates] == list(found.identifications) == labels
     assert all(each.held_out.median > 90 for each in record.estimates)
-    own = found.identifications[labels[1]].shown_rows()[-1]
-    assert found.shown_rows()[-1] == {"estimator": labels[1]} | own
+    own = found.identifications[labels[1]].rows()[-1]
+    assert found.rows()[-1] == {"estimator": labels[1]} | own
     assert (ResultStore(out).files_path(task.key) / "manifest.yaml").exists()
     numbers = _json(out / "report.json")["parameters"]
     assert {row.name: row.value for row in record.estimates[0].parameters} == {

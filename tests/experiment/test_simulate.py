@@ -153,7 +153,7 @@ def test_a_robot_is_identified_from_a_multisine_and_a_free_decay(short, tmp_path
     (identification,) = performed.identifications.values()
     _assert_found(identification, truth, 5e-3)
     assert identification.fit.worst > 99
-    Identification.of(identification).report(tmp_path / "report.html", truth=truth)
+    Identification.of(identification).report(tmp_path / "report.html")
 
 
 def test_a_plant_may_be_lumped_and_simulated_by_either(tmp_path):

@@ -8,7 +8,7 @@ from pathlib import Path
 from butterfly.experiment.record import RunRecord
 from butterfly.experiment.source import Source
 from butterfly.experiment.store import ResultStore
-from butterfly.experiment.sweep import kept_status, plan_sweep, run_sweep
+from butterfly.experiment.sweep import plan_sweep, run_sweep
 from tests.experiment.setting import HereEngine
 from tests.fuzz.escape import escape_of, escape_of_command
 
@@ -81,7 +81,7 @@ def _resumed(name: str, store: ResultStore, experiment: Path) -> str:
     """Tell whether a damaged record, or log that was kept, is not noticed on resuming."""
     tasks = plan_sweep(Source(experiment)).tasks
     to_do: list[bool] = []
-    escape = escape_of(lambda: to_do.extend(kept_status(store, task) is None for task in tasks))
+    escape = escape_of(lambda: to_do.extend(store.complete(task.key) is None for task in tasks))
     missed = name.startswith("runs/") and not any(to_do) and not _same(name, store)
     return escape or (f"{name}: damaged, and resuming takes it for whole" if missed else "")
 

@@ -76,11 +76,12 @@ def test_the_band_of_the_parameters_is_the_closed_form_s_where_the_model_is_line
 
 
 def _noisy_by_its_motion(logs, seed):
-    """Noise in proportion to each log's motion, and a first sample without any."""
-    rng = np.random.default_rng(seed)
+    """Slow errors in proportion to each log's motion, and a first sample without any."""
+    rng, slow = np.random.default_rng(seed), np.hanning(40)
     found = []
     for log in logs:
-        noise = RELATIVE_NOISE * np.std(log.angle) * rng.standard_normal(log.angle.size)
+        noise = np.convolve(rng.standard_normal(log.angle.size), slow, "same")
+        noise *= RELATIVE_NOISE * np.std(log.angle) / np.std(noise)
         noise[0] = 0.0
         found.append(replace(log, angle=log.angle + noise))
     return DataSet.of(found)
@@ -189,6 +190,29 @@ def test_drawn_errors_keep_the_level_of_their_log_and_are_as_slow_and_as_loud(da
     loud = replace(first, relative=noise)
     drawn = loud.drawn(np.arange(0, 300, 0.0131), np.random.default_rng(1))
     assert np.std(drawn) == pytest.approx(1.0, rel=0.03)
+
+
+def test_the_model_s_part_of_an_error_follows_the_swing_and_the_sensor_s_noise_stays(data, found):
+    first, *_ = predict.expected_errors(data, found)
+    own, size = first.log.rms_measured, np.sqrt(np.mean(first.relative**2))
+    assert 0 < first.noise <= own * size
+    assert first.scale(own) == pytest.approx(own)
+    assert first.scale(0.0) * size == pytest.approx(first.noise)
+    assert replace(first, noise=0.0).scale(3 * own) == pytest.approx(3 * own)
+    large = (own * size) ** 2 - first.noise**2
+    assert (first.scale(3 * own) * size) ** 2 == pytest.approx(9 * large + first.noise**2)
+
+
+def test_a_small_swing_among_large_ones_lies_in_its_band(clean):
+    """White noise alone: a band in proportion to the swing would hold 77 % of it."""
+    data = _noisy(clean, 0)
+    least = min(data.logs, key=lambda log: log.rms_measured)
+    found = HarmonicBalance(terms=())(data)
+    errors = max(predict.expected_errors(data, found), key=lambda each: each.log.rms_measured)
+    (prediction,) = _predicted(
+        data.take([data.logs.index(least)]), found, predict.draw_parameters(found, 100), [errors]
+    )
+    assert prediction.bands[predict.OF_NEW_LOG].share(prediction.measured) > 0.9
 
 
 EVERY_TERM = ("drag", "load", "bias", "p3_offset", "stribeck")

@@ -129,7 +129,7 @@ def test_in_mujoco_the_loop_brings_97_degrees_to_60():
     rng = np.random.default_rng(3)
     small = setting.generic(ROUGH, setting.AGAINST_COULOMB, duration=40.0)
     found = calibrate(partial(ROUGH.rig.run, rng=rng), small, 0.0, setting.sixty_degrees(), rng=rng)
-    reached = [math.degrees(each.amplitude) for each in found.rounds]
+    reached = [math.degrees(each.reached) for each in found.rounds]
     assert reached[0] == pytest.approx(97.0, abs=1.0)
     assert reached[-1] == pytest.approx(60.0, abs=0.2)
     assert len(reached) <= 4
@@ -142,7 +142,7 @@ def test_the_loop_converges_from_wrong_parameters(seed):
     rig = setting.grey_rig(ROUGH, rng)
     plan = setting.sixty_degrees(duration=20.0)
     found = calibrate(rig, setting.wrong(TRUE, rng), 0.0, plan, rng=rng)
-    assert math.degrees(found.rounds[-1].amplitude) == pytest.approx(60.0, abs=0.2)
+    assert math.degrees(found.rounds[-1].reached) == pytest.approx(60.0, abs=0.2)
     assert len(found.rounds) <= 4
     for each in found.rounds:
         assert (each.recalibration.estimate.values >= 0).all()

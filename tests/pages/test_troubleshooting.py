@@ -40,7 +40,7 @@ def _said(finding):
 
 # the second line of every verdict
 _OF_MODEL = {FindingKind.FOLLOWED, FindingKind.MISFIT, FindingKind.NO_MISFIT}
-_SLIPS = {FindingKind.UNIT_ERROR, FindingKind.SUSPECTED}
+_SLIPS = {FindingKind.UNIT_ERROR, FindingKind.SUSPECTED, FindingKind.ASKED}
 KINDS = [kind for kind in FindingKind if kind not in _SLIPS | _OF_MODEL]
 _CONCERNED = {
     FindingKind.CONTRADICTED: ("inertia",),

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -87,6 +88,15 @@ def test_stribeck_friction_equals_an_integrator_that_stops_at_each_reversal(join
     alone = Joint(p.p1, p.p2, p.p3, p.p4, p.coulomb, excess_velocity=0.3, **beside)
     exact, _ = motion(alone, log.time, log.input)
     np.testing.assert_allclose(log.angle, exact, atol=error)
+
+
+def test_a_fine_joint_is_nearer_to_set_valued_friction_where_it_slides():
+    swung, stamps = robot(UNIT, coulomb=1e-3), np.linspace(0, 3, 3001)
+    kinds = GreyBoxJoint, MujocoJoint, partial(MujocoJoint, fine=True)
+    exact, rough, fine = (
+        kind(swung, angle=1.5).angles_under(stamps, np.zeros(stamps.size), stamps) for kind in kinds
+    )
+    assert np.abs(fine - exact).max() < 0.2 * np.abs(rough - exact).max()
 
 
 @pytest.mark.parametrize("joint", JOINTS)

@@ -19,6 +19,7 @@ from butterfly.report.finding_texts import (
     estimate_sentences,
     estimate_verdict,
     finding_text,
+    grave_notes,
 )
 from butterfly.report.inspection import conditions_text
 from butterfly.report.summary import next_step
@@ -51,6 +52,7 @@ NUMBERS = {
     FindingKind.SOURCES_CONFLICT: (4.23, "4.2 standard uncertainties"),
     FindingKind.CONTRADICTED: (5.61, "5.6 standard errors"),
     FindingKind.SEARCH_STOPPED: (60.0, "after 60 s"),
+    FindingKind.PLANT: (4.21e-5, "0.004 %"),
 }
 OF_BODY = {FindingKind.CONTRADICTED: ("viscous_friction", "inertia")}
 """Physical parameters instead of the model's."""
@@ -65,9 +67,8 @@ NAMELESS = OF_LOGS | {
     *(FindingKind.MISFIT, FindingKind.NO_MISFIT),
     *(FindingKind.CLOCK_SET, FindingKind.OMEGA_SET),
 }
-PLAIN = [
-    kind for kind in FindingKind if kind not in {FindingKind.UNIT_ERROR, FindingKind.SUSPECTED}
-]
+SLIPS = {FindingKind.UNIT_ERROR, FindingKind.SUSPECTED, FindingKind.ASKED}
+PLAIN = [kind for kind in FindingKind if kind not in SLIPS]
 """Wrong units have sentences of their own, each its test."""
 VALUES = {"p2": 1e-3, "p4": -0.5, "tilt": 0.2}
 
@@ -248,3 +249,24 @@ def test_the_next_step_is_a_command_to_paste(findings, missing, saved, command):
     words = ("identify", "--units=time=ms,angle=rad", "a.csv", "--terms", "")
     step = next_step(found, words, [Path("a.csv")], saved and Path(saved))
     assert step == f"butterfly {command}"
+
+
+@pytest.mark.parametrize(
+    ("finding", "begins"),
+    [
+        (Finding(FindingKind.ASKED, ("grams",), number=60.0), "Is an added mass of 60 kg right?"),
+        (Finding(FindingKind.CONTRADICTED, ("inertia",), number=9.0), "The given motor and body"),
+        (Finding(FindingKind.PRIOR_CONFLICT, ("p1",), number=9.0), "The logs contradict the given"),
+    ],
+)
+def test_what_makes_values_doubtful_is_in_the_first_line_of_the_verdict_and_said_once(
+    finding, begins
+):
+    estimate = _estimate(finding)
+    verdict = estimate_verdict(estimate)
+    assert estimate.level is Level.CARE
+    assert verdict.lines[0].startswith(f"Use with care: {begins}")
+    assert verdict.lines[0].endswith("coulomb ±5 %.")
+    assert grave_notes(estimate) == []
+    ruined = replace(estimate, findings=(Finding(FindingKind.NEGATIVE, ("p2",)), finding))
+    assert grave_notes(ruined) == [finding_text(finding, VALUES)]  # which another verdict leaves

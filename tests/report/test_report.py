@@ -40,21 +40,20 @@ from butterfly.report.summary import summary
 @pytest.fixture(scope="module")
 def simulated(quick_data):
     truth = read_experiment("quickstart").plant.robot.lumped
-    return identify(read_data_set(read_manifest(quick_data / "manifest.yaml"))), truth
+    found = identify(read_data_set(read_manifest(quick_data / "manifest.yaml")))
+    return dataclasses.replace(found, truth=truth), truth
 
 
 @pytest.fixture(scope="module")
 def told(simulated):
     """The page, before it is written."""
-    result, truth = simulated
-    return result.page(truth)
+    return simulated[0].page()
 
 
 @pytest.fixture(scope="module")
 def page(simulated, tmp_path_factory):
     path = tmp_path_factory.mktemp("report") / "report.html"
-    result, truth = simulated
-    result.report(path, truth=truth)
+    simulated[0].report(path)
     return path
 
 
@@ -333,7 +332,7 @@ def test_labels_of_logs_are_no_markup_in_figures(simulated):
 
 def test_the_forest_plot_has_every_parameter(simulated):
     result, truth = simulated
-    figure, rows = result.plot.parameters(truth), result.estimate.table(truth)
+    figure, rows = result.plot.parameters(), result.estimate.table(truth)
     (bars,) = [trace for trace in figure.data if trace.name == "95 % half-width"]
     assert (len(bars.x), figure.layout.xaxis.type) == (3 * len(rows), "log")
     assert list(figure.layout.yaxis.ticktext) == [row.name for row in rows]

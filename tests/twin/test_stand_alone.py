@@ -11,7 +11,7 @@ from butterfly.api.identification import IdentifiedModel
 from butterfly.api.inspected import robot_of
 from butterfly.identification.free_run import Setting
 from butterfly.identification.simulation import Simulation
-from butterfly.logs.log import Intersample, Log
+from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.logs.reading import read_entry
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters, TorqueDrive
 from butterfly.model.servo import ServoLoop
@@ -112,6 +112,30 @@ def test_a_delay_is_written_in_the_way_that_is_nearest(delay, step, most, gained
     moved, instants = _moved(without, log)
     ours = Simulation(log, parameters, longest=1e-3).run(parameters, 0.0, 0.0)
     assert np.abs(moved - ours.at(instants)).max() > gained * error
+
+
+@pytest.mark.parametrize(
+    ("delay", "step", "written"),
+    [(0.0033, 0.001, r"3\.3 ms is written as 3\.8 ms, half a step more"), (0.004, 0.001, "")],
+)
+def test_a_delay_that_is_written_as_another_is_explained_in_the_file(delay, step, written):
+    parameters, log = _drawn(0, "smooth")
+    made = write_as("mjcf", _twin(replace(parameters, delay=delay), log), Options(timestep=step))
+    late = 1e3 * float(re.search(' delay="(.*?)"', made.text)[1])
+    said = re.search("The delay of (.*) is written as (.*) ms,", made.text)
+    assert (said is None) == (late == pytest.approx(1e3 * delay))
+    assert said is None or float(said[2]) == pytest.approx(late)
+    assert re.search(written, made.text)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_every_form_says_how_the_encoder_s_angle_follows_from_its_own(form):
+    zeros = (0.25, 0.26) if form == "c" else (0.25,)
+    twin = _twin(PLAIN, BRIEF, kind=InputKind.VOLTAGE, zeros=zeros)
+    said = "Encoder's angle = angle here + zero; zero = 0.25 rad in the logs"
+    text = write_as(form, twin, Options(actuator="mx64")).text
+    assert said.replace("0.25", "0.25 to 0.26" if form == "c" else "0.25") in text
+    assert "zero =" not in write_as(form, replace(twin, zeros=()), Options(actuator="mx64")).text
 
 
 @pytest.mark.parametrize("drive", [MOTOR, replace(MOTOR, inductance=2e-3), TorqueDrive(gain=0.025)])

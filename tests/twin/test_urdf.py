@@ -73,6 +73,7 @@ def test_what_urdf_cannot_say_is_in_a_comment_and_told():
         assert f"<!-- {sentence} -->" in written.text
     late = " ".join(write_as("urdf", twin("delayed")).left_out)
     assert "by 2 steps of 2 ms" in late
+    assert "Importers may drop damping and friction" in late
     assert "drag 0.0001 N m s²/rad², spring 0.01 N m/rad" in late
 
 

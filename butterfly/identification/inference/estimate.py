@@ -18,7 +18,7 @@ from butterfly.identification.inference.agreement import Contrast
 from butterfly.identification.inference.blocks import Condition
 from butterfly.identification.inference.covariance import half_widths
 from butterfly.identification.inference.identifiability import precision
-from butterfly.identification.levels import PRECISE
+from butterfly.identification.levels import PRECISE, SPREADS
 from butterfly.identification.parameter import Parameter, meaning_of, or_none, unit_of
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
@@ -29,7 +29,6 @@ from butterfly.verdict import Level
 OF_VERDICT = ("p1", "p4")
 """Parameters of the scale, whose half-widths decide the verdict."""
 
-_DOUBTED = {FindingKind.SEARCH_STOPPED, FindingKind.APPROXIMATE}
 _LARGEST = float(np.finfo(float).max) ** 0.25  # of any number: squares of such are numbers too
 _FINDINGS = TypeAdapter(tuple[Finding, ...])
 _CONTRASTS = TypeAdapter(tuple[Contrast, ...])
@@ -253,7 +252,7 @@ class Estimate:
             return Level.WARNING
         widths = self.relative_half_widths
         near = all(widths.get(name, 0.0) <= PRECISE for name in OF_VERDICT)
-        doubted = any(each.kind in _DOUBTED for each in self.findings)
+        doubted = any(each.doubts for each in self.findings)
         return Level.GOOD if near and not doubted else Level.CARE
 
     @property
@@ -266,6 +265,14 @@ class Estimate:
     def farther(self) -> Samples:
         """(n,) distances of each value from the farther limit of its interval."""
         return np.maximum(self.upper - self.values, self.values - self.lower)
+
+    @property
+    def interval_covariance(self) -> Samples:
+        """(n, n) covariance, enlarged so that its standard errors are those of the intervals."""
+        errors = self.standard_errors
+        widest = np.maximum(self.farther / SPREADS, errors)
+        scale = np.divide(widest, errors, out=np.ones_like(errors), where=errors > 0)
+        return np.asarray(self.covariance * np.outer(scale, scale))
 
     @property
     def relative_half_widths(self) -> dict[str, float]:
@@ -309,6 +316,21 @@ class Estimate:
     def with_findings(self, *more: Finding) -> Estimate:
         """Return the estimate with further findings."""
         return replace(self, findings=(*self.findings, *more))
+
+    def resting_on(self, error: Samples) -> Estimate:
+        """Return the estimate with (n,) errors of its logs' simulator, as standard uncertainty."""
+        covariance = np.outer(error, error)
+        wider = half_widths(covariance, np.full(error.size, np.inf))
+        below = np.hypot(self.values - self.lower, wider)
+        most = int(np.argmax(np.abs(error) / np.maximum(self.farther, np.finfo(float).tiny)))
+        share = abs(error[most]) / max(abs(self.values[most]), abs(error[most]))
+        told = Finding(FindingKind.PLANT, (self.names[most],), number=float(share))
+        return replace(
+            self,
+            covariance=self.covariance + covariance,
+            lower=np.maximum(self.values - below, lower_bounds(self.names)),
+            upper=self.values + np.hypot(self.upper - self.values, wider),
+        ).with_findings(told)
 
     def with_contrasts(self, more: tuple[Contrast, ...], rivals: Iterable[Samples]) -> Estimate:
         """Return the estimate with contrasts of its free runs first, if they explain more.

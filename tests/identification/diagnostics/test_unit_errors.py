@@ -222,7 +222,7 @@ def test_the_unit_that_is_advised_has_the_factor_that_undoes_the_mistake(error, 
 def test_a_heavy_mass_is_asked_about_and_accused_of_nothing():
     grams = AddedMass(mass=52.0, arm=0.1)
     assert unit_errors_of_masses([grams, AddedMass(mass=9.0, arm=0.1)]) == [
-        Finding(FindingKind.SUSPECTED, (UnitError.GRAMS,), number=52.0)
+        Finding(FindingKind.ASKED, (UnitError.GRAMS,), number=52.0)
     ]
     assert unit_errors_of_masses([AddedMass(mass=9.0, arm=0.1)]) == []
     (asked,) = unit_errors_of_masses([grams])

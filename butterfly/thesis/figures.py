@@ -1,0 +1,258 @@
+"""The thesis's Figures 3 to 12: their data, and what it says of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from butterfly.arrays import Samples
+from butterfly.files import shipped
+from butterfly.logs.log import Log, Sine
+from butterfly.logs.manifest import read_manifest
+from butterfly.logs.reading import read_entry
+from butterfly.model.control_bridge import transfer_function
+from butterfly.model.linear import Linearisation, resonance_frequency
+from butterfly.model.parameters import NO_ADDED_MASS, LumpedParameters
+from butterfly.signals.frequency_response import steady_window
+from butterfly.signals.spectrum import periodogram, resample, rms_amplitude, uniform_grid
+from butterfly.thesis import tables
+from butterfly.thesis.claims import CLOSE, Claim, Curve, ThesisFigure, digits, near
+from butterfly.thesis.method import scripted_amplitude, scripted_resonance
+from butterfly.thesis.tables import COARSE, Synthetic
+
+_WINDOW, _REAL_WINDOW = 40.0, 30.0  # s of Figures 6 and 11
+_STEP = 0.04  # s, to which the responses are resampled
+_SHOWN = (0.154, 14.0)  # kg and rad/s of Figures 9 to 11
+_SWING = 10.0  # degrees, to which the synthetic robot is to keep
+_PEAK = (3.5, 4.0)  # rad/s, between which Figure 7 is to peak
+_SLIGHTLY = 1.5  # ms, until which an interval is slightly above 1 ms
+_TABLE_3 = {  # printed frequencies in rad/s, and amplitudes in thousandths, by mass in g
+    52.0: "2:8 2.5:8 3:6 3.5:5 4:3 4.5:3 5:3 5.5:4 6:10 8:20 10:40 12:60 14:80 16:100",
+    120.5: "3:15 3.5:10 4:10 4.5:10 4.75:10 5:10 5.5:8 6:4 6.5:6 7:10 10:20 12:40 14:70 16:100",
+    154.0: "3.5:15 4:15 4.5:15 5:8 5.5:4 6:3 6.5:6 7:10 7.5:20 10:60 12:80 14:100",
+}
+_TIME, _POWER = ("time in s", "angle in rad"), ("frequency in rad/s", "power in rad²")
+
+
+def synthetic_figures(synthetic: Synthetic) -> list[ThesisFigure]:
+    """Return Figures 3 to 8, of the synthetic robot."""
+    clean, noisy = (
+        {
+            sine.omega: tables.synthetic_log(synthetic, NO_ADDED_MASS, sine, noise=noise)
+            for sine in synthetic.sines
+        }
+        for noise in (False, True)
+    )
+    robot, size = synthetic.rig.robot.lumped, synthetic.sines[0].amplitude
+    swings = [_swing(3, clean[4.0], robot), _swing(4, clean[7.0], robot)]
+    time, angle = clean[4.0].time[::COARSE], clean[4.0].angle[::COARSE]
+    dots = Curve("dots", {"coarse_time_s": time, "coarse_angle_rad": angle})
+    curves, step = {**swings[0].curves, "down-sampled": dots}, float(np.diff(time).mean())
+    claims = [near("a step of", _STEP, step, " s")]
+    title = "Figure 5: the response of Figure 3, down-sampled"
+    sampled = ThesisFigure("figure_05", title, _TIME, curves, claims, shown=(50, 60))
+    return [*swings, sampled, _leakage(angle, step, 4.0), *_gains(robot, step, size, clean, noisy)]
+
+
+def _swing(number: int, log: Log, robot: LumpedParameters) -> ThesisFigure:
+    assert log.excitation is not None  # noqa: S101 - it is a sine
+    omega = log.excitation.omega
+    said = float(abs(Linearisation.of(robot).response(omega))) * log.excitation.amplitude
+    seen = rms_amplitude(log.angle[steady_window(log, omega)])
+    largest = math.degrees(np.abs(log.angle).max())
+    curves = {"simulated": Curve("line", {"time_s": log.time, "angle_rad": log.angle})}
+    claims = [
+        Claim(f"within ±{_SWING:g}° (here ±{largest:.2f}°)", largest <= _SWING),
+        near("steady amplitude A|G(jω)| (20) of", 1e3 * said, 1e3 * seen, " mrad"),
+    ]
+    title = f"Figure {number}: response to a sine of {omega:g} rad/s"
+    return ThesisFigure(f"figure_{number:02d}", title, _TIME, curves, claims)
+
+
+def _leakage(angle: Samples, step: float, omega: float) -> ThesisFigure:
+    """Return Figure 6, whose window holds no whole periods: hence its flanks."""
+    whole = _WINDOW - _WINDOW % (2 * math.pi / omega)
+    curves, beside = {}, []
+    for kind, window in (("", _WINDOW), ("whole_", whole)):
+        bins, power = periodogram(angle[-math.floor(window / step) :], step)
+        columns = {f"{kind}omega_rad_per_s": bins, f"{kind}power_rad2": power}
+        curves[f"last {window:.4g} s"] = Curve("line", columns)
+        beside.append(100 * (1 - np.sort(power)[-3:].sum() / power.sum()))
+    bins, power = curves[f"last {_WINDOW:g} s"].columns.values()
+    others = _other_peaks(bins, power)
+    claims = [
+        near("dominant frequency", omega, bins[power.argmax()], " rad/s", bins[0] / 2),
+        Claim(
+            f"several other peaks (here {len(others)}; {beside[0]:.2g} % of the power is beside "
+            f"three bins, {beside[1]:.1g} % in a window of whole periods: leakage)",
+            len(others) > 1,
+        ),
+    ]
+    title = f"Figure 6: periodogram of the last {_WINDOW:g} s of Figure 5"
+    return ThesisFigure("figure_06", title, _POWER, curves, claims, {}, "y", (0, 3 * omega))
+
+
+def _other_peaks(bins: Samples, power: Samples) -> list[tuple[float, float]]:
+    """Return frequency, and share of the largest, of all other local maxima, the larger first."""
+    inner = power[1:-1]
+    tops = 1 + np.flatnonzero((inner > power[:-2]) & (inner > power[2:]))
+    order = tops[np.argsort(power[tops])[::-1]]
+    return [
+        (float(bins[k]), float(power[k] / power.max())) for k in order if power[k] < power.max()
+    ]
+
+
+def _gains(
+    robot: LumpedParameters,
+    step: float,
+    size: float,
+    clean: Mapping[float, Log],
+    noisy: Mapping[float, Log],
+) -> list[ThesisFigure]:
+    """Return Figures 7 and 8, of a sine's ``size``, by frequency without and with noise."""
+    omega, fine = np.array([*clean]), np.linspace(0.5, 8.0, 400)
+    quiet, loud = (
+        np.array([10 ** (tables.scripted_point(log).gain_db / 20) for log in logs.values()])
+        for logs in (clean, noisy)
+    )
+    linear, held = Linearisation.of(robot), transfer_function(robot).sample(step, "zoh")
+    exact, sampled = linear.response(omega), held(np.exp(1j * omega * step))
+    off, off_sampled = (
+        100 * float(np.sqrt(np.mean((quiet / np.abs(each) - 1) ** 2))) for each in (exact, sampled)
+    )
+    noise = np.std([noisy[w].angle - clean[w].angle for w in clean]) / size
+    above, law = (
+        100 * ((each / quiet).max() - 1) for each in (loud, np.hypot(quiet, 2**0.5 * noise))
+    )
+    tops, peak = [float(omega[each.argmax()]) for each in (quiet, loud)], resonance_frequency(robot)
+    crosses = Curve("crosses", {"omega_rad_per_s": omega, "gain_without_noise": quiet})
+    circles = Curve("circles", {"omega_rad_per_s": omega, "gain_with_noise": loud})
+    shape = {"curve_omega_rad_per_s": fine, "linearisation_gain": np.abs(linear.response(fine))}
+    axes = ("frequency in rad/s", "gain in rad per unit of input")
+    marks = {"(73)": peak, "(100) in Table 1": float(tables.TABLE_1_PRINTED[1].split()[0])}
+    claims = [
+        Claim(
+            f"both largest between {_PEAK[0]} and {_PEAK[1]} rad/s (here at {tops[0]:g} and "
+            f"{tops[1]:g}; the resonance is {peak:.4g})",
+            _PEAK[0] <= min(tops) <= max(tops) <= _PEAK[1],
+        ),
+        Claim(
+            f"noise takes them far from the Bode plot (here by up to {above:.0f} %; {law:.0f} % if "
+            "(71) were √(A² + 2s²), its limit)",
+            above > 100 * CLOSE,
+        ),
+    ]
+    matches = [
+        Claim(f"in good match with |G(jω)| (here {off:.2g} % rms)", off < 100 * CLOSE),
+        Claim(
+            f"the gains are |G_q(exp(jωΔ))| (68) (here {off_sampled:.2g} % rms: a sampled sine "
+            "obeys G(jω))",
+            off_sampled < off,
+        ),
+    ]
+    both = {"without noise": crosses, "with noise": circles}
+    curve = {"linearisation (63)": Curve("line", shape), "without noise": crosses}
+    title = "Figure 7: gains (68) by (71), without and with noise"
+    other = "Figure 8: gain of the linearisation, and gains without noise"
+    return [
+        ThesisFigure("figure_07", title, axes, both, claims, marks, "y"),
+        ThesisFigure("figure_08", other, axes, curve, matches, marks, "y"),
+    ]
+
+
+def real_figures(root: Path | None) -> list[ThesisFigure]:
+    """Return Figures 9 to 12, of the 41 real logs (see `has_real_logs`)."""
+    manifest = read_manifest(shipped("experiments/real-logs.yaml"), root)
+    logs = [read_entry(manifest, entry) for entry in manifest.logs]
+    sines = [(log, log.excitation) for log in logs if log.excitation]
+    log, sine = next((x, s) for x, s in sines if (x.added_mass.mass, s.omega) == _SHOWN)
+    grid = uniform_grid(log.time, _STEP)
+    angle = resample(log.time, log.angle, grid)
+    steady = angle[-round(_REAL_WINDOW / _STEP) :]
+    bins, power = periodogram(steady - steady.mean(), _STEP)
+    interval, rest = 1e3 * np.diff(log.time), float(log.angle.mean())
+    spread, typical = float(interval.std()), float(np.median(interval))
+    levels = float(np.mean(np.abs(10 * interval - np.rint(10 * interval)) < 10 * CLOSE))
+    other, share = _other_peaks(bins, power)[0]
+    swing = {
+        "measured": Curve("line", {"time_s": log.time, "angle_rad": log.angle}),
+        "resampled": Curve("dots", {"coarse_time_s": grid, "coarse_angle_rad": angle}),
+    }
+    stamps = {"interval": Curve("dots", {"time_s": log.time[1:], "interval_ms": interval})}
+    spectrum = {"measured": Curve("line", {"omega_rad_per_s": bins, "power_rad2": power})}
+    claims = {
+        9: [
+            near("amplitude of the input", 0.1, rms_amplitude(log.input)),
+            Claim(f"not centred (here about {rest:.2f} rad)", abs(rest) > CLOSE),
+        ],
+        10: [
+            Claim(f"most slightly above 1 ms (here {typical:.3g} ms)", 1 < typical < _SLIGHTLY),
+            Claim(f"stripes (here {100 * levels:.0f} % at multiples of 0.1 ms)", 2 * levels > 1),
+            Claim(
+                f"irregular (here {spread:.2g} ms rms, at most {interval.max():.2g} ms)",
+                spread > CLOSE * typical,
+            ),
+        ],
+        11: [
+            near("dominant frequency", sine.omega, bins[power.argmax()], " rad/s", bins[0] / 2),
+            Claim(
+                f"another peak below is not negligible (here that at {other:.3g} rad/s has "
+                f"{100 * share:.1g} % of the power)",
+                share > CLOSE,
+            ),
+        ],
+    }
+    titles = {
+        9: f"Figure 9: response of the real hand, {1e3 * log.added_mass.mass:g} g",
+        10: "Figure 10: intervals between the samples of Figure 9",
+        11: f"Figure 11: periodogram of the last {_REAL_WINDOW:g} s of Figure 9",
+    }
+    across, last = _TIME[0], float(log.time[-1])
+    return [
+        ThesisFigure("figure_09", titles[9], _TIME, swing, claims[9], shown=(last - 5, last)),
+        ThesisFigure("figure_10", titles[10], (across, "interval in ms"), stamps, claims[10]),
+        ThesisFigure("figure_11", titles[11], _POWER, spectrum, claims[11], logarithmic="y"),
+        _real_gains(sines),
+    ]
+
+
+def _real_gains(sines: Sequence[tuple[Log, Sine]]) -> ThesisFigure:
+    """Return Figure 12, with the resonances of Table 4 and the inputs of Table 3."""
+    curves, found, low = {}, [], []
+    for mass in sorted({log.added_mass for log, _ in sines}):
+        own = [(log, sine) for log, sine in sines if log.added_mass == mass]
+        points = [scripted_amplitude(log) for log, _ in own]
+        omega, gain = np.array([sine.omega for _, sine in own]), [each.gain_db for each in points]
+        for (log, sine), shown in zip(own, gain, strict=True):
+            swing = log.angle[steady_window(log, sine.omega)]
+            size = rms_amplitude(swing - swing.mean()) / sine.amplitude
+            low.append(20 * math.log10(size) - shown)
+        name = f"{1e3 * mass.mass:g}g"
+        columns = {f"omega_{name}_rad_per_s": omega, f"gain_{name}_dB": np.array(gain)}
+        curves[f"{name[:-1]} g"] = Curve("circles", columns)
+        second, first = sorted(points, key=lambda point: point.gain_db)[-2:]
+        found.append(scripted_resonance(first, second))
+    printed = {
+        (mass, *map(float, pair.split(":")))
+        for mass, row in _TABLE_3.items()
+        for pair in row.split()
+    }
+    recorded = {
+        (1e3 * log.added_mass.mass, sine.omega, round(1e3 * sine.amplitude)) for log, sine in sines
+    }
+    table_4, same = tables.TABLE_4_PRINTED, len(recorded & printed)
+    claims = [
+        Claim(f"(100) of them is {table_4} rad/s (here {digits(found)})", digits(found) == table_4),
+        near("they are (71) less", 0, float(np.mean(low)), " dB", CLOSE),
+        Claim(
+            f"inputs are the {len(printed)} of Table 3 (here {len(recorded)}, {same} as there)",
+            recorded == printed,
+        ),
+    ]
+    marks = {f"Table 4, {k}": float(x) for k, x in zip(curves, table_4.split(), strict=True)}
+    title = "Figure 12: gains (68) by (71) of the 41 logs, as scripted"
+    axes = ("frequency in rad/s", "gain in dB")
+    return ThesisFigure("figure_12", title, axes, curves, claims, marks)
