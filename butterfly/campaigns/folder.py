@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from butterfly.campaign.bench import Run
-from butterfly.campaign.contact import Contact
+from butterfly.campaigns.bench import Run
+from butterfly.campaigns.contact import Contact
 from butterfly.errors import InputError
 from butterfly.files import finite, json_text, read_file, write_file
 from butterfly.identification.data import DataSet, read_data_set
@@ -62,9 +62,20 @@ class Folder:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.journal: Journal | None = self._journal()
+        self._journal = self._read()
 
-    def _journal(self) -> Journal | None:
+    @property
+    def is_begun(self) -> bool:
+        """Whether a campaign was begun here."""
+        return self._journal is not None
+
+    @property
+    def journal(self) -> Journal:
+        """What was done so far, of a campaign that was begun."""
+        assert self._journal is not None  # noqa: S101 - see `is_begun`
+        return self._journal
+
+    def _read(self) -> Journal | None:
         """Return the journal of a campaign that was begun here, if any."""
         file = self.path / JOURNAL
         if not file.exists():
@@ -84,7 +95,6 @@ class Folder:
 
     def add(self, run: Run, step: Step) -> None:
         """Keep a run: its log first, then the manifest, then the journal."""
-        assert self.journal is not None  # noqa: S101 - a campaign begins with it
         steps = (*self.journal.steps, step)
         log = run.log(added_mass=step.added_mass)
         write_file(self.path / _file(len(steps) - 1), parquet_bytes(log))
@@ -95,7 +105,6 @@ class Folder:
 
     def conclude(self, step: Step) -> None:
         """Say of the last run what was known after it."""
-        assert self.journal is not None  # noqa: S101
         self._keep(replace(self.journal, steps=(*self.journal.steps[:-1], step)))
 
     def data(self) -> DataSet:
@@ -108,7 +117,7 @@ class Folder:
         return read_data_set(manifest.model_copy(update={"logs": [manifest.logs[number]]}))
 
     def _keep(self, journal: Journal) -> None:
-        self.journal = journal
+        self._journal = journal
         content = json_text(finite(_JOURNAL.dump_python(journal, mode="json")))
         write_file(self.path / JOURNAL, content, own=True)
 
@@ -126,7 +135,9 @@ def _manifest(name: str, journal: Journal) -> Manifest:
         intersample=Intersample.ZERO_ORDER_HOLD,
         sign=1 if journal.contact.polarity > 0 else -1,
         known=known,
-        holdout=[_file(k).removesuffix(".parquet") for k, s in enumerate(journal.steps) if s.held_out],
+        holdout=[
+            _file(k).removesuffix(".parquet") for k, s in enumerate(journal.steps) if s.held_out
+        ],
         logs=[_entry(_file(k), step.added_mass) for k, step in enumerate(journal.steps)],
     )
 

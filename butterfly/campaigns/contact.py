@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from butterfly.campaign.bench import Bench, SafetyStop
-from butterfly.campaign.laws import Push
+from butterfly.campaigns.bench import Bench, SafetyStop
+from butterfly.campaigns.laws import Push
 
 ENOUGH = 8e-3
 """Rad by which the joint has to move."""

@@ -1,4 +1,4 @@
-"""A motor kept on through many runs, under guard: limits, a watchdog, a brake, a log of each run."""
+"""A motor kept on through many runs, under guard: limits, a watchdog, a brake, a log of each."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from butterfly.arrays import Samples
-from butterfly.campaign.laws import STILL, Brake, Law
+from butterfly.campaigns.laws import STILL, Brake, Law
 from butterfly.errors import ButterflyError, require_number
 from butterfly.logs.log import InputKind, Log
 from butterfly.plant.motor import Motor, Reading, recorded
@@ -59,7 +59,9 @@ class Run(NamedTuple):
     def log(self, **about: Any) -> Log:  # noqa: ANN401 - fields of the log
         """Return its log."""
         kind = {"input_kind": self.input_kind}
-        return recorded(self.time, self.input, self.angle, **kind, **{"source": "campaign", **about})
+        return recorded(
+            self.time, self.input, self.angle, **kind, **{"source": "campaign", **about}
+        )
 
 
 class Bench:
@@ -125,7 +127,8 @@ class Bench:
         self.used += since
         if self.used > self.limits.seconds:
             raise SafetyStop(f"the robot time of {self.limits.seconds:g} s is used up")
-        return Run(*np.array(samples or [(0.0, 0.0, angle)]).T, cut, motor.input_kind)
+        times, inputs, angles = np.array(samples or [(0.0, 0.0, angle)]).T
+        return Run(times, inputs, angles, cut, motor.input_kind)
 
     def require_motion(self, run: Run) -> None:
         """Raise `SafetyStop` if a run that was driven did not move the joint."""

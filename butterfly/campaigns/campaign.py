@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 
 from butterfly.arrays import Samples
-from butterfly.campaign.bench import Bench, Limits, SafetyStop
-from butterfly.campaign.contact import ENOUGH, make_contact
-from butterfly.campaign.design import (
+from butterfly.campaigns.bench import Bench, Limits, SafetyStop
+from butterfly.campaigns.contact import ENOUGH, make_contact
+from butterfly.campaigns.design import (
     PROBE,
     Recipe,
     best_plan,
@@ -28,12 +28,12 @@ from butterfly.campaign.design import (
     probe,
     validation,
 )
-from butterfly.campaign.folder import Folder, Journal, Step
+from butterfly.campaigns.folder import Folder, Journal, Step
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError, require_number
 from butterfly.identification.identified import Identified
 from butterfly.identification.identify import identify
 from butterfly.identification.inference.identifiability import with_scale
-from butterfly.identification.levels import PRECISE
+from butterfly.identification.levels import MATTERS, PRECISE
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 from butterfly.model.prior import Prior
 from butterfly.model.terms import PARAMETERS
@@ -150,7 +150,7 @@ class _Campaign:
 
     def _begin(self) -> None:
         """Make contact, or take up where the journal ends."""
-        if self._folder.journal is None:
+        if not self._folder.is_begun:
             contact = make_contact(self._bench)
             kind = self._bench.input_kind
             self._folder.begin(Journal(input_kind=kind, contact=contact, known=self._wish.known))
@@ -219,14 +219,12 @@ class _Campaign:
         alone = self._identified(only=len(steps) - 1)
         if alone is None:
             return
-        old, new = before.estimate, alone.estimate
-        for name in ("p3", "p4"):
-            k, m = old.names.index(name), new.names.index(name)
-            if new.lower[m] > old.upper[k] or new.upper[m] < old.lower[k]:
-                return
+        old, new = before.estimate.named, alone.estimate.named
+        if any(abs(new[name] / old[name] - 1) > MATTERS for name in ("p3", "p4")):
+            return
         raise SafetyStop(
-            f"the joint moves as it did before the change: {steps[-1].added_mass} seems not to be "
-            "mounted"
+            f"the joint moves as it did before the change: {steps[-1].added_mass} is not mounted, "
+            "or too small beside the joint to tell anything"
         )
 
     def _identified(self, only: int | None = None) -> Identified | None:
@@ -238,9 +236,10 @@ class _Campaign:
         if self._open or only is not None:
             data = data.knowing(Prior.of({"p1": 1.0}))
         try:
-            return identify(data)
+            found = identify(data)
         except ButterflyError:
             return None
+        return found if min(found.parameters.p1, found.parameters.p4) > 0 else None
 
     @property
     def _open(self) -> bool:
@@ -272,9 +271,12 @@ class _Campaign:
     @property
     def _shares(self) -> dict[str, float]:
         """Half-widths over those that are wanted, by name."""
-        estimate = self._found.estimate
+        found = self._found
+        if found is None:
+            return {}
+        estimate = found.estimate
         half = np.maximum(estimate.upper - estimate.values, estimate.values - estimate.lower)
-        shares = half / self._wanted(self._found)
+        shares = half / self._wanted(found)
         pairs = zip(estimate.names, shares.tolist(), strict=True)
         return {name: share for name, share in pairs if name in OF_GOAL}
 
@@ -298,7 +300,10 @@ class _Campaign:
         zeros = [offset.value for offset in found.data.offsets]
         plan = best_plan(
             estimate,
-            sum(information(estimate, *each) for each in zip(found.data.logs, zeros, strict=True)),
+            np.sum(
+                [information(estimate, *each) for each in zip(found.data.logs, zeros, strict=True)],
+                axis=0,
+            ),
             [recipe for mass in masses for recipe in candidates(estimate, mass, limits)],
             self._wanted(found),
             limits,

@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from butterfly.arrays import Samples
-from butterfly.campaign.bench import Bench, Limits
-from butterfly.campaign.laws import STILL, Law, Relay, Signal
+from butterfly.campaigns.bench import Bench, Limits
+from butterfly.campaigns.laws import STILL, Law, Relay, Signal
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.levels import SPREADS
 from butterfly.identification.simulation import Simulation
@@ -73,9 +73,7 @@ def probe(mass: AddedMass, size: float, limits: Limits, duration: float) -> Reci
     return _relay(mass, limits.angle * RESERVE * _REACHES[0], size, limits, duration)
 
 
-def _relay(
-    mass: AddedMass, reach: float, size: float, limits: Limits, duration: float
-) -> Recipe:
+def _relay(mass: AddedMass, reach: float, size: float, limits: Limits, duration: float) -> Recipe:
     driven = _DRIVEN * duration
     return Recipe(
         what=f"relay of {reach:.2g} rad for {driven:.3g} s, then free",
@@ -183,9 +181,7 @@ def best_plan(
     of a run in s besides its length. None if no recipe can be played.
     """
     errors = (estimate.upper - estimate.lower) / (2 * SPREADS)
-    correlation = estimate.covariance / np.outer(
-        estimate.standard_errors, estimate.standard_errors
-    )
+    correlation = estimate.covariance / np.outer(estimate.standard_errors, estimate.standard_errors)
     now = np.linalg.pinv(correlation)
     shown = _errors(so_far * np.outer(errors, errors))
     worth = float(np.exp(2 * np.mean(np.log(shown))))  # of the runs' information, as intervals show
