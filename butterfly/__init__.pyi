@@ -1,3 +1,5 @@
+from .api.campaigns import Campaign as Campaign
+from .api.campaigns import campaign as campaign
 from .api.changed import Changed as Changed
 from .api.compared import Compared as Compared
 from .api.compared import Leaderboard as Leaderboard

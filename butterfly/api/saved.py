@@ -16,6 +16,7 @@ from butterfly.progress import budget
 from butterfly.result import Result, schema_number
 
 _KINDS = {
+    "butterfly.campaign": ("api.campaigns", "Campaign"),
     "butterfly.change": ("api.changed", "Changed"),
     "butterfly.comparison": ("api.compared", "Compared"),
     "butterfly.leaderboard": ("api.compared", "Leaderboard"),

@@ -80,6 +80,7 @@ COMMANDS = {
     "show": Command("Use a result", "robot:show"),
     "run": Command("Simulated experiments", "verbs:run", "run", ("sweep",)),
     "simulate": Command("Simulated experiments", "verbs:simulate"),
+    "campaign": Command("Use a robot", "verbs:campaign", "campaign"),
     "schema": Command("Simulated experiments", "experiments:schema"),
     "reproduce": Command("Simulated experiments", "experiments:reproduce", "reproduction"),
     "results list": Command("Commands", "results:list_sweeps", "results"),
@@ -113,6 +114,8 @@ EXAMPLES = {
     "butterfly show result.json --log 3 --out log.gif",
     "run": "butterfly run experiments/quickstart.yaml",
     "simulate": "butterfly simulate quickstart --out logs",
+    "campaign": "butterfly campaign quickstart --out campaign; "
+    "butterfly campaign my_robot:motor --command 6 --masses 0,0.1 --arm 0.1 --out campaign",
     "schema": "butterfly schema experiment --out experiment.schema.json",
     "reproduce": "butterfly reproduce thesis --out figures",
     "results show": "butterfly results show results/large-sweep 0",

@@ -25,7 +25,7 @@ from docstring_parser import parse
 
 import butterfly as bf
 from butterfly.cli.app import source_of
-from butterfly.cli.options import OUT, THE_DATA, WRITTEN, parse_names, parse_numbers
+from butterfly.cli.options import OUT, THE_DATA, WRITTEN, parse_floats, parse_names, parse_numbers
 from butterfly.cli.output import ExitCode, show_progress
 from butterfly.cli.written import FOLDER
 from butterfly.progress import untracked
@@ -51,6 +51,7 @@ _LISTS: dict[Any, tuple[str, Callable[[Any], Any]]] = {
     Sequence[str]: ("NAMES", parse_names),
     Collection[str]: ("NAMES", parse_names),
     Sequence[int] | None: ("NUMBERS", parse_numbers),
+    Sequence[float] | None: ("NUMBERS", parse_floats),
 }
 _UNIT = re.compile(r" in (rad|kg|m|s)\b")
 _OF_PYTHON = re.compile(r"(?<!`)`[\w.]+`(?!`)")

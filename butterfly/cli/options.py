@@ -143,6 +143,16 @@ def parse_pairs(text: str, option: str) -> dict[str, str]:
     return {name.strip(): value.strip() for name, _, value in pairs}
 
 
+def parse_floats(text: str | None) -> list[float] | None:
+    """Read numbers separated by commas; None stays None."""
+    if text is None:
+        return None
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise InputError("--masses", "number", text, "numbers separated by commas") from None
+
+
 def parse_names(text: str | None) -> tuple[str, ...]:
     """Split names separated by commas; None gives none."""
     return tuple(filter(None, map(str.strip, (text or "").split(","))))

@@ -33,6 +33,7 @@ _WITHOUT = {
     "select": ("terms",),
     "validate": ("others",),
     **dict.fromkeys(("compare", "inspect"), ("hand_mass",)),
+    "campaign": ("change", "known"),
 }
 """Parameters of verbs, or options of their methods, that are no options of their commands."""
 
@@ -151,6 +152,24 @@ def _compare(
             expected = "a saved identification (.json), or two runs of sweeps (results/NAME/NUMBER)"
             raise InputError("butterfly compare", field, path, expected)
     return _shown(partial(bf.changed, data, other), page=page)
+
+
+def _campaign(
+    ask: Ask,
+    *,
+    known: Annotated[tuple[str, ...], Parameter(help="Known value: NAME=VALUE. Repeatable.")] = (),
+    page: Report = NO_REPORT,
+) -> ExitCode:
+    pairs = parse_pairs(",".join(known), "--known") if known else None
+    found = ask(known=pairs, change=_asked_to_mount)
+    out = ask.keywords["out"]
+    after = f"butterfly identify {shlex.quote(str(out))} --report report.html"
+    return show(found, **vars(page), after=after)
+
+
+def _asked_to_mount(mass: bf.AddedMass) -> None:
+    """Ask a person to mount a mass."""
+    input(f"The drive is off. Mount {mass}, let the joint hang, then press Enter: ")
 
 
 def _run(ask: Ask) -> ExitCode:

@@ -1,0 +1,262 @@
+"""The verb of a campaign, and what it came to."""
+
+from __future__ import annotations
+
+import itertools
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from butterfly.api.identification import Identification
+from butterfly.api.sources import Named
+from butterfly.campaigns.bench import Limits
+from butterfly.campaigns.campaign import OF_GOAL, Ended, Wish, conduct
+from butterfly.campaigns.folder import Folder
+from butterfly.campaigns.simulated import SimulatedRobot
+from butterfly.errors import InputError
+from butterfly.experiment.source import read_experiment
+from butterfly.files import locate
+from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
+from butterfly.model.prior import Prior, plain
+from butterfly.plant.motor import Motor
+from butterfly.report.finding_texts import estimate_verdict
+from butterfly.report.format import field_name
+from butterfly.result import Answer, cell_text
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+    from butterfly.report.page import Fact
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Campaign(Answer):
+    """What a campaign came to."""
+
+    kind: ClassVar[str] = "campaign"
+
+    identification: Identification | None = None
+    """Of all its logs; None if they determine nothing, or for a result that was loaded."""
+
+    @classmethod
+    def of(cls, ended: Ended, wish: Wish, folder: Path) -> Campaign:
+        """Tabulate the runs."""
+        steps, found = ended.journal.steps, ended.identified
+        begins = [0.0, *(step.seconds for step in steps)]
+        rows = [
+            {
+                "run": number,
+                "played": step.what,
+                "added mass": str(step.added_mass),
+                "robot time in s": step.seconds,
+                "length in s": step.seconds - begin,
+                "why": step.why,
+                "ended early": step.cut,
+                "verdict": step.verdict,
+                **{name: step.shares.get(name) for name in OF_GOAL},
+            }
+            for number, (step, begin) in enumerate(zip(steps, begins, strict=False))
+        ]
+        verdict = None if found is None else estimate_verdict(found.estimate)
+        return cls(
+            title=f"Campaign {folder.name!r}",
+            summary=(*(verdict.lines if verdict else ()), *_sentences(ended, wish)),
+            judged=verdict,
+            content={
+                "goal": wish.goal,
+                "reached": ended.reached,
+                "ending": ended.ending,
+                "robot_time": steps[-1].seconds if steps else 0.0,
+                "changes": _changes(ended),
+                "polarity": ended.journal.contact.polarity,
+                "breakaway": ended.journal.contact.breakaway,
+                "held_out": {} if found is None else found.held_out,
+                "rows": rows,
+            },
+            units={"robot_time": "s", "breakaway": "unit", "held_out": "%"},
+            identification=None if found is None else Identification.of(found),
+        )
+
+    @property
+    def reached(self) -> bool:
+        """Whether all half-widths are within the goal, under a verdict *good*."""
+        return bool(self.content["reached"])
+
+    def shown_rows(self) -> list[dict[str, str]]:
+        """Return the runs, half-widths over what is wanted with two digits."""
+        hidden = {"length in s", "why", "ended early"}
+        return [
+            {
+                name: f"{value:.2g}" if name in OF_GOAL and value else cell_text(value)
+                for name, value in row.items()
+                if name not in hidden
+            }
+            for row in self.rows()
+        ]
+
+    def figures(self) -> dict[str, Figure]:
+        """Return how intervals shrank, and what was played."""
+        from butterfly.report.campaign_page import played, shrinking  # noqa: PLC0415 - a view
+
+        rows = self.rows()
+        return {"shrinking": shrinking(rows, OF_GOAL), "played": played(rows)} if rows else {}
+
+    def facts(self) -> list[Fact]:
+        """Return the numbers that matter most."""
+        from butterfly.report.page import Fact  # noqa: PLC0415 - a view
+
+        content = self.content
+        return [
+            Fact("goal", f"{100 * content['goal']:.3g} %", "reached" if self.reached else "missed"),
+            Fact("robot time", f"{content['robot_time']:.0f} s", f"{len(self.rows())} runs"),
+            Fact("changes of mass", str(content["changes"])),
+            Fact("moves at", f"{content['breakaway']:.3g}", "units of the input"),
+        ]
+
+
+def campaign(
+    robot: Named | Motor,
+    *,
+    out: Named,
+    goal: float | str = "1%",
+    masses: Sequence[float] | None = None,
+    arm: float = 0.0,
+    command: float | None = None,
+    angle: float = 1.0,
+    speed: float | None = None,
+    current: float | None = None,
+    seconds: float = 600.0,
+    price: float = 120.0,
+    step: float | None = None,
+    known: Mapping[str, Any] | None = None,
+    change: Callable[[AddedMass], None] | None = None,
+) -> Campaign:
+    """Run experiments on an unknown joint that choose themselves, until a goal is reached.
+
+    Finds which way the drive turns, plays a safe probe, and after each run identifies the joint and
+    chooses the next run: the one from which the goal is reached for the least robot time. Every run
+    is a log of a manifest in the folder. Called again it goes on where it stopped.
+
+    Parameters
+    ----------
+    robot
+        An experiment, whose robot is simulated; or MODULE:FACTORY, which returns a `Motor`; in
+        Python the `Motor` itself.
+    out
+        Folder for the logs and their manifest.
+    goal
+        Half-width of the 95 % intervals of p1..p4 and Coulomb friction, over their values.
+    masses
+        Masses at hand in kg, the one that is mounted first. Default: those of the experiment, or
+        none.
+    arm
+        Distance of these masses from the pivot in m.
+    command
+        Largest command, in units of the input. Default: that of the experiment.
+    angle
+        Largest angle from rest in rad.
+    speed
+        Largest speed in rad/s. Default: any.
+    current
+        Largest current in A, where one is read. Default: any.
+    seconds
+        Robot time in s, at most.
+    price
+        Robot time in s that a change of mass is worth.
+    step
+        Cycle of the controller in s. Default: that of the experiment, or 0.002.
+    known
+        Known values, as in a manifest: ``{"p4": 1.0}``.
+    change
+        Mounts a mass, and returns when it is mounted; without it a motor's mass is never changed.
+
+    Raises
+    ------
+    SafetyStop
+        If the joint, its drive or its encoder is not as it should be; the drive is off then.
+    """
+    own: dict[str, Any] = {"masses": (NO_ADDED_MASS,), "known": {}, "step": 0.002}
+    if isinstance(robot, str | PathLike):
+        robot, own, change, limit = _named(str(robot), own, change)
+        command = command or limit
+    if command is None:
+        expected = "the largest command that the joint may get: --command"
+        raise InputError("campaign", "command", "missing", expected)
+    given: dict[str, Any] = {"known": known, "step": step}
+    if masses is not None:
+        given["masses"] = tuple(AddedMass(mass=each, arm=arm if each else 0.0) for each in masses)
+    limits = {"command": command, "angle": angle, "speed": speed, "current": current}
+    wish = Wish(
+        goal=_share(goal),
+        limits=Limits(seconds=seconds, **{k: v for k, v in limits.items() if v is not None}),
+        price=price,
+        **own | {name: value for name, value in given.items() if value is not None},
+    )
+    folder = Path(out)
+    return Campaign.of(conduct(robot, wish, Folder(folder), change), wish, folder)
+
+
+def _named(
+    name: str, own: dict[str, Any], change: Callable[[AddedMass], None] | None
+) -> tuple[Motor, dict[str, Any], Callable[[AddedMass], None] | None, float | None]:
+    """Return the motor that a name stands for, what goes with it, and its largest command."""
+    module, colon, factory = name.rpartition(":")
+    if colon and module.replace(".", "").replace("_", "").isalnum():
+        sys.path.insert(0, "")
+        try:
+            return getattr(import_module(module), factory)(), own, change, None
+        except (ImportError, AttributeError) as error:
+            raise InputError("campaign", "robot", name, f"MODULE:FACTORY ({error})") from None
+    experiment = read_experiment(locate(Path(name)))
+    rig, masses = experiment.plant.rig, tuple(experiment.added_masses)
+    robot = SimulatedRobot(rig, masses[0], np.random.default_rng(experiment.seed))
+    sizes = [sine.amplitude for sine in experiment.excitations]
+    limit = rig.path.limit if np.isfinite(rig.path.limit) else max(sizes, default=None)
+    known = {name: plain(value) for name, value in Prior.of(experiment.known).parameters.items()}
+    own = {"masses": masses, "known": known, "step": rig.clock.step}
+    return robot, own, robot.carry, limit
+
+
+def _share(goal: float | str) -> float:
+    """Return a goal as a share, given as one or in per cent."""
+    try:
+        share = (
+            float(goal[:-1]) / 100 if isinstance(goal, str) and goal[-1:] == "%" else float(goal)
+        )
+    except ValueError:
+        share = float("nan")
+    if not 0 < share < 1:
+        raise InputError("campaign", "goal", goal, "a share between 0 and 1, such as 0.01 or 1%")
+    return share
+
+
+def _changes(ended: Ended) -> int:
+    masses = [step.added_mass for step in ended.journal.steps]
+    return sum(a != b for a, b in itertools.pairwise(masses))
+
+
+def _sentences(ended: Ended, wish: Wish) -> list[str]:
+    """Say whether the goal is reached, with what, and what is missing."""
+    steps, changes = ended.journal.steps, _changes(ended)
+    seconds = steps[-1].seconds if steps else 0.0
+    goal, cost = f"{100 * wish.goal:.3g} %", f"{seconds:.0f} s of robot time, {len(steps)} runs"
+    cost += f", {changes} change{'s' if changes != 1 else ''} of mass"
+    lines = [
+        f"The goal of {goal} is reached: {cost}."
+        if ended.reached
+        else f"The goal of {goal} is not reached after {cost}: {ended.ending}."
+    ]
+    shares = next((step.shares for step in reversed(steps) if step.shares), {})
+    far = {field_name(name): share for name, share in shares.items() if share > 1}
+    if far:
+        listed = ", ".join(f"{name} {share:.2g} times" for name, share in far.items())
+        lines.append(f"Half-widths over what is wanted: {listed}.")
+    for name, fit in (ended.identified.held_out if ended.identified else {}).items():
+        lines.append(f"The last run ({name}) was not fitted: predicted with a FIT of {fit:.4g} %.")
+    return lines

@@ -1,0 +1,1 @@
+"""A campaign: experiments on an unknown joint that choose themselves until a goal is reached."""

@@ -1,0 +1,198 @@
+"""A motor kept on through many runs, under guard: limits, a watchdog, a brake, a log of each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from butterfly.arrays import Samples
+from butterfly.campaigns.laws import STILL, Brake, Law
+from butterfly.errors import ButterflyError, require_number
+from butterfly.logs.log import InputKind, Log
+from butterfly.plant.motor import Motor, Reading, recorded
+from butterfly.plant.sensors import FilteredDifference
+
+_LATE = 0.1  # s between two readings, beyond which the drive was not under control
+_LONGEST_STOP = 20.0  # s in which a joint has to come to rest
+_NOISES = 5.0  # standard deviations of the encoder's noise that are no motion
+_FINEST = 5e-4  # rad, below which nothing counts as motion
+_LAG = 0.01  # s, of the speed that is guarded
+
+
+class SafetyStop(ButterflyError):  # noqa: N818 - it is what happens, not only an error
+    """The drive was switched off: the joint, its drive or its encoder is not as it should be."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """What a run may not exceed; beyond, the joint is braked and the run ends."""
+
+    command: float
+    """Largest command, in units of the input."""
+    angle: float = 1.0
+    """Largest angle from rest in rad."""
+    speed: float = math.inf
+    """Largest speed in rad/s."""
+    current: float = math.inf
+    """Largest current in A, where one is read."""
+    seconds: float = 600.0
+    """Robot time of the whole campaign in s."""
+
+    def __post_init__(self) -> None:
+        require_number("Limits", positive=True, command=self.command, angle=self.angle)
+        require_number("Limits", positive=True, seconds=self.seconds)
+
+
+class Run(NamedTuple):
+    """What a run recorded: (n,) times in s from its beginning, commands as set, angles as read."""
+
+    time: Samples
+    input: Samples
+    angle: Samples
+    cut: str  # the limit that ended it early; empty if none did
+    input_kind: InputKind
+
+    def log(self, **about: Any) -> Log:  # noqa: ANN401 - fields of the log
+        """Return its log."""
+        kind = {"input_kind": self.input_kind}
+        return recorded(
+            self.time, self.input, self.angle, **kind, **{"source": "campaign", **about}
+        )
+
+
+class Bench:
+    """A motor between two runs and during them; a context that always switches the drive off.
+
+    Commands are those of laws times the ``polarity``: 1, or -1 where a positive command turns
+    towards negative angles.
+    """
+
+    def __init__(self, motor: Motor, limits: Limits, step: float) -> None:
+        self._motor, self.limits, self.step = motor, limits, step
+        self.polarity, self.used = 1, 0.0
+        """Robot time in s so far is `used`."""
+        self.noise, self.rest = 0.0, 0.0
+        """Of the encoder at rest, in rad: standard deviation, and reading."""
+        self._brake: Law | None = None
+
+    @property
+    def input_kind(self) -> InputKind:
+        """Kind of the command."""
+        return self._motor.input_kind
+
+    def changed(self, change: Callable[[], None]) -> None:
+        """Switch the drive off, let something be changed, and switch it on again."""
+        self._motor.command(0.0)
+        self._motor.stop()
+        change()
+        self._motor.start()
+        self._motor.command(0.0)
+
+    def __enter__(self) -> Bench:
+        self._motor.start()
+        self._motor.command(0.0)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        try:
+            self._motor.command(0.0)
+        finally:
+            self._motor.stop()
+
+    def run(self, law: Law, duration: float) -> Run:
+        """Run a law for ``duration`` s or until it ends."""
+        motor, samples, cut = self._motor, [], ""
+        speed = FilteredDifference(_LAG)
+        begun = last = motor.read().time
+        while True:
+            time, angle, current = motor.read()
+            if not (math.isfinite(angle) and last <= time <= last + _LATE):
+                motor.command(0.0)
+                raise SafetyStop(_said_of_reading(time - last, angle))
+            since, last = time - begun, time
+            rate = speed.update(time, angle, 0.0)
+            cut = self._exceeded(angle - self.rest, rate, current)
+            command = None if cut or since > duration else law(Reading(since, angle, current))
+            if command is None:
+                break
+            most = self.limits.command
+            sent = motor.command(self.polarity * max(-most, min(most, command)))
+            samples.append((since, sent, angle))
+            motor.wait(self.step)
+        motor.command(0.0)
+        self.used += since
+        if self.used > self.limits.seconds:
+            raise SafetyStop(f"the robot time of {self.limits.seconds:g} s is used up")
+        times, inputs, angles = np.array(samples or [(0.0, 0.0, angle)]).T
+        return Run(times, inputs, angles, cut, motor.input_kind)
+
+    def require_motion(self, run: Run) -> None:
+        """Raise `SafetyStop` if a run that was driven did not move the joint."""
+        if np.any(run.input != 0) and float(np.ptp(run.angle)) <= 2 * self._motion(self.noise):
+            raise SafetyStop(
+                "the joint no longer moves when it is driven: check supply, enable, and the "
+                "encoder's cable"
+            )
+
+    def braked_with(self, size: float, speed: float) -> None:
+        """Brake from now on with a command of a size, full from a speed in rad/s on."""
+        self._brake = Brake(size, speed)
+
+    def settle(self) -> None:
+        """Brake and wait until the joint rests; measure where, and the encoder's noise."""
+        begun = self.used
+        while self.used - begun < _LONGEST_STOP:
+            if self._brake is not None:
+                self._unguarded(self._brake)
+            angle = self._unguarded(lambda _: 0.0).angle
+            noise = float(np.std(np.diff(angle))) / math.sqrt(2)
+            if np.ptp([part.mean() for part in np.array_split(angle, 4)]) <= self._motion(noise):
+                self.noise, self.rest = max(noise, self.noise), float(angle.mean())
+                return
+        raise SafetyStop(
+            f"the joint has not come to rest in {_LONGEST_STOP:g} s: check that nothing drives it"
+        )
+
+    def _motion(self, noise: float) -> float:
+        """Return the angle in rad that counts as motion."""
+        return max(_NOISES * max(noise, self.noise), _FINEST)
+
+    def _unguarded(self, law: Law) -> Run:
+        """Run a law for a while without a limit of the angle: it brings the joint to rest."""
+        kept, self.limits = self.limits, _without_angle(self.limits)
+        try:
+            return self.run(law, STILL)
+        finally:
+            self.limits = kept
+
+    def _exceeded(self, swing: float, speed: float, current: float) -> str:
+        """Say which limit is exceeded, if any."""
+        limits = self.limits
+        for what, value, most, unit in (
+            ("angle", swing, limits.angle, "rad"),
+            ("speed", speed, limits.speed, "rad/s"),
+            ("current", current, limits.current, "A"),
+        ):
+            if abs(value) > most:
+                return f"{what} {value:.3g} {unit} beyond {most:g} {unit}"
+        return ""
+
+
+def _without_angle(limits: Limits) -> Limits:
+    return Limits(command=limits.command, angle=math.tau * 1e4, seconds=limits.seconds)
+
+
+def _said_of_reading(passed: float, angle: float) -> str:
+    """Say what is wrong with a reading."""
+    if not math.isfinite(angle):
+        return "the encoder gives no number: check its cable"
+    if passed < 0:
+        return f"the clock ran back by {-passed:.3g} s: check where its time comes from"
+    return (
+        f"{passed:.3g} s passed between two readings (at most {_LATE:g} s): the command was held "
+        "meanwhile; take load from the computer, or a longer cycle"
+    )

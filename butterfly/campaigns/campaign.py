@@ -1,0 +1,322 @@
+"""Experiments on an unknown joint that choose themselves, until the goal is reached.
+
+Contact; a probe of little reach; then, after each run, identification by the same engine as of any
+logs, and the run from which the goal is reached for the least cost. While only one mass was seen
+the scale is open, and ratios to p1 are asked for, at half the goal: the scale follows from two
+configurations, whose errors add. At the end a run that was not fitted is predicted.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from butterfly.arrays import Samples
+from butterfly.campaigns.bench import Bench, Limits, SafetyStop
+from butterfly.campaigns.contact import ENOUGH, make_contact
+from butterfly.campaigns.design import (
+    PROBE,
+    Recipe,
+    best_plan,
+    candidates,
+    duration_of,
+    information,
+    probe,
+    validation,
+)
+from butterfly.campaigns.folder import Folder, Journal, Step
+from butterfly.errors import ButterflyError, IdentifiabilityError, InputError, require_number
+from butterfly.identification.identified import Identified
+from butterfly.identification.identify import identify
+from butterfly.identification.inference.identifiability import with_scale
+from butterfly.identification.levels import MATTERS, PRECISE
+from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
+from butterfly.model.prior import Prior
+from butterfly.model.terms import PARAMETERS
+from butterfly.plant.motor import Motor
+from butterfly.verdict import Level
+
+GOAL = 0.01
+"""Half-width of the 95 % interval, over the value, that is asked of p1..p4 and Coulomb friction."""
+
+OF_GOAL = tuple(name for name in PARAMETERS if name != "delay")
+"""Parameters that the goal concerns."""
+
+_OPEN = 0.5  # share of the goal that ratios have to reach while the scale is open
+_OVER = 2.0  # command of the first relay, over what moves the joint
+_PROBES = 3  # runs in a row that may give no estimate
+_SLIPS = 2.0  # widths of the band in which friction holds a joint, within which it may rest
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wish:
+    """What a campaign is to reach, with what."""
+
+    goal: float = GOAL
+    limits: Limits
+    masses: tuple[AddedMass, ...] = (NO_ADDED_MASS,)
+    """Masses at hand; the first is mounted at the beginning."""
+    known: dict[str, Any] = field(default_factory=dict)
+    """Known values, as in a manifest."""
+    price: float = 120.0
+    """Of a change of mass, in s of robot time."""
+    step: float = 0.002
+    """Cycle of the controller in s."""
+
+    def __post_init__(self) -> None:
+        require_number("campaign", positive=True, goal=self.goal, step=self.step)
+        require_number("campaign", price=self.price)
+        if not self.masses:
+            raise InputError("campaign", "masses", "none", "at least one: that of the bare joint")
+        Prior.of(self.known)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Ended:
+    """What a campaign came to."""
+
+    journal: Journal
+    identified: Identified | None
+    reached: bool
+    """Whether all of `OF_GOAL` are claimed to the goal, under a verdict *good*."""
+    ending: str
+    """Why it ended, in words."""
+
+
+def conduct(
+    motor: Motor, wish: Wish, folder: Folder, carry: Callable[[AddedMass], None] | None = None
+) -> Ended:
+    """Run a campaign, or go on with one, to its end.
+
+    ``carry`` mounts a mass, or asks a person to, and returns when it is mounted; without it the
+    mass is never changed.
+    """
+    masses = wish.masses if carry is not None else wish.masses[:1]
+    bench = Bench(motor, wish.limits, wish.step)
+    with bench:
+        return _Campaign(bench, replace(wish, masses=masses), folder, carry).run()
+
+
+class _Campaign:
+    """The state of a campaign between two runs."""
+
+    def __init__(
+        self,
+        bench: Bench,
+        wish: Wish,
+        folder: Folder,
+        carry: Callable[[AddedMass], None] | None,
+    ) -> None:
+        self._bench, self._wish, self._folder, self._carry = bench, wish, folder, carry
+        self._mounted = wish.masses[0]
+        self._found: Identified | None = None
+        self._size = 0.0  # of a relay's command, so far
+        self._rests: dict[AddedMass, float] = {}  # angle of the first rest with each mass
+
+    def run(self) -> Ended:
+        """Go on until the goal is reached, or nothing more can be done."""
+        self._begin()
+        failed, ending = 0, ""
+        while not ending:
+            recipe, why = self._next()
+            if recipe is None:
+                ending = why
+            elif self._left < recipe.duration:
+                ending = f"the robot time of {self._wish.limits.seconds:g} s is used up"
+            else:
+                failed = 0 if self._played(recipe, why) else failed + 1
+                if failed == _PROBES:
+                    ending = "these runs do not determine the parameters"
+        found = self._found
+        if found is not None and self._folder.journal.steps[-1].held_out is False:
+            unseen = validation(found.estimate, self._mounted, self._wish.limits)
+            if self._left >= unseen.duration:
+                self._played(unseen, "to be predicted, not fitted", held_out=True)
+        return Ended(
+            journal=self._folder.journal,
+            identified=self._found,
+            reached=not self._open and self._reached,
+            ending=ending,
+        )
+
+    @property
+    def _left(self) -> float:
+        """Robot time in s that is left."""
+        return self._wish.limits.seconds - self._bench.used
+
+    def _begin(self) -> None:
+        """Make contact, or take up where the journal ends."""
+        if not self._folder.is_begun:
+            contact = make_contact(self._bench)
+            kind = self._bench.input_kind
+            self._folder.begin(Journal(input_kind=kind, contact=contact, known=self._wish.known))
+        contact, steps = self._folder.journal.contact, self._folder.journal.steps
+        self._bench.polarity, self._size = contact.polarity, _OVER * contact.breakaway
+        if steps:
+            self._bench.used = steps[-1].seconds
+            self._mount(steps[-1].added_mass, always=True)
+            self._found = self._identified()
+
+    def _mount(self, mass: AddedMass, *, always: bool = False) -> None:
+        if self._carry is not None and (always or mass != self._mounted):
+            carry = self._carry
+            self._bench.changed(lambda: carry(mass))
+            self._mounted = mass
+
+    def _played(self, recipe: Recipe, why: str, *, held_out: bool = False) -> bool:
+        """Play a recipe, keep its log, and identify; return whether that gave an estimate."""
+        before, bench = self._found, self._bench
+        self._mount(recipe.added_mass)
+        bench.settle()
+        self._require_no_slip()
+        law = recipe.law(bench.rest)
+        run = bench.run(law, recipe.duration)
+        bench.require_motion(run)
+        self._size = max(self._size, getattr(law, "size", 0.0))
+        bench.braked_with(self._size, float(np.std(np.gradient(run.angle, run.time))))
+        step = Step(
+            what=recipe.what,
+            why=why,
+            added_mass=recipe.added_mass,
+            seconds=bench.used,
+            cut=run.cut,
+            held_out=held_out,
+        )
+        self._folder.add(run, step)
+        self._found = self._identified()
+        if self._found is not None:
+            estimate = self._found.estimate
+            shares = {} if held_out else self._shares
+            step = replace(step, verdict=estimate.level.verdict, shares=shares)
+            self._folder.conclude(step)
+            self._require_changed(before)
+        return self._found is not None
+
+    def _require_no_slip(self) -> None:
+        """Raise `SafetyStop` if the joint rests where gravity and friction do not let it."""
+        rest = self._bench.rest
+        first = self._rests.setdefault(self._mounted, rest)
+        if self._found is None:
+            return
+        loaded = self._found.estimate.parameters.with_added_mass(self._mounted)
+        width = 2 * loaded.coulomb / loaded.p3 if loaded.p3 > 0 else math.inf
+        if abs(rest - first) > _SLIPS * width + ENOUGH:
+            raise SafetyStop(
+                f"the joint rests {abs(rest - first):.3g} rad from where it rested first, and "
+                f"friction explains {width:.2g} rad: the encoder slips, or the mount moved"
+            )
+
+    def _require_changed(self, before: Identified | None) -> None:
+        """Raise `SafetyStop` if the first run with another mass shows the joint as it was."""
+        steps = self._folder.journal.steps
+        same = [step.added_mass == steps[-1].added_mass for step in steps[:-1]]
+        if any(same) or before is None or "p1" in before.estimate.names:
+            return
+        alone = self._identified(only=len(steps) - 1)
+        if alone is None:
+            return
+        old, new = before.estimate.named, alone.estimate.named
+        if any(abs(new[name] / old[name] - 1) > MATTERS for name in ("p3", "p4")):
+            return
+        raise SafetyStop(
+            f"the joint moves as it did before the change: {steps[-1].added_mass} is not mounted, "
+            "or too small beside the joint to tell anything"
+        )
+
+    def _identified(self, only: int | None = None) -> Identified | None:
+        """Identify from all logs so far, or one; None if they do not determine the parameters.
+
+        While the scale is open, p1 is held at 1: all others are ratios to it.
+        """
+        data = self._folder.data() if only is None else self._folder.one(only)
+        if self._open or only is not None:
+            data = data.knowing(Prior.of({"p1": 1.0}))
+        try:
+            found = identify(data)
+        except ButterflyError:
+            return None
+        return found if min(found.parameters.p1, found.parameters.p4) > 0 else None
+
+    @property
+    def _open(self) -> bool:
+        """Whether the runs so far leave the scale open."""
+        masses = {step.added_mass for step in self._folder.journal.steps}
+        try:
+            with_scale(masses, Prior.of(self._wish.known))
+        except IdentifiabilityError:
+            return True
+        return False
+
+    def _wanted(self, found: Identified) -> Samples:
+        """Return (n,) half-widths that the goal asks for, infinite where it asks for none.
+
+        Friction that is a small share of all friction matters less.
+        """
+        halved = self._open and len(self._wish.masses) > 1
+        share = self._wish.goal * (_OPEN if halved else 1.0)
+        named = found.estimate.named
+        speed = float(np.median([log.rms_speed for log in found.data.logs]))
+        friction = abs(named.get("p2", 0.0)) * speed + named.get("coulomb", 0.0)
+        least = {"p2": PRECISE * friction / speed, "coulomb": PRECISE * friction}
+        sizes = {
+            name: max(abs(value), least.get(name, 0.0)) if name in OF_GOAL else math.inf
+            for name, value in named.items()
+        }
+        return share * np.array([*sizes.values()])
+
+    @property
+    def _shares(self) -> dict[str, float]:
+        """Half-widths over those that are wanted, by name."""
+        found = self._found
+        if found is None:
+            return {}
+        estimate = found.estimate
+        half = np.maximum(estimate.upper - estimate.values, estimate.values - estimate.lower)
+        shares = half / self._wanted(found)
+        pairs = zip(estimate.names, shares.tolist(), strict=True)
+        return {name: share for name, share in pairs if name in OF_GOAL}
+
+    @property
+    def _reached(self) -> bool:
+        """Whether all half-widths are as wanted, under a verdict *good*."""
+        found = self._found
+        good = found is not None and found.estimate.level is Level.GOOD
+        return good and max(self._shares.values()) <= 1
+
+    def _next(self) -> tuple[Recipe | None, str]:
+        """Return what to play next and why; or nothing, and why not."""
+        wish, limits, found = self._wish, self._wish.limits, self._found
+        if found is None:
+            return probe(self._mounted, self._size, limits, PROBE), "to see how it moves"
+        others = [mass for mass in wish.masses if mass != self._mounted]
+        if self._reached and not (self._open and others):
+            return None, "the goal is reached"
+        masses = [self._mounted, *([] if self._open else others)]
+        estimate = found.estimate
+        zeros = [offset.value for offset in found.data.offsets]
+        plan = best_plan(
+            estimate,
+            np.sum(
+                [information(estimate, *each) for each in zip(found.data.logs, zeros, strict=True)],
+                axis=0,
+            ),
+            [recipe for mass in masses for recipe in candidates(estimate, mass, limits)],
+            self._wanted(found),
+            limits,
+            mounted=self._mounted,
+            price=wish.price,
+        )
+        hopeless = plan is None or plan.cost > self._left / 2
+        if self._open and others and (self._reached or hopeless):
+            heaviest = max(others, key=lambda mass: mass.inertia_and_moment)
+            seconds = max(PROBE, duration_of(estimate.parameters, self._mounted))
+            return probe(heaviest, self._size, limits, seconds), "another mass gives the scale"
+        if plan is None:
+            return None, "no run stays within the limits"
+        worst, share = max(self._shares.items(), key=lambda pair: pair[1])
+        runs = f"{plan.runs} such runs" if plan.runs > 1 else "one such run"
+        return plan.recipe, f"{worst} is {share:.3g} times the goal; {runs} expected"

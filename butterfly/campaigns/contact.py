@@ -1,0 +1,44 @@
+"""First contact with an unknown joint: which way it turns, and what it takes to move it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from butterfly.campaigns.bench import Bench, SafetyStop
+from butterfly.campaigns.laws import Push
+
+ENOUGH = 8e-3
+"""Rad by which the joint has to move."""
+
+_FIRST = 1e-3  # share of the largest command, at which a push begins
+_NOISES = 10.0  # standard deviations of the encoder's noise that count as motion
+_LONGEST = 10.0  # s of a push, from the first command to the largest
+
+
+class Contact(NamedTuple):
+    """What first contact showed."""
+
+    polarity: int  # 1, or -1 where a positive command turns towards negative angles
+    breakaway: float  # command that moves the joint, the larger of both directions
+
+
+def make_contact(bench: Bench) -> Contact:
+    """Push either way with a growing command until the joint moves; `SafetyStop` if it does not."""
+    moved, most = {}, bench.limits.command
+    for side in (1, -1):
+        bench.settle()
+        push = Push(bench.rest, max(ENOUGH, _NOISES * bench.noise), side * _FIRST * most, most)
+        bench.run(push, _LONGEST)
+        if abs(push.moved) < ENOUGH:
+            raise SafetyStop(
+                f"nothing moves at a command of {push.command:g}, the largest allowed: check "
+                "supply, enable, brake, and the encoder's cable"
+            )
+        moved[side] = push
+    ways = [side * push.moved > 0 for side, push in moved.items()]
+    if ways[0] != ways[1]:
+        raise SafetyStop(
+            "both signs of the command move the joint the same way: check the drive's direction "
+            "input, and that its command has a sign"
+        )
+    return Contact(1 if ways[0] else -1, max(abs(push.command) for push in moved.values()))

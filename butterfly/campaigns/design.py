@@ -1,0 +1,209 @@
+"""Which run to play next: the one from which the goal is reached for the least cost.
+
+Each candidate is played on the model by the same laws as on the robot. Its information is
+J' J / s^2 (Walter & Pronzato, Identification of Parametric Models from Experimental Data, 1997,
+ch. 6), in units in which the runs so far have the information that their intervals show: so
+whatever errors are not white, or rest on something else, counts as often as it did before.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from butterfly.arrays import Samples
+from butterfly.campaigns.bench import Bench, Limits
+from butterfly.campaigns.laws import STILL, Law, Relay, Signal
+from butterfly.identification.inference.estimate import Estimate
+from butterfly.identification.levels import SPREADS
+from butterfly.identification.simulation import Simulation
+from butterfly.logs.log import Log
+from butterfly.model.linear import resonance_frequency
+from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.model.terms import IDEAL
+from butterfly.plant.joints import GreyBoxJoint
+from butterfly.plant.motor import CommandPath
+from butterfly.plant.rig import SimulatedMotor
+from butterfly.plant.robot import Robot
+from butterfly.plant.sensors import Encoder
+from butterfly.signals.excitations import Multisine
+
+RESERVE = 0.6
+"""Share of the limits that plans use."""
+
+PROBE = 12.5
+"""Length in s of a run with a joint that is not known yet."""
+
+_OVERHEAD = 3.0  # s between two runs
+_PERIODS = 8  # of the resonance, in a run
+_SHORTEST, _LONGEST = 5.0, 30.0  # s of a run
+_DRIVEN = 2 / 3  # share of a relay's run in which it drives
+_REACHES = (0.3, 0.6, 1.0)  # of the allowed swing
+_TONES = (0.6, 0.8, 1.25, 1.6, 2.5)  # of the resonance
+_MOST_RUNS = 50  # alike, in a plan
+_STEP = 0.004  # s, of the model's cycle
+_FINE = 1 << 24  # steps of an encoder whose steps do not matter
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recipe:
+    """A run that can be played: on the robot, and on the model before."""
+
+    what: str  # in words
+    added_mass: AddedMass
+    duration: float  # s
+    law: Callable[[float], Law]  # for a rest angle in rad
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """A recipe, to be played some times, and what that costs."""
+
+    recipe: Recipe
+    runs: int
+    cost: float  # s of robot time, changes of the mass included
+    expected: Samples  # (n,) half-widths after it
+
+
+def probe(mass: AddedMass, size: float, limits: Limits, duration: float) -> Recipe:
+    """Return a relay of little reach, for a joint that is not known yet."""
+    return _relay(mass, limits.angle * RESERVE * _REACHES[0], size, limits, duration)
+
+
+def _relay(mass: AddedMass, reach: float, size: float, limits: Limits, duration: float) -> Recipe:
+    driven = _DRIVEN * duration
+    return Recipe(
+        what=f"relay of {reach:.2g} rad for {driven:.3g} s, then free",
+        added_mass=mass,
+        duration=duration,
+        law=lambda rest: Relay(rest, reach, size, RESERVE * limits.command, driven),
+    )
+
+
+def _sine(mass: AddedMass, omega: float, amplitude: float, duration: float) -> Recipe:
+    return Recipe(
+        what=f"sine of {omega:.3g} rad/s, amplitude {amplitude:.2g}",
+        added_mass=mass,
+        duration=duration,
+        law=lambda _: Signal(lambda time: amplitude * math.sin(omega * time)),
+    )
+
+
+def validation(estimate: Estimate, mass: AddedMass, limits: Limits) -> Recipe:
+    """Return a sum of sines about the resonance, unlike all that is fitted."""
+    loaded = estimate.parameters.with_added_mass(mass)
+    resonance = resonance_frequency(loaded) or 1.0
+    reach = RESERVE * limits.angle * _REACHES[0]
+    peak = 2 * loaded.coulomb / abs(loaded.p4) + _static(loaded, reach)
+    lines, base = (5, 8, 11, 17, 23), resonance / 10
+    signal = Multisine(base=base, harmonics=lines, peak=min(peak, RESERVE * limits.command))
+    return Recipe(
+        what=f"multisine about {resonance:.3g} rad/s, peak {signal.peak:.2g}",
+        added_mass=mass,
+        duration=duration_of(estimate.parameters, mass),
+        law=lambda _: Signal(lambda time: float(signal.sample(np.array([time]))[0])),
+    )
+
+
+def duration_of(parameters: LumpedParameters, mass: AddedMass) -> float:
+    """Return the length in s of a run: some periods of the resonance."""
+    resonance = resonance_frequency(parameters.with_added_mass(mass)) or 1.0
+    return STILL + min(max(_PERIODS * math.tau / resonance, _SHORTEST), _LONGEST)
+
+
+def candidates(estimate: Estimate, mass: AddedMass, limits: Limits) -> list[Recipe]:
+    """Propose relays of several reaches, and sines on both sides of the resonance."""
+    loaded = estimate.parameters.with_added_mass(mass)
+    duration = duration_of(estimate.parameters, mass)
+    resonance = resonance_frequency(loaded) or 1.0
+    reaches = [limits.angle * RESERVE * share for share in _REACHES]
+    dry = loaded.coulomb / abs(loaded.p4)
+    found = [
+        _relay(mass, reach, 2 * dry + _static(loaded, reach / 4), limits, duration)
+        for reach in reaches
+    ]
+    for omega in (tone * resonance for tone in _TONES):
+        for reach in reaches[1:]:
+            force = math.hypot(loaded.p3 - loaded.p1 * omega**2, loaded.p2 * omega) * reach / 2
+            amplitude = force / abs(loaded.p4) + 4 / math.pi * dry
+            if amplitude <= RESERVE * limits.command:
+                found.append(_sine(mass, omega, amplitude, duration))
+    return found
+
+
+def _static(loaded: LumpedParameters, angle: float) -> float:
+    """Return the command that holds an angle in rad, or reaches it in a second if nothing does."""
+    return max(loaded.p3, loaded.p1) * angle / abs(loaded.p4)
+
+
+def played(estimate: Estimate, recipe: Recipe, limits: Limits) -> Log | None:
+    """Play a recipe on the model; None if it leaves the limits."""
+    parameters = estimate.parameters
+    plain = replace(parameters, delay=0.0, **vars(IDEAL))
+    motor = SimulatedMotor(
+        GreyBoxJoint(Robot.of_lumped(plain), recipe.added_mass),
+        path=CommandPath(delay=max(parameters.delay, 0.0), **_drive(parameters)),
+        encoder=Encoder(steps=_FINE),
+    )
+    with Bench(motor, limits, _STEP) as bench:
+        run = bench.run(recipe.law(0.0), recipe.duration)
+    return None if run.cut else run.log(added_mass=recipe.added_mass)
+
+
+def _drive(parameters: LumpedParameters) -> dict[str, float]:
+    return {name: getattr(parameters, name) for name in vars(IDEAL)}
+
+
+def information(estimate: Estimate, log: Log, zero: float = 0.0) -> Samples:
+    """Return (n, n) J' J of a log, of its angle in rad by the estimated parameters."""
+    simulation = Simulation(log, estimate.parameters)
+    _, rows = simulation.linearised(estimate.names, estimate.parameters, zero)
+    counts, *_ = simulation.averages(estimate.parameters)
+    return np.asarray((rows * counts[:, None]).T @ rows)
+
+
+def best_plan(
+    estimate: Estimate,
+    so_far: Samples,
+    recipes: Sequence[Recipe],
+    wanted: Samples,
+    limits: Limits,
+    *,
+    mounted: AddedMass,
+    price: float,
+) -> Plan | None:
+    """Return the plan that reaches the wanted (n,) half-widths for the least cost.
+
+    ``so_far``: (n, n) J' J of the runs so far; ``price``: of a change of mass in s; ``overhead``:
+    of a run in s besides its length. None if no recipe can be played.
+    """
+    errors = (estimate.upper - estimate.lower) / (2 * SPREADS)
+    correlation = estimate.covariance / np.outer(estimate.standard_errors, estimate.standard_errors)
+    now = np.linalg.pinv(correlation)
+    shown = _errors(so_far * np.outer(errors, errors))
+    worth = float(np.exp(2 * np.mean(np.log(shown))))  # of the runs' information, as intervals show
+    plans = []
+    for recipe in recipes:
+        log = played(estimate, recipe, limits)
+        if log is None:
+            continue
+        more = worth * information(estimate, log) * np.outer(errors, errors)
+        fixed = price * (recipe.added_mass != mounted)
+        for count in range(1, _MOST_RUNS + 1):
+            expected = SPREADS * errors * _errors(now + count * more)
+            if (expected <= wanted).all():
+                break
+        short = float(np.max(expected / wanted))
+        cost = (fixed + count * (recipe.duration + _OVERHEAD)) * max(short, 1.0) ** 2
+        plans.append(Plan(recipe=recipe, runs=count, cost=cost, expected=expected))
+    return min(plans, key=lambda plan: plan.cost, default=None)
+
+
+def _errors(information: Samples) -> Samples:
+    """Return (n,) standard errors of an (n, n) information."""
+    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    inverse = np.linalg.pinv(information / np.outer(scale, scale), hermitian=True)
+    return np.asarray(np.sqrt(np.maximum(np.diag(inverse), 1e-300)) / scale)

@@ -1,0 +1,106 @@
+"""What a campaign plays: a push until the joint moves, a relay that finds its own size, a brake."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from butterfly.plant.motor import Reading
+from butterfly.plant.sensors import FilteredDifference
+
+Law = Callable[[Reading], float | None]
+"""Returns the command for a reading, its time from the beginning of the run; None ends the run."""
+
+STILL = 0.5
+"""Time in s at rest at the beginning of each run: what the joint starts from is measured there."""
+
+_GROWTH = 1.25  # of a command, step by step
+_STEP = 0.1  # s at one command
+_LAG = 0.02  # s, of the velocity that a brake goes by
+_SWITCH = 0.5  # share of the reach at which a relay switches while the swing is small
+_SLEW = 0.05  # s, in which a relay's command reaches its size
+_PATIENCE = 2.0  # s for which a relay waits to be switched
+
+
+class Push:
+    """A command that grows from step to step until the joint has moved by ``enough`` rad."""
+
+    def __init__(self, rest: float, enough: float, first: float, most: float) -> None:
+        self._rest, self._enough, self._first, self._most = rest, enough, first, most
+        self.command = self.moved = 0.0
+        """The last command, and how far in rad it has moved the joint."""
+
+    def __call__(self, reading: Reading) -> float | None:
+        """Return the command for one reading; None when it moved, or after the largest one."""
+        self.moved = reading.angle - self._rest
+        wanted = abs(self._first) * _GROWTH ** int(reading.time / _STEP)
+        if abs(self.moved) > self._enough or wanted > _GROWTH * self._most:
+            return None
+        self.command = math.copysign(min(wanted, self._most), self._first)
+        return self.command
+
+
+class Relay:
+    """A relay with hysteresis that makes the joint swing by itself, then lets it go.
+
+    The command switches between plus and minus its size as the angle passes a threshold, as in
+    relay auto-tuning (Åström & Hägglund, Automatica 20, 1984). The threshold falls with the swing
+    that was reached, and from before the middle on it brakes: so the swing stays near ``reach`` rad
+    whatever the joint. The size grows while the swing is below half the reach, to ``most``.
+    After ``driven`` s the command is 0.
+    """
+
+    def __init__(self, rest: float, reach: float, size: float, most: float, driven: float) -> None:
+        self._rest, self._reach, self._most, self._end = rest, reach, most, STILL + driven
+        self.size = min(size, most)
+        """Of the command, so far."""
+        self._side, self._peak, self._switched = 1, 0.0, STILL
+        self._command, self._time = 0.0, STILL
+
+    def __call__(self, reading: Reading) -> float:
+        """Return the command for one reading."""
+        if reading.time < STILL:
+            return 0.0
+        wanted = self._wanted(reading) if reading.time < self._end else 0.0
+        most = self.size * (reading.time - self._time) / _SLEW
+        self._time = reading.time
+        self._command += max(-most, min(most, wanted - self._command))
+        return self._command
+
+    def _wanted(self, reading: Reading) -> float:
+        """Return the command that the relay is switched to."""
+        swing = reading.angle - self._rest
+        self._peak = max(self._peak, abs(swing))
+        threshold = _SWITCH * self._reach * max(1 - self._peak / self._reach, -1.0)
+        switches = self._side * swing > threshold
+        if switches or reading.time - self._switched > _PATIENCE:
+            if self._peak < _SWITCH * self._reach:
+                self.size = min(_GROWTH * self.size, self._most)
+            self._switched = reading.time
+        if switches:
+            self._side, self._peak = -self._side, abs(swing)
+        return self._side * self.size
+
+
+class Brake:
+    """A command against the velocity, full from ``speed`` rad/s on."""
+
+    def __init__(self, size: float, speed: float) -> None:
+        self._size, self._speed = size, speed
+        self._velocity = FilteredDifference(_LAG)
+
+    def __call__(self, reading: Reading) -> float:
+        """Return the command for one reading."""
+        velocity = self._velocity.update(reading.time, reading.angle, 0.0)
+        return -self._size * max(-1.0, min(1.0, velocity / self._speed))
+
+
+class Signal:
+    """A signal of time, after a rest."""
+
+    def __init__(self, signal: Callable[[float], float]) -> None:
+        self._signal = signal
+
+    def __call__(self, reading: Reading) -> float:
+        """Return the command for one reading."""
+        return self._signal(reading.time - STILL) if reading.time >= STILL else 0.0

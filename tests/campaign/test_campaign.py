@@ -1,0 +1,207 @@
+"""Campaigns with simulated robots of known parameters, sound ones and such as fail."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import butterfly as bf
+from butterfly.campaigns.bench import Bench, Limits, SafetyStop
+from butterfly.campaigns.campaign import OF_GOAL
+from butterfly.campaigns.laws import Relay
+from butterfly.campaigns.simulated import SimulatedRobot
+from butterfly.errors import InputError
+from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
+from butterfly.plant.motor import CommandPath, Reading
+from butterfly.plant.rig import Rig, Simulator
+from butterfly.plant.robot import Robot
+from butterfly.plant.sensors import Encoder
+
+TRUE = LumpedParameters(p1=0.004, p2=0.002, p3=0.05, p4=0.3, coulomb=0.001)
+HEAVY = AddedMass(mass=0.1, arm=0.1)
+COMMAND = 0.15
+
+
+def robot(simulator=Simulator.GREY_BOX, seed=0, true=TRUE):
+    rig = Rig(
+        robot=Robot.of_lumped(true),
+        simulator=simulator,
+        encoder=Encoder(steps=8192, noise=2e-4),
+        path=CommandPath(limit=COMMAND, delay=0.004),
+    )
+    return SimulatedRobot(rig, NO_ADDED_MASS, np.random.default_rng(seed))
+
+
+class Faulty:
+    """A robot's motor with something wrong from some time on, as ``wrong`` says."""
+
+    def __init__(self, wrong, since=0.0, inner=None):
+        self._inner, self._wrong, self._since = inner or robot(), wrong, since
+        self.input_kind = self._inner.input_kind
+        self.commands, self.stopped, self._time = [], 0, 0.0
+
+    def start(self):
+        self._inner.start()
+
+    def stop(self):
+        self._inner.stop()
+        self.stopped += 1
+
+    def command(self, value):
+        self.commands.append(value)
+        acts = self._wrong == "no supply" and self._time >= self._since
+        sent = {"reversed": -value, "one way": abs(value)}.get(self._wrong, value)
+        return self._inner.command(0.0 if acts else sent) if acts else self._sent(sent, value)
+
+    def _sent(self, sent, value):
+        self._inner.command(sent)
+        return max(-COMMAND, min(COMMAND, value))
+
+    def read(self):
+        time, angle, current = self._inner.read()
+        self._time = time
+        if time < self._since:
+            return Reading(time, angle, current)
+        return {
+            "cable": Reading(time, math.nan, current),
+            "frozen": Reading(time, 0.0, current),
+            "late": Reading(time + (time - self._since) * 200, angle, current),
+            "back": Reading(2 * self._since - time, angle, current),
+            "slips": Reading(time, angle + 0.3, current),
+            "current": Reading(time, angle, 50.0),
+        }.get(self._wrong, Reading(time, angle, current))
+
+    def wait(self, duration):
+        self._inner.wait(duration)
+
+    def carry(self, mass):
+        if self._wrong != "not mounted":
+            self._inner.carry(mass)
+
+
+def run(motor, folder, **options):
+    given = {"command": COMMAND, "masses": (0.0, 0.1), "arm": 0.1, "change": motor.carry} | options
+    return bf.campaign(motor, out=folder, **given)
+
+
+def test_an_unknown_robot_is_known_to_one_per_cent_after_a_minute(tmp_path):
+    found = run(Faulty("reversed"), tmp_path / "a", known=None)
+    estimate = found.identification.estimate
+    assert found.reached
+    assert found.content["polarity"] == -1
+    assert found.content["changes"] == 1
+    assert found.content["robot_time"] < 90
+    for name in OF_GOAL:
+        assert estimate.named[name] == pytest.approx(getattr(TRUE, name), rel=0.015)
+    assert min(found.content["held_out"].values()) > 99
+
+
+def test_the_same_in_mujoco(tmp_path):
+    found = run(Faulty("", inner=robot(Simulator.MUJOCO)), tmp_path / "a")
+    values = found.identification.estimate.named
+    assert found.reached
+    assert all(values[n] == pytest.approx(getattr(TRUE, n), rel=0.015) for n in OF_GOAL)
+
+
+def test_identify_answers_alike_from_the_folder_and_a_saved_campaign_shows_what_it_showed(tmp_path):
+    found = run(Faulty(""), tmp_path / "a")
+    again = bf.identify(tmp_path / "a")
+    assert again.estimate.named == pytest.approx(found.identification.estimate.named)
+    found.save(tmp_path / "saved.json")
+    loaded = bf.load(tmp_path / "saved.json")
+    assert (str(loaded), loaded.rows()) == (str(found), found.rows())
+    found.report(tmp_path / "page.html")
+    assert "shrinking" in (tmp_path / "page.html").read_text(encoding="utf-8")
+
+
+def test_a_known_gain_needs_no_change_of_mass(tmp_path):
+    found = run(Faulty(""), tmp_path / "a", known={"p4": TRUE.p4})
+    assert found.reached
+    assert found.content["changes"] == 0
+
+
+def test_without_a_mass_ratios_are_all_that_is_claimed(tmp_path):
+    found = run(Faulty(""), tmp_path / "a", masses=(0.0,), change=None)
+    assert not found.reached
+    assert found.identification.estimate.named["p3"] == pytest.approx(12.5, rel=0.01)
+
+
+@pytest.mark.parametrize("stop_after", [1, 2])
+def test_a_campaign_that_was_killed_goes_on_and_ends_alike(tmp_path, monkeypatch, stop_after):
+    kept, runs = Bench.run, []
+
+    def killed(self, law, duration):
+        runs.append(isinstance(law, Relay))
+        if sum(runs) > stop_after:
+            raise KeyboardInterrupt
+        return kept(self, law, duration)
+
+    monkeypatch.setattr(Bench, "run", killed)
+    motor = Faulty("")
+    with pytest.raises(KeyboardInterrupt):
+        run(motor, tmp_path / "a")
+    assert motor.commands[-1] == 0
+    assert motor.stopped
+    monkeypatch.undo()
+    found = run(Faulty(""), tmp_path / "a")
+    assert found.reached
+    assert len(found.rows()) == len(list((tmp_path / "a").glob("*.parquet")))
+
+
+FAILURES = {
+    "no supply": (0.0, "nothing moves"),
+    "one way": (0.0, "both signs"),
+    "cable": (12.0, "no number"),
+    "frozen": (12.0, "no longer moves|nothing moves"),
+    "late": (12.0, "passed between two readings"),
+    "back": (12.0, "ran back"),
+    "slips": (14.0, "slips"),
+    "not mounted": (0.0, "not mounted"),
+}
+
+
+@pytest.mark.parametrize("wrong", FAILURES)
+def test_what_is_wrong_ends_in_words_with_the_drive_off_and_nothing_lost(tmp_path, wrong):
+    since, said = FAILURES[wrong]
+    motor = Faulty(wrong, since)
+    with pytest.raises(SafetyStop, match=said):
+        run(motor, tmp_path / "a")
+    assert motor.commands[-1] == 0
+    assert motor.stopped
+    kept = len(list((tmp_path / "a").glob("*.parquet"))) if (tmp_path / "a").exists() else 0
+    assert kept == (len(bf.read(tmp_path / "a").recorded) if kept else 0)
+
+
+def test_a_limit_cuts_a_run_short_and_is_not_exceeded_by_a_tenth():
+    motor = robot(true=replace(TRUE, p2=1e-4, coulomb=0.0))
+    with Bench(motor, Limits(command=COMMAND, angle=0.2), 0.002) as bench:
+        bench.settle()
+        bench.braked_with(0.02, 0.5)
+        cut = bench.run(lambda _: COMMAND, 5.0)
+        bench.settle()
+    assert "angle" in cut.cut
+    assert np.abs(cut.angle).max() < 0.22
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        ({"goal": "0%"}, "goal"),
+        ({"command": None}, "command"),
+        ({"masses": (-1.0,)}, "mass"),
+        ({"known": {"p9": 1.0}}, "p9"),
+        ({"angle": 0.0}, "angle"),
+    ],
+)
+def test_what_cannot_be_is_refused_before_anything_moves(tmp_path, options, named):
+    motor = Faulty("")
+    with pytest.raises(InputError, match=named):
+        run(motor, tmp_path / "a", **options)
+    assert not motor.commands
+
+
+def test_a_folder_with_other_logs_is_refused(tmp_path):
+    (tmp_path / "manifest.yaml").write_text("name: mine\n", encoding="utf-8")
+    with pytest.raises(InputError, match="other logs"):
+        run(Faulty(""), tmp_path)
