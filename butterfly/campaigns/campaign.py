@@ -18,7 +18,7 @@ import numpy as np
 from butterfly.arrays import Samples
 from butterfly.campaigns.bench import Bench, Limits, SafetyStop
 from butterfly.campaigns.contact import ENOUGH, make_contact
-from butterfly.campaigns.design import (
+from butterfly.campaigns.plan import (
     PROBE,
     Recipe,
     best_plan,

@@ -232,7 +232,7 @@ def judged_candidate(
     motion = max(float(np.std(angle)), 1e-9)
     correlation = estimate.covariance / np.outer(errors, errors)
     information = jacobian.T @ jacobian * _INDEPENDENT / (angle.size * (misfit * motion) ** 2)
-    after = np.linalg.inv(np.linalg.inv(correlation) + information)
+    after = updated(correlation, information)
     spread = float(np.sqrt(np.trace(correlation @ jacobian.T @ jacobian) / angle.size)) / motion
     swing = float(np.max(np.abs(angle)))
     drive = abs(parameters.p4) * _peak(signal)
@@ -254,6 +254,14 @@ def judged_candidate(
         warning=warning,
         servo=loop,
     )
+
+
+def updated(covariance: Samples, information: Samples) -> Samples:
+    """Return an (n, n) covariance after an independent (n, n) information; singular ones too."""
+    sizes, axes = np.linalg.eigh(covariance)
+    root = axes * np.sqrt(np.maximum(sizes, 0.0))
+    inner = np.eye(len(root)) + root.T @ information @ root
+    return np.asarray(root @ np.linalg.solve(inner, root.T))
 
 
 def _peak(signal: Excitation) -> float:

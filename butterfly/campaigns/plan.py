@@ -17,6 +17,7 @@ import numpy as np
 from butterfly.arrays import Samples
 from butterfly.campaigns.bench import Bench, Limits
 from butterfly.campaigns.laws import STILL, Law, Relay, Signal
+from butterfly.identification.design import updated
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.levels import SPREADS
 from butterfly.identification.simulation import Simulation
@@ -177,12 +178,11 @@ def best_plan(
 ) -> Plan | None:
     """Return the plan that reaches the wanted (n,) half-widths for the least cost.
 
-    ``so_far``: (n, n) J' J of the runs so far; ``price``: of a change of mass in s; ``overhead``:
-    of a run in s besides its length. None if no recipe can be played.
+    ``so_far``: (n, n) J' J of the runs so far; ``price``: of a change of mass in
+    s. None if no recipe can be played.
     """
-    errors = (estimate.upper - estimate.lower) / (2 * SPREADS)
-    correlation = estimate.covariance / np.outer(estimate.standard_errors, estimate.standard_errors)
-    now = np.linalg.pinv(correlation)
+    covariance = estimate.interval_covariance
+    errors = np.sqrt(np.diag(covariance))
     shown = _errors(so_far * np.outer(errors, errors))
     worth = float(np.exp(2 * np.mean(np.log(shown))))  # of the runs' information, as intervals show
     plans = []
@@ -190,10 +190,10 @@ def best_plan(
         log = played(estimate, recipe, limits)
         if log is None:
             continue
-        more = worth * information(estimate, log) * np.outer(errors, errors)
+        more = worth * information(estimate, log)
         fixed = price * (recipe.added_mass != mounted)
         for count in range(1, _MOST_RUNS + 1):
-            expected = SPREADS * errors * _errors(now + count * more)
+            expected = SPREADS * np.sqrt(np.diag(updated(covariance, count * more)))
             if (expected <= wanted).all():
                 break
         short = float(np.max(expected / wanted))
