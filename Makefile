@@ -47,7 +47,7 @@ outputs: $(VENV)/.development
 pictures: $(VENV)/.development
 	$(BIN)/python docs/site/pictures.py
 
-# The film of the first page: the hand on its orbit, and as a ghost the model from small swings.
+# The films: the hand on its orbit, beside the model from small swings; pushed, with and without its compensation.
 film: $(VENV)/.development
 	$(BIN)/python docs/site/film.py
 
