@@ -38,6 +38,8 @@ from butterfly.identification.validate import cross_validate
 from butterfly.logs.log import Log
 from butterfly.model.prior import Prior
 from butterfly.orbit.loop import OrbitStudy, study_orbit
+from butterfly.orbit.watch import watch
+from butterfly.plant.motor import ControlLaw
 from butterfly.progress import Track, budget, current_search, untracked
 from butterfly.result import versions
 from butterfly.signals.excitations import Table
@@ -172,7 +174,7 @@ class RunResult:
             of_mass = data.equilibria
             zero = of_mass.get(control.added_masses[0], float(np.mean(list(of_mass.values()))))
         rng = np.random.default_rng(experiment.orbit_seed)
-        return study_orbit(
+        study = study_orbit(
             partial(experiment.plant.rig.run, rng=rng),
             believed,
             zero,
@@ -185,6 +187,27 @@ class RunResult:
             description=experiment.description,
             track=self._track,
         )
+        if (plan := control.watch) is None:
+            return study
+        orbit, carried = control.target(study.calibration.parameters), control.added_masses[0]
+
+        def run(law: ControlLaw) -> Log:
+            start, rig = orbit.upper, experiment.plant.rig
+            return rig.run(law, start, plan.duration, carried, rng=rng, change=plan.change)
+
+        watched = watch(
+            run,
+            control.law(orbit, zero),
+            control.target,
+            orbit,
+            plan,
+            zero=zero,
+            multiplier=control.multiplier,
+            options=control.recalibration,
+            path=experiment.plant.path,
+            rng=rng,
+        )
+        return replace(study, watched=watched)
 
     def _identify(self, data: DataSet, spec: Estimator) -> None:
         """Add the estimate of an estimator, or its error."""

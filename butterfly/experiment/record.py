@@ -23,6 +23,7 @@ from butterfly.identification.findings import Ending
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.parameter import Parameter, or_none
+from butterfly.orbit.change_detection import Alarm
 from butterfly.orbit.loop import OrbitStudy
 from butterfly.progress import current_search
 from butterfly.verdict import Level
@@ -122,6 +123,7 @@ class OrbitRecord:
     free_run_rms_rad: dict[str, float]  # errors of the models' free runs, by model
     cross_orbit: CrossRecord
     verdict: str | None = None  # on the parameters; None in records of older programs
+    alarms: tuple[Alarm, ...] | None = None  # changes that were noticed; None if none was watched
 
     @classmethod
     def of(cls, study: OrbitStudy) -> OrbitRecord:
@@ -135,6 +137,7 @@ class OrbitRecord:
             absolute=not last.estimate.ratios,
             verdict=study.estimate.level.verdict,
             free_run_rms_rad=study.errors,
+            alarms=None if study.watched is None else study.watched.alarms,
             cross_orbit=CrossRecord(
                 amplitudes_rad=study.amplitudes,
                 rms_rad=tuple(tuple(row) for row in study.cross.tolist()),

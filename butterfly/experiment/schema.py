@@ -36,6 +36,7 @@ from butterfly.model.terms import IDEAL, LoopTerms
 from butterfly.orbit.controller import Observer, VelocityEstimator
 from butterfly.orbit.loop import OrbitSchedule
 from butterfly.orbit.recalibration import RecalibrationOptions
+from butterfly.orbit.watch import WatchPlan
 from butterfly.plant.firmware import Spans
 from butterfly.plant.motor import CommandPath
 from butterfly.plant.rig import Rig, Simulator
@@ -244,6 +245,7 @@ class ControlSpec(OrbitSchedule):
     believed: LumpedParameters | None = None  # of the bare hand; identified if not given
     recalibration: RecalibrationOptions = RecalibrationOptions()
     cross_check: tuple[float, ...] = ()  # amplitudes in rad (see `study_orbit`)
+    watch: WatchPlan | None = None  # a run at the end, in which changes are noticed
 
 
 class ValidationSpec(StrictModel):

@@ -20,6 +20,7 @@ from butterfly.model.energy import Orbit
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.orbit.controller import Dithered, EnergyShaping, Target, VelocityEstimator, gain_for
 from butterfly.orbit.recalibration import Recalibration, RecalibrationOptions, recalibrate
+from butterfly.orbit.watch import Watched
 from butterfly.plant.motor import ControlLaw
 from butterfly.plant.sensors import FilteredDifference
 from butterfly.progress import Track, untracked
@@ -248,6 +249,7 @@ class OrbitStudy:
     errors: dict[str, float]  # rms in rad over `PERIODS`, by model: "generic", "re-calibrated"
     amplitudes: tuple[float, ...]  # (n,) in rad, of the orbits of the next
     cross: Samples  # (n, n) rms in rad of the row's model at the column's orbit
+    watched: Watched | None = None  # a run at the end that was watched for changes
 
 
 def study_orbit(

@@ -15,6 +15,7 @@ from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.test_functions import SPACING
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.model.parameters import LumpedParameters
+from butterfly.orbit.change_detection import ChangeDetector
 from butterfly.orbit.controller import EnergyShaping, Target, gain_for
 from butterfly.orbit.recalibration import (
     BASE,
@@ -37,7 +38,8 @@ class OnlineRecalibration:
     The rows of the past fade as exp(-age/memory) and are solved under the constraints p2, p4,
     friction >= 0; without constraints this is recursive least squares with forgetting (Ljung,
     System Identification, 2nd ed., 11.2). ``terms`` are estimated besides p2, p3, p4, not those
-    that the options have as candidates.
+    that the options have as candidates. What was before a change that the ``detector`` notices is
+    forgotten.
     """
 
     def __init__(
@@ -47,16 +49,17 @@ class OnlineRecalibration:
         terms: tuple[str, ...] = ("coulomb",),
         memory: float = 20.0,
         options: RecalibrationOptions = RecalibrationOptions(),
+        detector: ChangeDetector | None = None,
     ) -> None:
         require_number("OnlineRecalibration", positive=True, memory=memory)
         if "compression" in terms:
             raise InputError("OnlineRecalibration", "terms", "compression", "terms linear in u")
         self._zero = zero
-        self._options = options
+        self._options, self._detector = options, detector
         self._names = (*BASE[1:], *terms)
         self._keep = math.exp(-SPACING * options.half_width / memory)
         longest = math.ceil(_FORGOTTEN / -math.log(self._keep))
-        self._rows: deque[tuple[int, Samples]] = deque(maxlen=longest)
+        self._rows: deque[tuple[int, float, Samples]] = deque(maxlen=longest)
         self._samples: list[tuple[float, float, float]] = []
         self._count = 0
 
@@ -89,14 +92,19 @@ class OnlineRecalibration:
         signals = options.averaging(log, 0.0).signals(names, delay=options.delay)
         if not signals.moving[0]:
             return False
-        self._rows.append((self._count, np.array([signals.mean[name][0] for name in names])))
+        middle, terms = float(signals.time[0]), {name: signals.mean[name][0] for name in names}
+        self._rows.append((self._count, middle, np.array([*terms.values()])))
         self._count += 1
+        if self._detector is not None and self._detector.add(middle, terms):
+            changed = self._detector.alarms[-1].since[1]
+            while self._rows and self._rows[0][1] <= changed:
+                self._rows.popleft()
         return True
 
     @property
     def is_ready(self) -> bool:
         """Whether there is twice as much data as unknowns."""
-        return self._count >= 2 * len(self._names)
+        return len(self._rows) >= 2 * len(self._names)
 
     def ratios(self) -> Samples:
         """(n,) current p2/p1, p3/p1, p4/p1 and terms over p1."""
@@ -120,8 +128,8 @@ class OnlineRecalibration:
 
     def _regression(self) -> Regression:
         """Put the rows together, each fading with its age, p1 counting as 1."""
-        numbers = np.array([number for number, _ in self._rows])
-        rows = np.array([row for _, row in self._rows])
+        numbers = np.array([number for number, *_ in self._rows])
+        rows = np.array([row for *_, row in self._rows])
         rows *= self._keep ** (0.5 * (numbers[-1] - numbers))[:, None]
         return Regression(
             names=self._names,

@@ -19,6 +19,7 @@ from butterfly.report.figures import PALETTE, panel
 from butterfly.report.finding_texts import estimate_notes, estimate_verdict
 from butterfly.report.forest import forest, forest_caption
 from butterfly.report.numbers import estimate_numbers
+from butterfly.report.orbit_watch import watch_section, watch_sentences
 from butterfly.report.page import Fact, Page, PageTable, Section
 from butterfly.report.parameter_table import parameter_texts
 from butterfly.result import document
@@ -68,6 +69,8 @@ def orbit_page(study: OrbitStudy, truth: LumpedParameters | None = None) -> Page
                 figures={"cross-orbit": _cross_figure(study)},
             )
         )
+    if study.watched is not None:
+        sections.insert(0, watch_section(study.watched, study.zero))
     return Page(
         name=study.name,
         description=study.description,
@@ -117,6 +120,7 @@ def _sentences(study: OrbitStudy) -> list[str]:
     rejected = ", ".join(recalibration.rejected) or "none"
     begun = study.small_swings
     return [
+        *([] if study.watched is None else watch_sentences(study.watched)),
         f"Target amplitude {math.degrees(wanted):.2f}°; reached "
         + ", ".join(degrees_said(each.amplitude) for each in rounds)
         + f"° in {len(rounds)} rounds; {study.calibration.ending}.",

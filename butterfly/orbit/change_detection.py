@@ -1,0 +1,273 @@
+"""Notice that a robot changes while it moves, by the innovations of its on-line re-calibration.
+
+Rows of the weak form say y = x theta + noise, theta the ratios to p1. Over a stretch of them, with
+A the sum of x^T x, the score sum x^T (y - x theta) has mean 0 and a covariance that the stretches
+of a reference show, whatever the rows of one share; after a change d of theta its mean is A d
+(the local approach: Basseville & Nikiforov, Detection of Abrupt Changes, 1993, section 8.4).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.special import fdtrc, ndtr, stdtrit
+
+from butterfly.arrays import Samples
+from butterfly.errors import InputError, require_number
+from butterfly.identification.levels import CONFIDENCE, SHOWS
+from butterfly.identification.test_functions import HALF_WIDTH, SPACING
+from butterfly.orbit.recalibration import SEGMENT
+
+_FEWEST = 20  # stretches of a reference
+_LIKELY = 3.84  # drop of a squared statistic within which an instant is as likely, at 95 %
+_THRESHOLDS = (1.0, 30.0)  # between which one is looked for
+_ROOT = math.sqrt(2 * math.pi)
+
+
+@dataclass(frozen=True)
+class Cause:
+    """One parameter that alone may have changed: its ratio to p1, or p1 over that before."""
+
+    name: str
+    before: float
+    after: float
+    lower: float  # lower, upper: 95 % interval of the value after
+    upper: float
+    probability: float  # of so bad a fit of the other parameters, if only this one changed
+
+    @property
+    def possible(self) -> bool:
+        """Whether the data allow that it changed alone."""
+        return self.probability >= 1 - CONFIDENCE
+
+    @property
+    def relative(self) -> float:
+        """Change over the value before."""
+        return self.after / self.before - 1 if self.before else math.inf
+
+
+@dataclass(frozen=True, kw_only=True)
+class Alarm:
+    """A change that was noticed, all times in s."""
+
+    time: float  # when it was noticed
+    since: tuple[float, float]  # it happened between
+    statistic: float  # largest, above its threshold
+    # what single parameters' changes would be, the likeliest first; none until a stretch follows
+    causes: tuple[Cause, ...] = ()
+    ratios: tuple[Cause, ...] = ()  # changes of all ratios to p1 together
+
+    @property
+    def possible(self) -> tuple[Cause, ...]:
+        """Parameters each of which may have changed alone; none if several have."""
+        return tuple(each for each in self.causes if each.possible)
+
+
+class ChangeDetector:
+    """Generalised likelihood ratio of a change of one parameter, p1 or a ratio to it.
+
+    It tests whether the rows since any instant in the last ``window`` s have other parameters than
+    the reference before them, which is at least and at most so many s long. The statistic is the
+    largest score in standard errors. On a sound robot it exceeds the threshold once in
+    ``false_alarms_every`` s by Siegmund & Venkatraman's rate (Annals of Statistics 23, 1995) and
+    Bonferroni's inequality. What follows a change is the next reference.
+    """
+
+    def __init__(
+        self,
+        *,
+        reference: tuple[float, float] = (60.0, 300.0),
+        window: float = 30.0,
+        false_alarms_every: float = 3600.0,
+        half_width: float = HALF_WIDTH,
+    ) -> None:
+        least, most = reference
+        require_number(
+            "ChangeDetector",
+            positive=True,
+            window=window,
+            false_alarms_every=false_alarms_every,
+            half_width=half_width,
+        )
+        length = SEGMENT * SPACING * half_width
+        if not _FEWEST * length <= least <= most < math.inf:
+            expected = f"two times in s, the shorter first and {_FEWEST * length:g} or more"
+            raise InputError("ChangeDetector", "reference", reference, expected)
+        self._least, self._most, self._window = (
+            math.ceil(each / length) for each in (least, most, window)
+        )
+        self._rate = length / false_alarms_every
+        self._names: tuple[str, ...] = ()
+        self._rows: list[tuple[float, list[float]]] = []  # of the next stretch
+        self._stretches: list[_Stretch] = []  # of the reference and since
+        self._before: _Reference | None = None  # the latest alarm
+        self.threshold = math.nan
+        self.alarms: list[Alarm] = []
+        self.history: list[tuple[float, float]] = []  # instants in s and statistics
+
+    def add(self, time: float, terms: Mapping[str, float]) -> bool:
+        """Take in a row about an instant in s: what p1 and each of n parameters multiplies.
+
+        Return whether a change is noticed.
+        """
+        if not self._names:
+            self._names = tuple(name for name in terms if name != "p1")
+            self.threshold = _threshold(self._rate / len(terms), self._window)
+        self._rows.append((time, [*(terms[name] for name in self._names), -terms["p1"]]))
+        if len(self._rows) < SEGMENT:
+            return False
+        self._stretches.append(_Stretch.of(self._rows))
+        self._rows = []
+        del self._stretches[: -self._most - self._window]
+        return self._judge()
+
+    def _judge(self) -> bool:
+        """Test the latest stretches, or say more of the change before them."""
+        late = self._stretches
+        if len(late) <= self._least:
+            if self._before is not None and late:
+                alone, together = self._before.causes(late)
+                self.alarms[-1] = replace(self.alarms[-1], causes=alone, ratios=together)
+            return False
+        begin = max(self._least, len(late) - self._window)
+        reference, tested = _Reference(self._names, late[:begin]), late[begin:]
+        statistics = reference.statistics(tested)
+        largest = float(statistics.max())
+        self.history.append((tested[-1].end, largest))
+        if largest <= self.threshold:
+            return False
+        likely = np.flatnonzero(statistics**2 > largest**2 - _LIKELY)
+        first, last = int(likely[0]), int(likely[-1])
+        since = tested[first].begin, tested[last].end
+        self.alarms.append(Alarm(time=tested[-1].end, since=since, statistic=largest))
+        self._before, self._stretches = reference, tested[last + 1 :]
+        self._judge()
+        return True
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Stretch:
+    """Sums over rows between instants in s: (n, n) x^T x and (n,) x^T y."""
+
+    begin: float
+    end: float
+    square: Samples
+    product: Samples
+
+    @classmethod
+    def of(cls, rows: list[tuple[float, list[float]]]) -> _Stretch:
+        table = np.array([row for _, row in rows])
+        x, y = table[:, :-1], table[:, -1]
+        return cls(begin=rows[0][0], end=rows[-1][0], square=x.T @ x, product=x.T @ y)
+
+
+class _Reference:
+    """Stretches of a sound robot: (n,) ratios to p1, and the scatter of scores about them.
+
+    Unknowns are in units that make their sums of squares 1. Directions of change are that of p1,
+    along the ratios, and those of each ratio; a score's variance goes with the sum of squares of
+    its direction.
+    """
+
+    def __init__(self, names: tuple[str, ...], stretches: list[_Stretch]) -> None:
+        self._names, count = names, len(names)
+        total = np.sum([each.square for each in stretches], axis=0)
+        self._scale = np.sqrt(np.maximum(np.diag(total), np.finfo(float).tiny))
+        self._total = total / np.outer(self._scale, self._scale)
+        products = np.sum([each.product for each in stretches], axis=0) / self._scale
+        self._values = np.linalg.lstsq(self._total, products, rcond=None)[0]
+        self._directions = np.column_stack([self._values, np.eye(count)])
+        squares, scores = self._sums(stretches)
+        standard = scores @ self._directions / np.sqrt(self._powers(squares))
+        self._freedom = len(stretches) - count
+        self._scatter = standard.T @ standard / self._freedom
+
+    def _sums(self, stretches: list[_Stretch]) -> tuple[Samples, Samples]:
+        """Return the (k, n, n) squares and (k, n) scores of k stretches."""
+        squares = np.array([each.square for each in stretches])
+        squares = squares / np.outer(self._scale, self._scale)
+        products = np.array([each.product for each in stretches]) / self._scale
+        return squares, products - squares @ self._values
+
+    def _powers(self, squares: Samples) -> Samples:
+        """(..., n + 1) sums of squares along each direction, of (..., n, n) squares."""
+        found = np.einsum("ih,...ij,jh->...h", self._directions, squares, self._directions)
+        return np.asarray(np.maximum(found, np.finfo(float).tiny))
+
+    def _spreads(self, squares: Samples) -> Samples:
+        """(..., n + 1) what variances of scores go with, those of the ratios' own error added."""
+        powers = self._powers(squares)
+        return powers * (1 + powers / self._powers(self._total))
+
+    def statistics(self, stretches: list[_Stretch]) -> Samples:
+        """(k,) largest statistic of a change at the beginning of each stretch."""
+        squares, scores = (np.cumsum(a[::-1], axis=0)[::-1] for a in self._sums(stretches))
+        variances = self._spreads(squares) * np.diag(self._scatter)
+        squared = np.max((scores @ self._directions) ** 2 / variances, axis=1)
+        # a normal deviate as improbable as Student's t (Wallace, Ann. Math. Stat. 30, 1959)
+        freedom = self._freedom
+        factor = (8 * freedom + 1) / (8 * freedom + 3)
+        return np.asarray(factor * np.sqrt(freedom * np.log1p(squared / freedom)))
+
+    def causes(self, stretches: list[_Stretch]) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
+        """Say what a change of each parameter alone would be, and that of all ratios together.
+
+        The likeliest parameter comes first. As the covariance is estimated, what a parameter does
+        not explain makes less certain what it does (Kelly, IEEE Trans. AES 22, 1986). If what the
+        likeliest leaves is significant but negligible, it is a scale of all errors (Birge's ratio).
+        """
+        square, score = (each.sum(axis=0) for each in self._sums(stretches))
+        root = np.sqrt(self._spreads(square)[1:])
+        covariance = self._scatter[1:, 1:] * np.outer(root, root)
+        precision = np.linalg.pinv(covariance, hermitian=True)
+        moved = square @ self._directions
+        known = np.einsum("ih,ij,jh->h", moved, precision, moved)
+        sizes = moved.T @ precision @ score / known
+        whole = float(score @ precision @ score)
+        rest = np.maximum(whole - sizes**2 * known, 0.0)
+        others, freedom = score.size - 1, self._freedom - score.size + 1
+        left = float(rest.min())
+        wider = max(1.0, left / others) if left < SHOWS * whole else 1.0
+        rest, known = rest / wider, known / wider
+        fits = fdtrc(others, freedom + 1, rest / self._freedom * (freedom + 1) / others)
+        variances = (self._freedom + rest) / freedom / known
+        told = zip(("p1", *self._names), sizes, variances, fits.tolist(), strict=True)
+        alone = [self._cause(*each) for each in told]
+        inverse = np.linalg.pinv(square, hermitian=True)
+        spread = wider * np.diag(inverse @ covariance @ inverse)
+        told = zip(self._names, inverse @ score, spread, np.ones(score.size), strict=True)
+        together = tuple(self._cause(*each) for each in told)
+        return tuple(alone[k] for k in np.argsort(rest).tolist()), together
+
+    def _cause(self, name: str, size: float, variance: float, fit: float) -> Cause:
+        """Return a change of a scaled ratio, or of all by a factor, with its interval."""
+        reach = float(stdtrit(self._freedom, 0.5 + CONFIDENCE / 2)) * math.sqrt(variance)
+        sizes = [size, size - reach, size + reach]
+        if name == "p1":
+            before, values = 1.0, [1 / (1 + each) for each in sizes]
+        else:
+            k = self._names.index(name)
+            before = float(self._values[k] / self._scale[k])
+            values = [before + float(each / self._scale[k]) for each in sizes]
+        after, *limits = values
+        return Cause(name, before, after, min(limits), max(limits), fit)
+
+
+def _threshold(rate: float, window: int) -> float:
+    """Return that which a statistic of so many stretches exceeds at a rate per stretch."""
+    return float(brentq(lambda limit: false_alarms(limit, window) - rate, *_THRESHOLDS))
+
+
+def false_alarms(threshold: float, window: int) -> float:
+    """Return how often a statistic's absolute value exceeds a threshold, per stretch."""
+    x = threshold / np.sqrt(np.arange(1, window + 1))
+    half = x / 2
+    overshoot = (ndtr(half) - 0.5) / half / (half * ndtr(half) + np.exp(-(half**2) / 2) / _ROOT)
+    density = math.exp(-(threshold**2) / 2) / _ROOT
+    return float(
+        0.5 * threshold**3 * density * np.sum(overshoot**2 / np.arange(1, window + 1) ** 2)
+    )
