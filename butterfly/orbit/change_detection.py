@@ -25,6 +25,7 @@ from butterfly.orbit.recalibration import SEGMENT
 _FEWEST = 20  # stretches of a reference
 _LIKELY = 3.84  # drop of a squared statistic within which an instant is as likely, at 95 %
 _THRESHOLDS = (1.0, 30.0)  # between which one is looked for
+_LEAST = float(np.finfo(float).eps)  # of a sum of squares that is 1 over all of a reference
 _ROOT = math.sqrt(2 * math.pi)
 
 
@@ -35,7 +36,7 @@ class Cause:
     name: str
     before: float
     after: float
-    lower: float  # lower, upper: 95 % interval of the value after
+    lower: float  # lower, upper: the value before with the 95 % interval of its relative change
     upper: float
     probability: float  # of so bad a fit of the other parameters, if only this one changed
 
@@ -185,6 +186,8 @@ class _Reference:
         standard = scores @ self._directions / np.sqrt(self._powers(squares))
         self._freedom = len(stretches) - count
         self._scatter = standard.T @ standard / self._freedom
+        inverse = np.linalg.pinv(self._total, hermitian=True)
+        self._variances = np.diag(inverse @ self._covariance(self._powers(self._total)) @ inverse)
 
     def _sums(self, stretches: list[_Stretch]) -> tuple[Samples, Samples]:
         """Return the (k, n, n) squares and (k, n) scores of k stretches."""
@@ -196,17 +199,22 @@ class _Reference:
     def _powers(self, squares: Samples) -> Samples:
         """(..., n + 1) sums of squares along each direction, of (..., n, n) squares."""
         found = np.einsum("ih,...ij,jh->...h", self._directions, squares, self._directions)
-        return np.asarray(np.maximum(found, np.finfo(float).tiny))
+        return np.asarray(np.maximum(found, _LEAST))
 
     def _spreads(self, squares: Samples) -> Samples:
         """(..., n + 1) what variances of scores go with, those of the ratios' own error added."""
         powers = self._powers(squares)
         return powers * (1 + powers / self._powers(self._total))
 
+    def _covariance(self, spreads: Samples) -> Samples:
+        """(n, n) covariance of scores."""
+        root = np.sqrt(spreads[1:])
+        return np.asarray(self._scatter[1:, 1:] * np.outer(root, root))
+
     def statistics(self, stretches: list[_Stretch]) -> Samples:
         """(k,) largest statistic of a change at the beginning of each stretch."""
         squares, scores = (np.cumsum(a[::-1], axis=0)[::-1] for a in self._sums(stretches))
-        variances = self._spreads(squares) * np.diag(self._scatter)
+        variances = self._spreads(squares) * np.maximum(np.diag(self._scatter), _LEAST)
         squared = np.max((scores @ self._directions) ** 2 / variances, axis=1)
         # a normal deviate as improbable as Student's t (Wallace, Ann. Math. Stat. 30, 1959)
         freedom = self._freedom
@@ -221,11 +229,10 @@ class _Reference:
         likeliest leaves is significant but negligible, it is a scale of all errors (Birge's ratio).
         """
         square, score = (each.sum(axis=0) for each in self._sums(stretches))
-        root = np.sqrt(self._spreads(square)[1:])
-        covariance = self._scatter[1:, 1:] * np.outer(root, root)
+        covariance = self._covariance(self._spreads(square))
         precision = np.linalg.pinv(covariance, hermitian=True)
         moved = square @ self._directions
-        known = np.einsum("ih,ij,jh->h", moved, precision, moved)
+        known = np.maximum(np.einsum("ih,ij,jh->h", moved, precision, moved), _LEAST)
         sizes = moved.T @ precision @ score / known
         whole = float(score @ precision @ score)
         rest = np.maximum(whole - sizes**2 * known, 0.0)
@@ -245,12 +252,14 @@ class _Reference:
 
     def _cause(self, name: str, size: float, variance: float, fit: float) -> Cause:
         """Return a change of a scaled ratio, or of all by a factor, with its interval."""
+        k = -1 if name == "p1" else self._names.index(name)
+        if k >= 0 and self._values[k]:
+            variance += (size / self._values[k]) ** 2 * self._variances[k]
         reach = float(stdtrit(self._freedom, 0.5 + CONFIDENCE / 2)) * math.sqrt(variance)
         sizes = [size, size - reach, size + reach]
-        if name == "p1":
+        if k < 0:
             before, values = 1.0, [1 / (1 + each) for each in sizes]
         else:
-            k = self._names.index(name)
             before = float(self._values[k] / self._scale[k])
             values = [before + float(each / self._scale[k]) for each in sizes]
         after, *limits = values
