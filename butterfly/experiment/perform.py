@@ -39,7 +39,6 @@ from butterfly.logs.log import Log
 from butterfly.model.prior import Prior
 from butterfly.orbit.loop import OrbitStudy, study_orbit
 from butterfly.orbit.watch import watch
-from butterfly.plant.motor import ControlLaw
 from butterfly.progress import Track, budget, current_search, untracked
 from butterfly.result import versions
 from butterfly.signals.excitations import Table
@@ -189,14 +188,16 @@ class RunResult:
         )
         if (plan := control.watch) is None:
             return study
-        orbit, carried = control.target(study.calibration.parameters), control.added_masses[0]
-
-        def run(law: ControlLaw) -> Log:
-            start, rig = orbit.upper, experiment.plant.rig
-            return rig.run(law, start, plan.duration, carried, rng=rng, change=plan.change)
-
+        orbit = control.target(study.calibration.parameters)
         watched = watch(
-            run,
+            partial(
+                experiment.plant.rig.run,
+                start=orbit.upper,
+                duration=plan.duration,
+                added=control.added_masses[0],
+                rng=rng,
+                change=plan.change,
+            ),
             control.law(orbit, zero),
             control.target,
             orbit,

@@ -137,7 +137,7 @@ class OrbitRecord:
             absolute=not last.estimate.ratios,
             verdict=study.estimate.level.verdict,
             free_run_rms_rad=study.errors,
-            alarms=None if study.watched is None else study.watched.alarms,
+            alarms=None if (seen := study.watched) is None else tuple(seen.detector.alarms),
             cross_orbit=CrossRecord(
                 amplitudes_rad=study.amplitudes,
                 rms_rad=tuple(tuple(row) for row in study.cross.tolist()),

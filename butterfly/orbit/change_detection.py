@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import brentq
@@ -38,17 +39,12 @@ class Cause:
     after: float
     lower: float  # lower, upper: the value before with the 95 % interval of its relative change
     upper: float
-    probability: float  # of so bad a fit of the other parameters, if only this one changed
+    probability: float = 1.0  # of so much that it leaves unexplained, if it changed alone
 
     @property
     def possible(self) -> bool:
         """Whether the data allow that it changed alone."""
         return self.probability >= 1 - CONFIDENCE
-
-    @property
-    def relative(self) -> float:
-        """Change over the value before."""
-        return self.after / self.before - 1 if self.before else math.inf
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,11 +113,13 @@ class ChangeDetector:
         """
         if not self._names:
             self._names = tuple(name for name in terms if name != "p1")
-            self.threshold = _threshold(self._rate / len(terms), self._window)
+            rate, window = self._rate / len(terms), self._window
+            self.threshold = brentq(lambda limit: false_alarms(limit, window) - rate, *_THRESHOLDS)
         self._rows.append((time, [*(terms[name] for name in self._names), -terms["p1"]]))
         if len(self._rows) < SEGMENT:
             return False
-        self._stretches.append(_Stretch.of(self._rows))
+        table = np.array([row for _, row in self._rows])
+        self._stretches.append(_Stretch(self._rows[0][0], time, table.T @ table))
         self._rows = []
         del self._stretches[: -self._most - self._window]
         return self._judge()
@@ -150,20 +148,12 @@ class ChangeDetector:
         return True
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Stretch:
-    """Sums over rows between instants in s: (n, n) x^T x and (n,) x^T y."""
+class _Stretch(NamedTuple):
+    """Rows between two instants in s: (n + 1, n + 1) sums of products of x and y."""
 
     begin: float
     end: float
-    square: Samples
-    product: Samples
-
-    @classmethod
-    def of(cls, rows: list[tuple[float, list[float]]]) -> _Stretch:
-        table = np.array([row for _, row in rows])
-        x, y = table[:, :-1], table[:, -1]
-        return cls(begin=rows[0][0], end=rows[-1][0], square=x.T @ x, product=x.T @ y)
+    sums: Samples
 
 
 class _Reference:
@@ -175,29 +165,28 @@ class _Reference:
     """
 
     def __init__(self, names: tuple[str, ...], stretches: list[_Stretch]) -> None:
-        self._names, count = names, len(names)
-        total = np.sum([each.square for each in stretches], axis=0)
-        self._scale = np.sqrt(np.maximum(np.diag(total), np.finfo(float).tiny))
-        self._total = total / np.outer(self._scale, self._scale)
-        products = np.sum([each.product for each in stretches], axis=0) / self._scale
-        self._values = np.linalg.lstsq(self._total, products, rcond=None)[0]
-        self._directions = np.column_stack([self._values, np.eye(count)])
-        squares, scores = self._sums(stretches)
+        self._names = names
+        self._scale = np.sqrt(np.diag(np.sum([each.sums for each in stretches], axis=0)))
+        self._scale[self._scale == 0] = self._scale[-1] = 1.0
+        self._values, self._freedom = np.zeros(len(names)), len(stretches) - len(names)
+        squares, products = self._sums(stretches)
+        self._total = squares.sum(axis=0)
+        self._values = np.linalg.lstsq(self._total, products.sum(axis=0), rcond=None)[0]
+        self._directions = np.column_stack([self._values, np.eye(len(names))])
+        _, scores = self._sums(stretches)
         standard = scores @ self._directions / np.sqrt(self._powers(squares))
-        self._freedom = len(stretches) - count
         self._scatter = standard.T @ standard / self._freedom
         inverse = np.linalg.pinv(self._total, hermitian=True)
-        self._variances = np.diag(inverse @ self._covariance(self._powers(self._total)) @ inverse)
+        self._variances = np.diag(inverse @ self._covariance(self._total) @ inverse) / 2
 
     def _sums(self, stretches: list[_Stretch]) -> tuple[Samples, Samples]:
-        """Return the (k, n, n) squares and (k, n) scores of k stretches."""
-        squares = np.array([each.square for each in stretches])
-        squares = squares / np.outer(self._scale, self._scale)
-        products = np.array([each.product for each in stretches]) / self._scale
-        return squares, products - squares @ self._values
+        """Return the (k, n, n) A and (k, n) scores of k stretches."""
+        sums = np.array([each.sums for each in stretches]) / np.outer(self._scale, self._scale)
+        squares = sums[:, :-1, :-1]
+        return squares, sums[:, :-1, -1] - squares @ self._values
 
     def _powers(self, squares: Samples) -> Samples:
-        """(..., n + 1) sums of squares along each direction, of (..., n, n) squares."""
+        """(..., n + 1) sums of squares along each direction, of (..., n, n) A."""
         found = np.einsum("ih,...ij,jh->...h", self._directions, squares, self._directions)
         return np.asarray(np.maximum(found, _LEAST))
 
@@ -206,9 +195,9 @@ class _Reference:
         powers = self._powers(squares)
         return powers * (1 + powers / self._powers(self._total))
 
-    def _covariance(self, spreads: Samples) -> Samples:
-        """(n, n) covariance of scores."""
-        root = np.sqrt(spreads[1:])
+    def _covariance(self, square: Samples) -> Samples:
+        """(n, n) covariance of the scores of an A."""
+        root = np.sqrt(self._spreads(square)[1:])
         return np.asarray(self._scatter[1:, 1:] * np.outer(root, root))
 
     def statistics(self, stretches: list[_Stretch]) -> Samples:
@@ -229,7 +218,7 @@ class _Reference:
         likeliest leaves is significant but negligible, it is a scale of all errors (Birge's ratio).
         """
         square, score = (each.sum(axis=0) for each in self._sums(stretches))
-        covariance = self._covariance(self._spreads(square))
+        covariance = self._covariance(square)
         precision = np.linalg.pinv(covariance, hermitian=True)
         moved = square @ self._directions
         known = np.maximum(np.einsum("ih,ij,jh->h", moved, precision, moved), _LEAST)
@@ -242,41 +231,31 @@ class _Reference:
         rest, known = rest / wider, known / wider
         fits = fdtrc(others, freedom + 1, rest / self._freedom * (freedom + 1) / others)
         variances = (self._freedom + rest) / freedom / known
-        told = zip(("p1", *self._names), sizes, variances, fits.tolist(), strict=True)
-        alone = [self._cause(*each) for each in told]
+        alone = [*map(self._cause, ("p1", *self._names), sizes, variances, fits.tolist())]
         inverse = np.linalg.pinv(square, hermitian=True)
         spread = wider * np.diag(inverse @ covariance @ inverse)
-        told = zip(self._names, inverse @ score, spread, np.ones(score.size), strict=True)
-        together = tuple(self._cause(*each) for each in told)
-        return tuple(alone[k] for k in np.argsort(rest).tolist()), together
+        together = map(self._cause, self._names, inverse @ score, spread)
+        return tuple(alone[k] for k in np.argsort(rest).tolist()), tuple(together)
 
-    def _cause(self, name: str, size: float, variance: float, fit: float) -> Cause:
+    def _cause(self, name: str, size: float, variance: float, fit: float = 1.0) -> Cause:
         """Return a change of a scaled ratio, or of all by a factor, with its interval."""
         k = -1 if name == "p1" else self._names.index(name)
         if k >= 0 and self._values[k]:
             variance += (size / self._values[k]) ** 2 * self._variances[k]
         reach = float(stdtrit(self._freedom, 0.5 + CONFIDENCE / 2)) * math.sqrt(variance)
-        sizes = [size, size - reach, size + reach]
-        if k < 0:
-            before, values = 1.0, [1 / (1 + each) for each in sizes]
-        else:
+        sizes = np.array([size, size - reach, size + reach])
+        before, values = 1.0, 1 / (1 + sizes)
+        if k >= 0:
             before = float(self._values[k] / self._scale[k])
-            values = [before + float(each / self._scale[k]) for each in sizes]
-        after, *limits = values
+            values = before + sizes / self._scale[k]
+        after, *limits = values.tolist()
         return Cause(name, before, after, min(limits), max(limits), fit)
-
-
-def _threshold(rate: float, window: int) -> float:
-    """Return that which a statistic of so many stretches exceeds at a rate per stretch."""
-    return float(brentq(lambda limit: false_alarms(limit, window) - rate, *_THRESHOLDS))
 
 
 def false_alarms(threshold: float, window: int) -> float:
     """Return how often a statistic's absolute value exceeds a threshold, per stretch."""
-    x = threshold / np.sqrt(np.arange(1, window + 1))
-    half = x / 2
+    lengths = np.arange(1, window + 1)
+    half = threshold / np.sqrt(lengths) / 2
     overshoot = (ndtr(half) - 0.5) / half / (half * ndtr(half) + np.exp(-(half**2) / 2) / _ROOT)
     density = math.exp(-(threshold**2) / 2) / _ROOT
-    return float(
-        0.5 * threshold**3 * density * np.sum(overshoot**2 / np.arange(1, window + 1) ** 2)
-    )
+    return float(0.5 * threshold**3 * density * np.sum((overshoot / lengths) ** 2))
