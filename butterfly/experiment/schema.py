@@ -35,8 +35,8 @@ from butterfly.model.servo import Output, ServoLoop
 from butterfly.model.terms import IDEAL, LoopTerms
 from butterfly.orbit.controller import Observer, VelocityEstimator
 from butterfly.orbit.loop import OrbitSchedule
+from butterfly.orbit.online import WatchPlan
 from butterfly.orbit.recalibration import RecalibrationOptions
-from butterfly.orbit.watch import WatchPlan
 from butterfly.plant.firmware import Spans
 from butterfly.plant.motor import CommandPath
 from butterfly.plant.rig import Rig, Simulator

@@ -19,8 +19,8 @@ from butterfly.logs.log import Log
 from butterfly.model.energy import Orbit
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.orbit.controller import Dithered, EnergyShaping, Target, VelocityEstimator, gain_for
+from butterfly.orbit.online import Watched
 from butterfly.orbit.recalibration import Recalibration, RecalibrationOptions, recalibrate
-from butterfly.orbit.watch import Watched
 from butterfly.plant.motor import ControlLaw
 from butterfly.plant.sensors import FilteredDifference
 from butterfly.progress import Track, untracked

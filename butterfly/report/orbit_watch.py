@@ -9,7 +9,7 @@ from plotly.graph_objects import Figure
 
 from butterfly.orbit.change_detection import Alarm, Cause
 from butterfly.orbit.loop import swing
-from butterfly.orbit.watch import Watched
+from butterfly.orbit.online import Watched
 from butterfly.report.figures import GREY, PALETTE, add, log_ticks, panels
 from butterfly.report.page import PageTable, Section
 

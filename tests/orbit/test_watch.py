@@ -10,9 +10,8 @@ from butterfly.errors import InputError
 from butterfly.model.energy import Orbit
 from butterfly.orbit.controller import Dithered, EnergyShaping, gain_for
 from butterfly.orbit.loop import swing
-from butterfly.orbit.online import OnlineRecalibration, SelfTuning
+from butterfly.orbit.online import OnlineRecalibration, SelfTuning, WatchPlan, watch
 from butterfly.orbit.recalibration import RecalibrationOptions
-from butterfly.orbit.watch import WatchPlan, watch
 from butterfly.plant.rig import Simulator
 from butterfly.plant.robot import RobotChange
 from butterfly.report.orbit_watch import watch_section, watch_sentences
