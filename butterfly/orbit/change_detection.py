@@ -19,7 +19,7 @@ from scipy.special import fdtrc, ndtr, stdtrit
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, require_number
-from butterfly.identification.levels import CONFIDENCE, SHOWS
+from butterfly.identification.levels import CONFIDENCE
 from butterfly.identification.test_functions import HALF_WIDTH, SPACING
 from butterfly.orbit.recalibration import SEGMENT
 
@@ -214,8 +214,7 @@ class _Reference:
         """Say what a change of each parameter alone would be, and that of all ratios together.
 
         The likeliest parameter comes first. As the covariance is estimated, what a parameter does
-        not explain makes less certain what it does (Kelly, IEEE Trans. AES 22, 1986). If what the
-        likeliest leaves is significant but negligible, it is a scale of all errors (Birge's ratio).
+        not explain makes less certain what it does (Kelly, IEEE Trans. AES 22, 1986).
         """
         square, score = (each.sum(axis=0) for each in self._sums(stretches))
         covariance = self._covariance(square)
@@ -226,14 +225,11 @@ class _Reference:
         whole = float(score @ precision @ score)
         rest = np.maximum(whole - sizes**2 * known, 0.0)
         others, freedom = score.size - 1, self._freedom - score.size + 1
-        left = float(rest.min())
-        wider = max(1.0, left / others) if left < SHOWS * whole else 1.0
-        rest, known = rest / wider, known / wider
         fits = fdtrc(others, freedom + 1, rest / self._freedom * (freedom + 1) / others)
         variances = (self._freedom + rest) / freedom / known
         alone = [*map(self._cause, ("p1", *self._names), sizes, variances, fits.tolist())]
         inverse = np.linalg.pinv(square, hermitian=True)
-        spread = wider * np.diag(inverse @ covariance @ inverse)
+        spread = np.diag(inverse @ covariance @ inverse)
         together = map(self._cause, self._names, inverse @ score, spread)
         return tuple(alone[k] for k in np.argsort(rest).tolist()), tuple(together)
 

@@ -98,7 +98,7 @@ def _figure(watched: Watched, zero: float) -> Figure:
     reached = [math.degrees(swing(part, zero, part.time[0])) for part in parts]
     wanted, threshold = math.degrees(orbit.upper - orbit.lower) / 2, watched.detector.threshold
     line, dashed = {"color": PALETTE[0]}, {"color": GREY, "dash": "dash"}
-    add(figure, 1, time, statistic, name="statistic", line=line)
+    add(figure, 1, time, statistic, name="statistic", mode="markers", marker={"color": PALETTE[0]})
     add(figure, 1, ends, [threshold] * 2, name="threshold", line=dashed)
     add(figure, 2, begins + step / 2, reached, name="amplitude", line=line)
     add(figure, 2, ends, [wanted] * 2, name="target", line=dashed)
