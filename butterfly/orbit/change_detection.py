@@ -97,7 +97,7 @@ class ChangeDetector:
         self._least, self._most, self._window = (
             math.ceil(each / length) for each in (least, most, window)
         )
-        self._rate = length / false_alarms_every
+        self._rate, self._half_width = length / false_alarms_every, half_width
         self._names: tuple[str, ...] = ()
         self._rows: list[tuple[float, list[float]]] = []  # of the next stretch
         self._stretches: list[_Stretch] = []  # of the reference and since
@@ -142,7 +142,8 @@ class ChangeDetector:
         likely = np.flatnonzero(statistics**2 > largest**2 - _LIKELY)
         first, last = int(likely[0]), int(likely[-1])
         since = tested[first].begin, tested[last].end
-        self.alarms.append(Alarm(time=tested[-1].end, since=since, statistic=largest))
+        now = tested[-1].end + self._half_width
+        self.alarms.append(Alarm(time=now, since=since, statistic=largest))
         self._before, self._stretches = reference, tested[last + 1 :]
         self._judge()
         return True

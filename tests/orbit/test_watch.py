@@ -7,6 +7,10 @@ import numpy as np
 import pytest
 
 from butterfly.errors import InputError
+from butterfly.experiment.perform import perform
+from butterfly.experiment.record import RunRecord
+from butterfly.experiment.source import Source
+from butterfly.files import shipped
 from butterfly.model.energy import Orbit
 from butterfly.orbit.controller import Dithered, EnergyShaping, gain_for
 from butterfly.orbit.loop import swing
@@ -14,6 +18,7 @@ from butterfly.orbit.online import OnlineRecalibration, SelfTuning, WatchPlan, w
 from butterfly.orbit.recalibration import RecalibrationOptions
 from butterfly.plant.rig import Simulator
 from butterfly.plant.robot import RobotChange
+from butterfly.report.orbit_page import orbit_page
 from butterfly.report.orbit_watch import watch_section, watch_sentences
 from tests.orbit.setting import NO_ADDED_MASS, SIXTY, plant
 
@@ -115,3 +120,23 @@ def test_until_it_changes_a_robot_moves_as_if_it_never_did():
 def test_a_change_of_nothing_is_refused(factors, field):
     with pytest.raises(InputError, match=field):
         RobotChange(at=1.0, factors=factors)
+
+
+def test_the_shipped_experiment_watches_its_orbit_and_records_the_alarm():
+    """With a first model given, at a coarser clock and sooner."""
+    source = Source(shipped("experiments/orbit-change.yaml"))
+    content = {**source.content, "excitations": []}
+    content["plant"] = content["plant"] | {"clock": {"step": 5e-3}}
+    lumped = {"p1": 0.00325, "p2": 0.0011, "p3": 0.049, "p4": 9.9}
+    change = {"at": AT, "factors": {"p2": 1.1}}
+    watch = content["control"]["watch"] | {"duration": AT + 25.0, "change": change}
+    more = {"believed": lumped, "rounds": 1, "duration": 10.0, "watch": watch}
+    content["control"] = content["control"] | more
+    result = perform(source.experiment(content))
+    assert result.error is None
+    (alarm,) = result.record.orbit.alarms
+    assert [each.name for each in alarm.possible] == ["p2"]
+    assert RunRecord.from_json(result.record.to_json()).orbit.alarms == (alarm,)
+    page = orbit_page(result.orbit)
+    assert "What changed: p2 by +" in page.summary[0]
+    assert page.sections[0].title == "Watched for changes"
