@@ -18,6 +18,7 @@ import numpy as np
 from butterfly.arrays import Samples
 from butterfly.campaigns.bench import Bench, Limits, SafetyStop
 from butterfly.campaigns.contact import ENOUGH, make_contact
+from butterfly.campaigns.folder import Folder, Journal, Step
 from butterfly.campaigns.plan import (
     PROBE,
     Recipe,
@@ -28,7 +29,6 @@ from butterfly.campaigns.plan import (
     probe,
     validation,
 )
-from butterfly.campaigns.folder import Folder, Journal, Step
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError, require_number
 from butterfly.identification.identified import Identified
 from butterfly.identification.identify import identify

@@ -25,6 +25,7 @@ from butterfly.identification.findings import Ending
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.parameter import Parameter, or_none
+from butterfly.orbit.change_detection import Alarm
 from butterfly.orbit.loop import Calibration, OrbitStudy
 from butterfly.progress import current_search
 from butterfly.verdict import Level
@@ -168,6 +169,7 @@ class OrbitRecord(RoundsRecord):
     cross_orbit: CrossRecord
     verdict: str | None = None  # on the parameters; None in records of older programs
     also: AlsoRecord | None = None
+    alarms: tuple[Alarm, ...] | None = None  # changes that were noticed; None if none was watched
 
     @classmethod
     def of(cls, study: OrbitStudy) -> OrbitRecord:
@@ -182,6 +184,7 @@ class OrbitRecord(RoundsRecord):
             also=also,
             verdict=study.estimate.level.verdict,
             free_run_rms_rad=study.errors,
+            alarms=None if (seen := study.watched) is None else tuple(seen.detector.alarms),
             cross_orbit=CrossRecord(
                 amplitudes_rad=study.amplitudes,
                 rms_rad=tuple(tuple(row) for row in study.cross.tolist()),

@@ -19,6 +19,7 @@ from butterfly.logs.log import Log
 from butterfly.model.energy import Orbit
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.orbit.controller import Dithered, EnergyShaping, Target, VelocityEstimator, gain_for
+from butterfly.orbit.online import Watched
 from butterfly.orbit.recalibration import (
     LoopEquations,
     Recalibration,
@@ -301,6 +302,7 @@ class OrbitStudy:
     also: Calibration | None  # another one, on its own
     amplitudes: tuple[float, ...]  # (n,) in rad, of the orbits of the next
     cross: Samples  # (n, n) rms in rad of the row's model at the column's orbit
+    watched: Watched | None = None  # a run at the end that was watched for changes
 
 
 def study_orbit(

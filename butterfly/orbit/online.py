@@ -1,9 +1,11 @@
-"""Re-calibrate while the loop runs, by least squares that forgets."""
+"""Re-calibrate while the loop runs, by least squares that forgets, and watch for changes."""
 
 from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,8 +16,10 @@ from butterfly.identification.inference.equations import Regression
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.test_functions import SPACING
 from butterfly.logs.log import InputKind, Intersample, Log
+from butterfly.model.energy import Orbit
 from butterfly.model.parameters import LumpedParameters
-from butterfly.orbit.controller import EnergyShaping, Target, gain_for
+from butterfly.orbit.change_detection import ChangeDetector
+from butterfly.orbit.controller import Dithered, EnergyShaping, Target, gain_for
 from butterfly.orbit.recalibration import (
     BASE,
     LEAST,
@@ -25,6 +29,7 @@ from butterfly.orbit.recalibration import (
     from_ratios,
 )
 from butterfly.plant.motor import CommandPath, ControlLaw, Reading
+from butterfly.plant.robot import RobotChange
 
 _FEWEST = 20  # readings in a test function
 _MARGIN = 3  # readings by which the buffer is longer than a test function
@@ -37,7 +42,8 @@ class OnlineRecalibration:
     The rows of the past fade as exp(-age/memory) and are solved under the constraints p2, p4,
     friction >= 0; without constraints this is recursive least squares with forgetting (Ljung,
     System Identification, 2nd ed., 11.2). ``terms`` are estimated besides p2, p3, p4, not those
-    that the options have as candidates.
+    that the options have as candidates. What was before a change that the ``detector`` notices is
+    forgotten.
     """
 
     def __init__(
@@ -47,16 +53,17 @@ class OnlineRecalibration:
         terms: tuple[str, ...] = ("coulomb",),
         memory: float = 20.0,
         options: RecalibrationOptions = RecalibrationOptions(),
+        detector: ChangeDetector | None = None,
     ) -> None:
         require_number("OnlineRecalibration", positive=True, memory=memory)
         if "compression" in terms:
             raise InputError("OnlineRecalibration", "terms", "compression", "terms linear in u")
         self._zero = zero
-        self._options = options
+        self._options, self._detector = options, detector
         self._names = (*BASE[1:], *terms)
         self._keep = math.exp(-SPACING * options.half_width / memory)
         longest = math.ceil(_FORGOTTEN / -math.log(self._keep))
-        self._rows: deque[tuple[int, Samples]] = deque(maxlen=longest)
+        self._rows: deque[tuple[int, float, Samples]] = deque(maxlen=longest)
         self._samples: list[tuple[float, float, float]] = []
         self._count = 0
 
@@ -89,14 +96,19 @@ class OnlineRecalibration:
         signals = options.averaging(log, 0.0).signals(names, delay=options.delay)
         if not signals.moving[0]:
             return False
-        self._rows.append((self._count, np.array([signals.mean[name][0] for name in names])))
+        middle, terms = float(signals.time[0]), {name: signals.mean[name][0] for name in names}
+        self._rows.append((self._count, middle, np.array([*terms.values()])))
         self._count += 1
+        if self._detector is not None and self._detector.add(middle, terms):
+            changed = self._detector.alarms[-1].since[1]
+            while self._rows and self._rows[0][1] <= changed:
+                self._rows.popleft()
         return True
 
     @property
     def is_ready(self) -> bool:
         """Whether there is twice as much data as unknowns."""
-        return self._count >= 2 * len(self._names)
+        return len(self._rows) >= 2 * len(self._names)
 
     def ratios(self) -> Samples:
         """(n,) current p2/p1, p3/p1, p4/p1 and terms over p1."""
@@ -120,8 +132,8 @@ class OnlineRecalibration:
 
     def _regression(self) -> Regression:
         """Put the rows together, each fading with its age, p1 counting as 1."""
-        numbers = np.array([number for number, _ in self._rows])
-        rows = np.array([row for _, row in self._rows])
+        numbers = np.array([number for number, *_ in self._rows])
+        rows = np.array([row for *_, row in self._rows])
         rows *= self._keep ** (0.5 * (numbers[-1] - numbers))[:, None]
         return Regression(
             names=self._names,
@@ -169,3 +181,54 @@ class SelfTuning:
         command = self._commands(reading)
         self._online.observe(reading, self._path.shape(command))
         return command
+
+
+@dataclass(frozen=True, kw_only=True)
+class WatchPlan:
+    """How a self-tuning loop is watched; the dither tells p2, p4 and friction apart."""
+
+    duration: float  # in s
+    dither: float = 0.3  # share of the control's rms
+    memory: float = 20.0  # of the estimates, in s
+    every: float = 1.0  # s between retunings
+    false_alarms_every: float = 3600.0  # s
+    change: RobotChange | None = None  # of a simulated robot, to be noticed
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Watched:
+    """A run that was watched."""
+
+    log: Log
+    orbit: Orbit  # that was to be held at first
+    detector: ChangeDetector  # with what it noticed
+    change: RobotChange | None  # what was to be noticed
+
+
+def watch(
+    run: Callable[[ControlLaw], Log],
+    law: EnergyShaping,
+    target: Target,
+    orbit: Orbit,
+    plan: WatchPlan,
+    *,
+    zero: float,
+    multiplier: float,
+    options: RecalibrationOptions,
+    path: CommandPath = CommandPath(),
+    rng: np.random.Generator,
+) -> Watched:
+    """Run a law about its ``orbit``, self-tuning and dithered, and watch its innovations."""
+    every, width = plan.false_alarms_every, options.half_width
+    detector = ChangeDetector(false_alarms_every=every, half_width=width)
+    tuned = SelfTuning(
+        law,
+        OnlineRecalibration(zero, memory=plan.memory, options=options, detector=detector),
+        target,
+        multiplier=multiplier,
+        inertia=orbit.parameters.p1,
+        every=plan.every,
+        commands=Dithered(law, plan.dither, 2 * math.pi / orbit.period, rng),
+        path=path,
+    )
+    return Watched(log=run(tuned), orbit=orbit, detector=detector, change=plan.change)

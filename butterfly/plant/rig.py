@@ -28,7 +28,7 @@ from butterfly.plant.motor import (
     Reading,
     recorded,
 )
-from butterfly.plant.robot import Robot
+from butterfly.plant.robot import Robot, RobotChange
 from butterfly.plant.sensors import FINEST, Clock, Encoder, Faults
 from butterfly.signals.excitations import Excitation, Table, initial_angle
 
@@ -39,7 +39,8 @@ class SimulatedMotor:
     """A motor with a simulated joint, a command path and an encoder, its noise from ``rng``.
 
     A delayed command takes effect at its own instant, not at the next cycle; regimes of the
-    ``clock`` delay it further. The command of a ``servo`` is its setpoint.
+    ``clock`` delay it further. The command of a ``servo`` is its setpoint. The joint may become
+    another ``later``, at an instant in s, made from the angle and velocity then.
     """
 
     def __init__(
@@ -51,8 +52,10 @@ class SimulatedMotor:
         clock: Clock = Clock(),
         rng: np.random.Generator | None = None,
         servo: Servo | None = None,
+        later: tuple[float, Callable[[float, float], Joint]] | None = None,
     ) -> None:
         self._joint, self._servo, self._clock = joint, servo, clock
+        self._later = later
         self._path, self._is_open = path, path == CommandPath() and not clock.regimes
         self._encoder = encoder
         self._rng = rng or np.random.default_rng(0)
@@ -112,6 +115,9 @@ class SimulatedMotor:
             if instant > self._time:
                 self._advance(instant)
             self._applied = value
+        if self._later is not None and self._time >= self._later[0]:
+            self._joint = self._later[1](self._joint.angle, self._joint.velocity)
+            self._later = None
         self._advance(end)
 
     def _advance(self, end: float) -> None:
@@ -184,8 +190,13 @@ class Rig:
             return MujocoJoint(self.robot, added, scene=scene, fine=self.fine, **about)
         return GreyBoxJoint(self.robot, added, angle=angle, velocity=velocity)
 
-    def loop(self, joint: Joint, rng: np.random.Generator) -> ControlLoop:
-        """Return a control loop around a joint, with all random numbers from ``rng``."""
+    def loop(
+        self,
+        joint: Joint,
+        rng: np.random.Generator,
+        later: tuple[float, Callable[[float, float], Joint]] | None = None,
+    ) -> ControlLoop:
+        """Return a control loop around a joint, which may become another (see `SimulatedMotor`)."""
         path, servo = self.path, None
         if self.servo is not None:  # behind whose firmware are the flaws of the drive
             own = replace(self.robot.lumped, **{name: getattr(path, name) for name in DRIVE})
@@ -193,7 +204,13 @@ class Rig:
             servo = Servo(self.servo, own, off, self.supply)
             path = replace(path, **vars(IDEAL))
         motor = SimulatedMotor(
-            joint, path=path, encoder=self.encoder, clock=self.clock, rng=rng, servo=servo
+            joint,
+            path=path,
+            encoder=self.encoder,
+            clock=self.clock,
+            rng=rng,
+            servo=servo,
+            later=later,
         )
         return ControlLoop(motor, clock=self.clock, rng=rng)
 
@@ -219,9 +236,16 @@ class Rig:
         added: AddedMass,
         *,
         rng: np.random.Generator,
+        change: RobotChange | None = None,
     ) -> Log:
-        """Record ``duration`` s under a control law, from rest at the angle ``start`` in rad."""
-        with self.loop(self.joint(added, start), rng) as loop:
+        """Record ``duration`` s under a control law, from rest at the angle ``start`` in rad.
+
+        The robot may ``change`` meanwhile.
+        """
+        later = None
+        if change is not None:
+            later = change.at, partial(replace(self, robot=change.of(self.robot)).joint, added)
+        with self.loop(self.joint(added, start), rng, later) as loop:
             return self._kept(loop.run(law, duration, **self._about(added)), rng)
 
     def play(

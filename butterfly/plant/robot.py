@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
-from butterfly.errors import InputError, require_number
+from butterfly.errors import InputError, nearest, require_number
 from butterfly.logs.log import InputKind
 from butterfly.model.greybox import require_plain_base
 from butterfly.model.parameters import (
@@ -49,6 +49,32 @@ class Shape(StrEnum):
     BUTTERFLY = "butterfly_hand/hand"
     BAR = "plain_joint/bar"
     SLIDE = "plain_joint/slide"
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotChange:
+    """A change of a simulated robot while it moves: parameters times factors, from an instant on.
+
+    A part that is not in the lumped parameters, such as a clutch, is lost; so is an armature's
+    current.
+    """
+
+    at: float  # s
+    factors: dict[str, float]  # by lumped parameter of the bare hand
+
+    def __post_init__(self) -> None:
+        require_number("change", positive=True, at=self.at)
+        for name, factor in self.factors.items():
+            require_number(f"change.{name}", positive=True, factor=factor)
+            if name not in LumpedParameters.__dataclass_fields__:
+                expected = nearest(name, LumpedParameters.__dataclass_fields__)
+                raise InputError("change", "factors", name, expected)
+
+    def of(self, robot: Robot) -> Robot:
+        """Return what a robot becomes."""
+        lumped = robot.lumped
+        changed = {name: each * getattr(lumped, name) for name, each in self.factors.items()}
+        return Robot.of_lumped(replace(lumped, **changed))
 
 
 PARTS = ("hand", "drive", "friction", "clutch", "base")

@@ -20,6 +20,7 @@ from butterfly.report.finding_texts import estimate_notes, estimate_verdict
 from butterfly.report.forest import forest, forest_caption
 from butterfly.report.format import interval
 from butterfly.report.numbers import estimate_numbers
+from butterfly.report.orbit_watch import watch_section, watch_sentences
 from butterfly.report.page import Fact, Page, PageTable, Section
 from butterfly.report.parameter_table import parameter_texts
 from butterfly.result import document
@@ -73,6 +74,8 @@ def orbit_page(study: OrbitStudy, truth: LumpedParameters | None = None) -> Page
                 figures={"cross-orbit": _cross_figure(study)},
             )
         )
+    if study.watched is not None:
+        sections.insert(0, watch_section(study.watched, study.zero))
     return Page(
         name=study.name,
         description=study.description,
@@ -127,6 +130,7 @@ def _sentences(study: OrbitStudy) -> list[str]:
     rejected = ", ".join(recalibration.rejected) or "none"
     begun, compared = study.small_swings, _compared(study)
     return [
+        *([] if study.watched is None else watch_sentences(study.watched)),
         _reached_sentence(study.calibration),
         f"Near the orbit, the error of the free run is "
         f"{degrees_said(study.errors['re-calibrated'])}° rms with the re-calibrated model and "

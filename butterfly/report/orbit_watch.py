@@ -1,0 +1,107 @@
+"""The section of a report on an orbit that says whether and how the robot changed."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from plotly.graph_objects import Figure
+
+from butterfly.orbit.change_detection import Alarm, Cause
+from butterfly.orbit.loop import swing
+from butterfly.orbit.online import Watched
+from butterfly.report.figures import GREY, PALETTE, add, log_ticks, panels
+from butterfly.report.page import PageTable, Section
+
+_SWINGS = 5  # periods over which an amplitude is measured
+
+
+def watch_sentences(watched: Watched) -> list[str]:
+    """Say what was noticed, a sentence for each alarm."""
+    minutes = float(np.ptp(watched.log.time)) / 60
+    alarms = watched.detector.alarms
+    return [_alarm_said(watched, alarm) for alarm in alarms] or [
+        f"Watched for {minutes:.3g} min: the robot did not change."
+    ]
+
+
+def watch_section(watched: Watched, zero: float) -> Section:
+    """Return the timeline of the statistic and the amplitude, and what changed by how much."""
+    change, told = watched.change, "The simulated robot did not change."
+    if change is not None:
+        factors = ", ".join(f"{name} times {each:g}" for name, each in change.factors.items())
+        told = f"The simulated robot changed at {change.at:g} s: {factors}."
+    return Section(
+        title="Watched for changes",
+        text=f"{told}\nStatistic: the largest change of a parameter since any instant, in standard "
+        "errors, about a reference period; none before and after an alarm, while the reference is "
+        f"made. Vertical lines: alarms. Amplitude: over {_SWINGS} periods, with the dither; the "
+        "controller is retuned all the time.",
+        tables=tuple(map(_causes_table, watched.detector.alarms)),
+        figures={"watched": _figure(watched, zero)},
+    )
+
+
+def _alarm_said(watched: Watched, alarm: Alarm) -> str:
+    """Say when the robot changed, which parameters it may have been, and by how much."""
+    noticed, change = f"noticed at {alarm.time:.1f} s", watched.change
+    if change is not None and alarm.time >= change.at:
+        noticed += f", {(alarm.time - change.at) / watched.orbit.period:.2g} periods after it"
+    what = " or ".join(f"{each.name} by {_change_said(each)}" for each in alarm.possible)
+    if not alarm.causes:
+        what = "needs more motion to be told"
+    elif not what:
+        moved = [each for each in alarm.ratios if not each.lower <= each.before <= each.upper]
+        said = ", ".join(f"{each.name}/p1 by {_change_said(each)}" for each in moved)
+        what = f"several parameters: {said}"
+    begin, end = alarm.since
+    return (
+        f"The robot changed between {begin:.1f} and {end:.1f} s, {noticed}. What changed: {what}."
+    )
+
+
+def _change_said(cause: Cause) -> str:
+    values = np.array([cause.after, cause.lower, cause.upper])
+    if not cause.before > 0:
+        return f"{cause.after - cause.before:.3g}"
+    change, low, high = 100 * (values / cause.before - 1)
+    return f"{change:+.3g} % ({low:+.3g} to {high:+.3g} %)"
+
+
+def _causes_table(alarm: Alarm) -> PageTable:
+    """Before and after of each parameter, if it changed alone, and of all ratios together."""
+    told = [("yes" if each.possible else "no", each) for each in alarm.causes]
+    told += [("together", each) for each in alarm.ratios]
+    return PageTable(
+        headers=("", "alone?", "before", "after", "change, 95 % interval"),
+        rows=[
+            (each.name + "/p1" * (each.name != "p1"), alone, *numbers, _change_said(each))
+            for alone, each in told
+            if (numbers := (f"{each.before:.5g}", f"{each.after:.5g}"))
+        ],
+        caption=f"Alarm at {alarm.time:.1f} s. Whether a parameter alone explains the change, and "
+        "what it then came to (p1 in units of p1 before); below, all ratios together.",
+    )
+
+
+def _figure(watched: Watched, zero: float) -> Figure:
+    """Statistic with threshold and alarms; amplitude with the target."""
+    figure, orbit, log = (
+        panels("time in s", ("statistic", "amplitude in °"), 520),
+        watched.orbit,
+        watched.log,
+    )
+    time, statistic = np.array(watched.detector.history).reshape(-1, 2).T
+    step, ends = _SWINGS * orbit.period, [float(log.time[0]), float(log.time[-1])]
+    begins = np.arange(ends[0], ends[1] - step, step)
+    parts = [log.take((log.time >= begin) & (log.time < begin + step)) for begin in begins]
+    reached = [math.degrees(swing(part, zero, part.time[0])) for part in parts]
+    wanted, threshold = math.degrees(orbit.upper - orbit.lower) / 2, watched.detector.threshold
+    line, dashed = {"color": PALETTE[0]}, {"color": GREY, "dash": "dash"}
+    add(figure, 1, time, statistic, name="statistic", mode="markers", marker={"color": PALETTE[0]})
+    add(figure, 1, ends, [threshold] * 2, name="threshold", line=dashed)
+    add(figure, 2, begins + step / 2, reached, name="amplitude", line=line)
+    add(figure, 2, ends, [wanted] * 2, name="target", line=dashed)
+    for alarm in watched.detector.alarms:
+        figure.add_vline(x=alarm.time, line={"color": PALETTE[5], "width": 1})
+    return figure.update_yaxes(log_ticks(1, 2, 5), row=1)
