@@ -17,7 +17,7 @@ from butterfly.plant.motor import Motor, Reading, recorded
 from butterfly.plant.sensors import FilteredDifference
 
 _LATE = 0.1  # s between two readings, beyond which the drive was not under control
-_LONGEST_STOP = 20.0  # s in which a joint has to come to rest
+_LONGEST_STOP = 60.0  # s in which a joint has to come to rest
 _NOISES = 5.0  # standard deviations of the encoder's noise that are no motion
 _FINEST = 5e-4  # rad, below which nothing counts as motion
 _LAG = 0.01  # s, of the speed that is guarded
@@ -73,8 +73,8 @@ class Bench:
 
     def __init__(self, motor: Motor, limits: Limits, step: float) -> None:
         self._motor, self.limits, self.step = motor, limits, step
-        self.polarity, self.used = 1, 0.0
-        """Robot time in s so far is `used`."""
+        self.polarity, self.used, self.pace = 1, 0.0, math.inf
+        """Robot time in s so far is `used`; the joint's resonance in rad/s, if known, the pace."""
         self.noise, self.rest = 0.0, 0.0
         """Of the encoder at rest, in rad: standard deviation, and reading."""
         self._brake: Law | None = None
@@ -115,7 +115,8 @@ class Bench:
                 raise SafetyStop(_said_of_reading(time - last, angle))
             since, last = time - begun, time
             rate = speed.update(time, angle, 0.0)
-            cut = self._exceeded(angle - self.rest, rate, current)
+            swing = math.hypot(angle - self.rest, rate / self.pace)  # that it is about to reach
+            cut = self._exceeded(swing, rate, current)
             command = None if cut or since > duration else law(Reading(since, angle, current))
             if command is None:
                 break
@@ -173,7 +174,7 @@ class Bench:
         """Say which limit is exceeded, if any."""
         limits = self.limits
         for what, value, most, unit in (
-            ("angle", swing, limits.angle, "rad"),
+            ("swing", swing, limits.angle, "rad"),
             ("speed", speed, limits.speed, "rad/s"),
             ("current", current, limits.current, "A"),
         ):

@@ -26,6 +26,7 @@ from butterfly.campaigns.plan import (
     candidates,
     duration_of,
     information,
+    pace_of,
     probe,
     validation,
 )
@@ -173,6 +174,8 @@ class _Campaign:
         self._mount(recipe.added_mass)
         bench.settle()
         self._require_no_slip()
+        same = before is not None and self._played_with(recipe.added_mass)
+        bench.pace = pace_of(before.parameters, recipe.added_mass) if same else math.inf
         law = recipe.law(bench.rest)
         run = bench.run(law, recipe.duration)
         bench.require_motion(run)
@@ -196,14 +199,20 @@ class _Campaign:
             self._require_changed(before)
         return self._found is not None
 
+    def _played_with(self, mass: AddedMass) -> bool:
+        """Whether a mass was mounted before, so that the model is of it too."""
+        return any(step.added_mass == mass for step in self._folder.journal.steps)
+
     def _require_no_slip(self) -> None:
         """Raise `SafetyStop` if the joint rests where gravity and friction do not let it."""
         rest = self._bench.rest
         first = self._rests.setdefault(self._mounted, rest)
         if self._found is None:
             return
-        loaded = self._found.estimate.parameters.with_added_mass(self._mounted)
-        width = 2 * loaded.coulomb / loaded.p3 if loaded.p3 > 0 else math.inf
+        estimate = self._found.estimate
+        most = dict(zip(estimate.names, estimate.upper.tolist(), strict=True))
+        loaded = estimate.parameters.with_added_mass(self._mounted)
+        width = 2 * most.get("coulomb", 0.0) / loaded.p3 if loaded.p3 > 0 else math.inf
         if abs(rest - first) > _SLIPS * width + ENOUGH:
             raise SafetyStop(
                 f"the joint rests {abs(rest - first):.3g} rad from where it rested first, and "
@@ -213,8 +222,8 @@ class _Campaign:
     def _require_changed(self, before: Identified | None) -> None:
         """Raise `SafetyStop` if the first run with another mass shows the joint as it was."""
         steps = self._folder.journal.steps
-        same = [step.added_mass == steps[-1].added_mass for step in steps[:-1]]
-        if any(same) or before is None or "p1" in before.estimate.names:
+        masses = [step.added_mass for step in steps]
+        if masses[-1] in masses[:-1] or before is None or "p1" in before.estimate.names:
             return
         alone = self._identified(only=len(steps) - 1)
         if alone is None:

@@ -24,21 +24,24 @@ class Contact(NamedTuple):
 
 def make_contact(bench: Bench) -> Contact:
     """Push either way with a growing command until the joint moves; `SafetyStop` if it does not."""
-    moved, most = {}, bench.limits.command
+    most, commands = bench.limits.command, []
     for side in (1, -1):
         bench.settle()
-        push = Push(bench.rest, max(ENOUGH, _NOISES * bench.noise), side * _FIRST * most, most)
+        enough = max(ENOUGH, _NOISES * bench.noise)
+        push = Push(bench.rest, enough, side * _FIRST * most, most)
         bench.run(push, _LONGEST)
-        if abs(push.moved) < ENOUGH:
+        if abs(push.moved) < enough:
             raise SafetyStop(
                 f"nothing moves at a command of {push.command:g}, the largest allowed: check "
                 "supply, enable, brake, and the encoder's cable"
             )
-        moved[side] = push
-    ways = [side * push.moved > 0 for side, push in moved.items()]
-    if ways[0] != ways[1]:
-        raise SafetyStop(
-            "both signs of the command move the joint the same way: check the drive's direction "
-            "input, and that its command has a sign"
-        )
-    return Contact(1 if ways[0] else -1, max(abs(push.command) for push in moved.values()))
+        if side > 0:
+            bench.polarity = 1 if push.moved > 0 else -1
+            bench.braked_with(push.command, enough / _LONGEST)
+        elif push.moved > 0:
+            raise SafetyStop(
+                "both signs of the command move the joint the same way: check the drive's "
+                "direction input, and that its command has a sign"
+            )
+        commands.append(abs(push.command))
+    return Contact(bench.polarity, max(commands))

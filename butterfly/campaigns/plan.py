@@ -96,7 +96,7 @@ def _sine(mass: AddedMass, omega: float, amplitude: float, duration: float) -> R
 def validation(estimate: Estimate, mass: AddedMass, limits: Limits) -> Recipe:
     """Return a sum of sines about the resonance, unlike all that is fitted."""
     loaded = estimate.parameters.with_added_mass(mass)
-    resonance = resonance_frequency(loaded) or 1.0
+    resonance = pace_of(estimate.parameters, mass)
     reach = RESERVE * limits.angle * _REACHES[0]
     peak = 2 * loaded.coulomb / abs(loaded.p4) + _static(loaded, reach)
     lines, base = (5, 8, 11, 17, 23), resonance / 10
@@ -109,9 +109,14 @@ def validation(estimate: Estimate, mass: AddedMass, limits: Limits) -> Recipe:
     )
 
 
+def pace_of(parameters: LumpedParameters, mass: AddedMass) -> float:
+    """Return the resonance in rad/s; 1 of a joint that has none."""
+    return resonance_frequency(parameters.with_added_mass(mass)) or 1.0
+
+
 def duration_of(parameters: LumpedParameters, mass: AddedMass) -> float:
     """Return the length in s of a run: some periods of the resonance."""
-    resonance = resonance_frequency(parameters.with_added_mass(mass)) or 1.0
+    resonance = pace_of(parameters, mass)
     return STILL + min(max(_PERIODS * math.tau / resonance, _SHORTEST), _LONGEST)
 
 
@@ -119,7 +124,7 @@ def candidates(estimate: Estimate, mass: AddedMass, limits: Limits) -> list[Reci
     """Propose relays of several reaches, and sines on both sides of the resonance."""
     loaded = estimate.parameters.with_added_mass(mass)
     duration = duration_of(estimate.parameters, mass)
-    resonance = resonance_frequency(loaded) or 1.0
+    resonance = pace_of(estimate.parameters, mass)
     reaches = [limits.angle * RESERVE * share for share in _REACHES]
     dry = loaded.coulomb / abs(loaded.p4)
     found = [
@@ -150,6 +155,7 @@ def played(estimate: Estimate, recipe: Recipe, limits: Limits) -> Log | None:
         encoder=Encoder(steps=_FINE),
     )
     with Bench(motor, limits, _STEP) as bench:
+        bench.pace = pace_of(parameters, recipe.added_mass)
         run = bench.run(recipe.law(0.0), recipe.duration)
     return None if run.cut else run.log(added_mass=recipe.added_mass)
 
