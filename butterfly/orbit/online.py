@@ -194,6 +194,11 @@ class WatchPlan:
     false_alarms_every: float = 3600.0  # s
     change: RobotChange | None = None  # of a simulated robot, to be noticed
 
+    def __post_init__(self) -> None:
+        require_number("watch", dither=self.dither, memory=self.memory, every=self.every)
+        require_number("watch", positive=True, duration=self.duration)
+        ChangeDetector(false_alarms_every=self.false_alarms_every)  # or it is refused
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Watched:

@@ -47,17 +47,16 @@ def _alarm_said(watched: Watched, alarm: Alarm) -> str:
     noticed, change = f"noticed at {alarm.time:.1f} s", watched.change
     if change is not None and alarm.time >= change.at:
         noticed += f", {(alarm.time - change.at) / watched.orbit.period:.2g} periods after it"
+    begin, end = alarm.since
+    when = f"The robot changed between {begin:.1f} and {end:.1f} s, {noticed}"
     what = " or ".join(f"{each.name} by {_change_said(each)}" for each in alarm.possible)
     if not alarm.causes:
-        what = "needs more motion to be told"
-    elif not what:
+        return f"{when}; what changed needs more motion to be told."
+    if not what:
         moved = [each for each in alarm.ratios if not each.lower <= each.before <= each.upper]
         said = ", ".join(f"{each.name}/p1 by {_change_said(each)}" for each in moved)
-        what = f"several parameters: {said}"
-    begin, end = alarm.since
-    return (
-        f"The robot changed between {begin:.1f} and {end:.1f} s, {noticed}. What changed: {what}."
-    )
+        return f"{when}: several parameters, {said}."
+    return f"{when}: {what}, if one parameter alone."
 
 
 def _change_said(cause: Cause) -> str:
@@ -65,7 +64,7 @@ def _change_said(cause: Cause) -> str:
     if not cause.before > 0:
         return f"{cause.after - cause.before:.3g}"
     change, low, high = 100 * (values / cause.before - 1)
-    return f"{change:+.3g} % ({low:+.3g} to {high:+.3g} %)"
+    return f"{change:+.3g} % ({low:+.4g} to {high:+.4g} %)"
 
 
 def _causes_table(alarm: Alarm) -> PageTable:

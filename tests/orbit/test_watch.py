@@ -70,7 +70,8 @@ def test_a_change_is_noticed_within_two_periods_and_named(factors, named):
         for each in alarm.ratios:
             assert each.after / each.before == pytest.approx(factors.get(each.name, 1.0), abs=0.03)
     (said,) = watch_sentences(found)
-    assert ("several parameters: p2/p1 by -" in said) == (not named)
+    assert ("several parameters, p2/p1 by -" in said) == (not named)
+    assert said.endswith(", if one parameter alone.") == bool(named)
     section = watch_section(found, 0.0)
     assert len(section.tables[0].rows) == 9
     assert section.figures["watched"].data
@@ -138,5 +139,5 @@ def test_the_shipped_experiment_watches_its_orbit_and_records_the_alarm():
     assert [each.name for each in alarm.possible] == ["p2"]
     assert RunRecord.from_json(result.record.to_json()).orbit.alarms == (alarm,)
     page = orbit_page(result.orbit)
-    assert "What changed: p2 by +" in page.summary[0]
+    assert ": p2 by +" in page.summary[0]
     assert page.sections[0].title == "Watched for changes"
