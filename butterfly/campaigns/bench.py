@@ -149,7 +149,7 @@ class Bench:
         while self.used - begun < _LONGEST_STOP:
             if self._brake is not None:
                 self._unguarded(self._brake)
-            angle = self._unguarded(lambda _: 0.0).angle
+            angle = self._unguarded(lambda _: 0.0, max(STILL, 1 / self.pace)).angle
             noise = float(np.std(np.diff(angle))) / math.sqrt(2)
             if np.ptp([part.mean() for part in np.array_split(angle, 4)]) <= self._motion(noise):
                 self.noise, self.rest = max(noise, self.noise), float(angle.mean())
@@ -162,11 +162,11 @@ class Bench:
         """Return the angle in rad that counts as motion."""
         return max(_NOISES * max(noise, self.noise), _FINEST)
 
-    def _unguarded(self, law: Law) -> Run:
-        """Run a law for a while without a limit of the angle: it brings the joint to rest."""
+    def _unguarded(self, law: Law, duration: float = STILL) -> Run:
+        """Run a law that brings the joint to rest, without a limit of the angle."""
         kept, self.limits = self.limits, _without_angle(self.limits)
         try:
-            return self.run(law, STILL)
+            return self.run(law, duration)
         finally:
             self.limits = kept
 

@@ -172,10 +172,11 @@ class _Campaign:
         """Play a recipe, keep its log, and identify; return whether that gave an estimate."""
         before, bench = self._found, self._bench
         self._mount(recipe.added_mass)
+        bench.pace = math.inf
+        if before is not None and self._played_with(recipe.added_mass):
+            bench.pace = pace_of(before.parameters, recipe.added_mass)
         bench.settle()
         self._require_no_slip()
-        same = before is not None and self._played_with(recipe.added_mass)
-        bench.pace = pace_of(before.parameters, recipe.added_mass) if same else math.inf
         law = recipe.law(bench.rest)
         run = bench.run(law, recipe.duration)
         bench.require_motion(run)
@@ -263,19 +264,21 @@ class _Campaign:
     def _wanted(self, found: Identified) -> Samples:
         """Return (n,) half-widths that the goal asks for, infinite where it asks for none.
 
-        Friction that is a small share of all friction matters less.
+        Of friction that may be 0 the share in all friction counts.
         """
         halved = self._open and len(self._wish.masses) > 1
         share = self._wish.goal * (_OPEN if halved else 1.0)
-        named = found.estimate.named
+        estimate = found.estimate
         speed = float(np.median([log.rms_speed for log in found.data.logs]))
-        friction = abs(named.get("p2", 0.0)) * speed + named.get("coulomb", 0.0)
+        friction = abs(estimate.parameters.p2) * speed + estimate.parameters.coulomb
         least = {"p2": PRECISE * friction / speed, "coulomb": PRECISE * friction}
-        sizes = {
-            name: max(abs(value), least.get(name, 0.0)) if name in OF_GOAL else math.inf
-            for name, value in named.items()
-        }
-        return share * np.array([*sizes.values()])
+        sizes = np.abs(estimate.values)
+        for k, name in enumerate(estimate.names):
+            if name not in OF_GOAL:
+                sizes[k] = math.inf
+            elif estimate.lower[k] <= 0:
+                sizes[k] = max(sizes[k], least.get(name, 0.0))
+        return share * sizes
 
     @property
     def _shares(self) -> dict[str, float]:
