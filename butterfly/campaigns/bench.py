@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from butterfly.arrays import Samples
-from butterfly.campaigns.laws import STILL, Brake, Law
+from butterfly.campaigns.laws import LAG, STILL, Brake, Law
 from butterfly.errors import ButterflyError, require_number
 from butterfly.logs.log import InputKind, Log
 from butterfly.plant.motor import Motor, Reading, recorded
@@ -25,6 +25,10 @@ _LAG = 0.01  # s, of the speed that is guarded
 
 class SafetyStop(ButterflyError):  # noqa: N818 - it is what happens, not only an error
     """The drive was switched off: the joint, its drive or its encoder is not as it should be."""
+
+
+class TimeUsed(SafetyStop):
+    """The robot time is used up."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,10 +107,10 @@ class Bench:
         finally:
             self._motor.stop()
 
-    def run(self, law: Law, duration: float) -> Run:
-        """Run a law for ``duration`` s or until it ends."""
+    def run(self, law: Law, duration: float, reach: float | None = None) -> Run:
+        """Run a law for ``duration`` s or until it ends, within ``reach`` rad, or the limit."""
         motor, samples, cut = self._motor, [], ""
-        speed = FilteredDifference(_LAG)
+        speed, reach = FilteredDifference(_LAG), reach or self.limits.angle
         begun = last = motor.read().time
         while True:
             time, angle, current = motor.read()
@@ -116,7 +120,7 @@ class Bench:
             since, last = time - begun, time
             rate = speed.update(time, angle, 0.0)
             swing = math.hypot(angle - self.rest, rate / self.pace)  # that it is about to reach
-            cut = self._exceeded(swing, rate, current)
+            cut = self._exceeded(swing, reach, rate, current)
             command = None if cut or since > duration else law(Reading(since, angle, current))
             if command is None:
                 break
@@ -127,7 +131,7 @@ class Bench:
         motor.command(0.0)
         self.used += since
         if self.used > self.limits.seconds:
-            raise SafetyStop(f"the robot time of {self.limits.seconds:g} s is used up")
+            raise TimeUsed(f"the robot time of {self.limits.seconds:g} s is used up")
         times, inputs, angles = np.array(samples or [(0.0, 0.0, angle)]).T
         return Run(times, inputs, angles, cut, motor.input_kind)
 
@@ -141,15 +145,15 @@ class Bench:
 
     def braked_with(self, size: float, speed: float) -> None:
         """Brake from now on with a command of a size, full from a speed in rad/s on."""
-        self._brake = Brake(size, speed)
+        self._brake = Brake(size, max(speed, _NOISES * self.noise / LAG))
 
     def settle(self) -> None:
         """Brake and wait until the joint rests; measure where, and the encoder's noise."""
         begun = self.used
         while self.used - begun < _LONGEST_STOP:
             if self._brake is not None:
-                self._unguarded(self._brake)
-            angle = self._unguarded(lambda _: 0.0, max(STILL, 1 / self.pace)).angle
+                self.run(self._brake, STILL, math.inf)
+            angle = self.run(lambda _: 0.0, max(STILL, 1 / self.pace), math.inf).angle
             noise = float(np.std(np.diff(angle))) / math.sqrt(2)
             if np.ptp([part.mean() for part in np.array_split(angle, 4)]) <= self._motion(noise):
                 self.noise, self.rest = max(noise, self.noise), float(angle.mean())
@@ -162,29 +166,17 @@ class Bench:
         """Return the angle in rad that counts as motion."""
         return max(_NOISES * max(noise, self.noise), _FINEST)
 
-    def _unguarded(self, law: Law, duration: float = STILL) -> Run:
-        """Run a law that brings the joint to rest, without a limit of the angle."""
-        kept, self.limits = self.limits, _without_angle(self.limits)
-        try:
-            return self.run(law, duration)
-        finally:
-            self.limits = kept
-
-    def _exceeded(self, swing: float, speed: float, current: float) -> str:
+    def _exceeded(self, swing: float, reach: float, speed: float, current: float) -> str:
         """Say which limit is exceeded, if any."""
         limits = self.limits
         for what, value, most, unit in (
-            ("swing", swing, limits.angle, "rad"),
+            ("swing", swing, reach, "rad"),
             ("speed", speed, limits.speed, "rad/s"),
             ("current", current, limits.current, "A"),
         ):
             if abs(value) > most:
                 return f"{what} {value:.3g} {unit} beyond {most:g} {unit}"
         return ""
-
-
-def _without_angle(limits: Limits) -> Limits:
-    return Limits(command=limits.command, angle=math.tau * 1e4, seconds=limits.seconds)
 
 
 def _said_of_reading(passed: float, angle: float) -> str:

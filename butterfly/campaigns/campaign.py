@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from butterfly.arrays import Samples
-from butterfly.campaigns.bench import Bench, Limits, SafetyStop
+from butterfly.campaigns.bench import Bench, Limits, SafetyStop, TimeUsed
 from butterfly.campaigns.contact import ENOUGH, make_contact
 from butterfly.campaigns.folder import Folder, Journal, Step
 from butterfly.campaigns.plan import (
@@ -48,7 +49,7 @@ OF_GOAL = tuple(name for name in PARAMETERS if name != "delay")
 """Parameters that the goal concerns."""
 
 _OPEN = 0.5  # share of the goal that ratios have to reach while the scale is open
-_OVER = 2.0  # command of the first relay, over what moves the joint
+_OVER = 1.2  # command of the first relay, over what moves the joint
 _PROBES = 3  # runs in a row that may give no estimate
 _SLIPS = 2.0  # widths of the band in which friction holds a joint, within which it may rest
 
@@ -126,16 +127,17 @@ class _Campaign:
             recipe, why = self._next()
             if recipe is None:
                 ending = why
-            elif self._left < recipe.duration:
-                ending = f"the robot time of {self._wish.limits.seconds:g} s is used up"
             else:
-                failed = 0 if self._played(recipe, why) else failed + 1
+                try:
+                    failed = 0 if self._played(recipe, why) else failed + 1
+                except TimeUsed as error:
+                    ending = str(error)
                 if failed == _PROBES:
                     ending = "these runs do not determine the parameters"
         found = self._found
         if found is not None and self._folder.journal.steps[-1].held_out is False:
             unseen = validation(found.estimate, self._mounted, self._wish.limits)
-            if self._left >= unseen.duration:
+            with suppress(TimeUsed):
                 self._played(unseen, "to be predicted, not fitted", held_out=True)
         return Ended(
             journal=self._folder.journal,
@@ -178,9 +180,10 @@ class _Campaign:
         bench.settle()
         self._require_no_slip()
         law = recipe.law(bench.rest)
-        run = bench.run(law, recipe.duration)
+        run = bench.run(law, recipe.duration, recipe.reach)
         bench.require_motion(run)
-        self._size = max(self._size, getattr(law, "size", 0.0))
+        size = getattr(law, "size", 0.0)
+        self._size = size / 2 if run.cut and size else max(self._size, size)
         bench.braked_with(self._size, float(np.std(np.gradient(run.angle, run.time))))
         step = Step(
             what=recipe.what,

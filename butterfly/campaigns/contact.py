@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from butterfly.campaigns.bench import Bench, SafetyStop
-from butterfly.campaigns.laws import Push
+from butterfly.campaigns.laws import LAG, Push
 
 ENOUGH = 8e-3
 """Rad by which the joint has to move."""
@@ -37,7 +37,7 @@ def make_contact(bench: Bench) -> Contact:
             )
         if side > 0:
             bench.polarity = 1 if push.moved > 0 else -1
-            bench.braked_with(push.command, enough / _LONGEST)
+            bench.braked_with(push.command, enough / LAG)
         elif push.moved > 0:
             raise SafetyStop(
                 "both signs of the command move the joint the same way: check the drive's "

@@ -14,12 +14,14 @@ Law = Callable[[Reading], float | None]
 STILL = 0.5
 """Time in s at rest at the beginning of each run: what the joint starts from is measured there."""
 
+LAG = 0.02
+"""Lag in s of the velocity that a brake goes by."""
+
 _GROWTH = 1.25  # of a command, step by step
 _STEP = 0.1  # s at one command
-_LAG = 0.02  # s, of the velocity that a brake goes by
 _SWITCH = 0.5  # share of the reach at which a relay switches while the swing is small
 _SLEW = 0.05  # s, in which a relay's command reaches its size
-_PATIENCE = 2.0  # s for which a relay waits to be switched
+_STUCK, _PATIENCE = 0.1, 1.0  # share of the reach below which, and s after which it is stuck
 
 
 class Push:
@@ -73,7 +75,8 @@ class Relay:
         self._peak = max(self._peak, abs(swing))
         threshold = _SWITCH * self._reach * max(1 - self._peak / self._reach, -1.0)
         switches = self._side * swing > threshold
-        if switches or reading.time - self._switched > _PATIENCE:
+        stuck = self._peak < _STUCK * self._reach and reading.time - self._switched > _PATIENCE
+        if switches or stuck:
             if self._peak < _SWITCH * self._reach:
                 self.size = min(_GROWTH * self.size, self._most)
             self._switched = reading.time
@@ -87,7 +90,7 @@ class Brake:
 
     def __init__(self, size: float, speed: float) -> None:
         self._size, self._speed = size, speed
-        self._velocity = FilteredDifference(_LAG)
+        self._velocity = FilteredDifference(LAG)
 
     def __call__(self, reading: Reading) -> float:
         """Return the command for one reading."""

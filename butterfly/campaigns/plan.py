@@ -57,6 +57,7 @@ class Recipe:
     added_mass: AddedMass
     duration: float  # s
     law: Callable[[float], Law]  # for a rest angle in rad
+    reach: float | None = None  # rad, beyond which the run ends; None: at the limit
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,7 +72,8 @@ class Plan:
 
 def probe(mass: AddedMass, size: float, limits: Limits, duration: float) -> Recipe:
     """Return a relay of little reach, for a joint that is not known yet."""
-    return _relay(mass, limits.angle * RESERVE * _REACHES[0], size, limits, duration)
+    reach = limits.angle * RESERVE * _REACHES[0]
+    return replace(_relay(mass, reach, size, limits, duration), reach=2 * reach)
 
 
 def _relay(mass: AddedMass, reach: float, size: float, limits: Limits, duration: float) -> Recipe:

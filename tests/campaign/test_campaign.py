@@ -131,11 +131,11 @@ def test_without_a_mass_ratios_are_all_that_is_claimed(tmp_path):
 def test_a_campaign_that_was_killed_goes_on_and_ends_alike(tmp_path, monkeypatch, stop_after):
     kept, runs = Bench.run, []
 
-    def killed(self, law, duration):
+    def killed(self, law, duration, reach=None):
         runs.append(isinstance(law, Relay))
         if sum(runs) > stop_after:
             raise KeyboardInterrupt
-        return kept(self, law, duration)
+        return kept(self, law, duration, reach)
 
     monkeypatch.setattr(Bench, "run", killed)
     motor = Faulty("")
