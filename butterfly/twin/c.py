@@ -233,7 +233,7 @@ def rendered(template: str, *, said: Iterable[str], **values: Any) -> str:  # no
     lines = [line for each in said for line in wrap(each, _WIDTH)]
     text = made.get_template(f"{template}.j2").render(said=lines, **values)
     if template.endswith(".h"):
-        text = "\n".join(part for line in text.split("\n") for part in wrapped(line))
+        text = wrapped(text)
     return text.translate(_ASCII).encode("ascii", "replace").decode()
 
 

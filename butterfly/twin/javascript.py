@@ -11,7 +11,7 @@ from dataclasses import fields
 from butterfly.model.kernel.equation import DERIVED, OF_BASE, derived, of_base
 from butterfly.model.parameters import UNDER_LOAD, AddedMass, LumpedParameters, under
 from butterfly.twin.c import constants, kernel_of
-from butterfly.twin.languages import JavaScript
+from butterfly.twin.languages import JavaScript, wrapped
 from butterfly.twin.reduced import NUMBER, Fields
 from butterfly.twin.translate import Translator
 from butterfly.twin.twin import Twin
@@ -51,7 +51,7 @@ def as_javascript(twin: Twin) -> str:
     present = {"p4", *constants(twin)}
     moving = f"const [{', '.join(OF_BASE)}] = {language.call(base, {'p': 'p'})};\n    "
     return _JOINT.format(
-        functions=language.text(),
+        functions=wrapped(language.text()),
         interval=language.call(moved, {"state": "state", "drives": "drive", "h": "h", "c": "c"}),
         shaped=language.call(drive, {"command": "command", "c": "c"}),
         loaded=", ".join(f"p.{name}" for name in UNDER_LOAD),
