@@ -133,9 +133,15 @@ def test_every_form_says_how_the_encoder_s_angle_follows_from_its_own(form):
     zeros = (0.25, 0.26) if form == "c" else (0.25,)
     twin = _twin(PLAIN, BRIEF, kind=InputKind.VOLTAGE, zeros=zeros)
     said = "Encoder's angle = angle here + zero; zero = 0.25 rad in the logs"
-    text = write_as(form, twin, Options(actuator="mx64")).text
-    assert said.replace("0.25", "0.25 to 0.26" if form == "c" else "0.25") in text
-    assert "zero =" not in write_as(form, replace(twin, zeros=()), Options(actuator="mx64")).text
+    if form == "compensation":  # has the encoder's angle itself
+        said = "Angles are the encoder's, whose zero was 0.25 rad in the logs: set it (zero)."
+    texts = [
+        write_as(form, each, Options(actuator="mx64")).text
+        for each in (twin, replace(twin, zeros=()))
+    ]
+    assert said.replace("0.25", "0.25 to 0.26" if form == "c" else "0.25") in texts[0]
+    assert "ncoder's" not in texts[1]
+    assert form != "compensation" or re.search(r"0\.25, /\* zero \*/", texts[0])
 
 
 @pytest.mark.parametrize("drive", [MOTOR, replace(MOTOR, inductance=2e-3), TorqueDrive(gain=0.025)])
