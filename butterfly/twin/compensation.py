@@ -24,6 +24,7 @@ from butterfly.errors import InputError
 from butterfly.files import json_text
 from butterfly.identification.free_run import FreeRun
 from butterfly.identification.levels import FEW, ROUNDING, SPREADS
+from butterfly.identification.parameter import unit_of
 from butterfly.identification.sensor_errors import SensorErrors
 from butterfly.logs.log import InputKind
 from butterfly.model.kernel.equation import friction_level, pull
@@ -31,7 +32,7 @@ from butterfly.model.parameters import JointKind, LumpedParameters
 from butterfly.twin.c import explained, fields_of, rendered
 from butterfly.twin.forms import Options
 from butterfly.twin.languages import C, Python
-from butterfly.twin.plain import effort_unit, left_out
+from butterfly.twin.plain import left_out
 from butterfly.twin.reduced import NUMBER, Fields
 from butterfly.twin.translate import Translator
 from butterfly.twin.twin import Twin, Written, unheard
@@ -270,7 +271,7 @@ def _said(made: Compensation) -> Iterator[str]:
             "damping: the lower ends of their intervals."
         )
         error, withheld = made.worst
-        torque = f"{abs(numbers['p4']) * error:.2g} {effort_unit(made.twin)}"
+        torque = f"{abs(numbers['p4']) * error:.2g} {unit_of('coulomb', joint=made.twin.joint)}"
         where = f"{made.low:.3g} to {made.high:.3g} {way}"
         if made.twin.joint is JointKind.HINGE:
             where = f"any angle (the logs show {where})"

@@ -270,7 +270,7 @@ class Python(JavaScript):
     choice, tuple_form, library = "{1} if {0} else {2}", "{}({},)", "math.{}"
     helper = "def {}_{}(x):\n    return {}"
     definition = '\ndef {name}({given}):\n    """{about}"""\n{body}'
-    helpers = {"square": "x * x", "sign": "float(x > 0.0) - float(x < 0.0)"}  # noqa: RUF012
+    helpers = {"sign": "float(x > 0.0) - float(x < 0.0)", "square": "x * x"}  # noqa: RUF012
 
     def _called(self, name: str) -> str:
         return name if name in vars(builtins) else super()._called(name)

@@ -7,10 +7,10 @@ from xml.etree import ElementTree
 
 import mujoco
 
+from butterfly.identification.parameter import unit_of
 from butterfly.plant.mjcf import named, text_of
 from butterfly.plant.robot import Shape
 from butterfly.twin.forms import Options, xml_comment
-from butterfly.twin.plain import effort_unit
 from butterfly.twin.stand_alone import stand_alone
 from butterfly.twin.twin import Twin, Written
 
@@ -65,7 +65,7 @@ def _head(twin: Twin, options: Options) -> Iterator[str]:
 
 
 def _on_joint(twin: Twin) -> Iterator[str]:
-    slides = twin.built[0].shape is Shape.SLIDE
+    slides = twin.shape is Shape.SLIDE
     yield "1. Joint: replaces the joint of your body. Set your own name, axis, pos and range."
     if not slides:
         yield (
@@ -80,7 +80,7 @@ def _on_joint(twin: Twin) -> Iterator[str]:
 
 def _on_body(twin: Twin) -> Iterator[str]:
     p = twin.loaded
-    if twin.built[0].shape is Shape.SLIDE:
+    if twin.shape is Shape.SLIDE:
         yield f"2. Body. p1 = {p.p1:.6g} kg is the total moving mass, motor included."
         yield f"a) If your body has the mass m without the motor: armature = {p.p1:.6g} - m."
     else:
@@ -104,7 +104,10 @@ def _on_body(twin: Twin) -> Iterator[str]:
 
 
 def _on_actuators(twin: Twin) -> Iterator[str]:
-    p, worth = twin.parameters, f"{twin.built[0].drive.gain:.6g} {effort_unit(twin)}"
+    p, worth = (
+        twin.parameters,
+        f"{twin.built[0].drive.gain:.6g} {unit_of('coulomb', joint=twin.joint)}",
+    )
     yield (
         f"3. Drive. ctrl of {twin.identifier}_motor is the command: {worth} per {twin.kind.unit} "
         "at standstill. Set it to the command's mean over each step."
