@@ -27,7 +27,7 @@ from butterfly.model.parameters import LumpedParameters
 from butterfly.model.servo import LawStructure, Output
 from butterfly.model.terms import LOOP_TERMS
 from butterfly.plant.robot import Shape
-from butterfly.twin.accuracy import Yardstick
+from butterfly.twin.accuracy import Case, Yardstick
 from butterfly.twin.forms import Options, xml_comment
 from butterfly.twin.stand_alone import Form, mover
 from butterfly.twin.twin import Accuracy, Twin, Written, beyond, listed, told_of
@@ -222,12 +222,10 @@ def _accuracy(twin: Twin, options: Options) -> Accuracy:
     steps = _late_steps(twin, options)
     move = mover(options, Form(grip=None, delay="whole" if steps else "none"))
 
-    def moved(
-        each: Twin, past: Samples, commands: Samples, angle: float, velocity: float
-    ) -> Samples:
-        kept = {name: getattr(each.parameters, name) for name in names}
+    def moved(case: Case) -> Samples:
+        kept = {name: getattr(case.twin.parameters, name) for name in names}
         p = LumpedParameters(**kept | {"delay": steps * options.timestep})
-        return move(replace(each, parameters=p, robot=None), past, commands, angle, velocity)
+        return move(replace(case, twin=replace(case.twin, parameters=p, robot=None)))
 
     names = [each.name for each in fields(LumpedParameters) if each.name in _HELD]
     return Yardstick.of(twin, options.timestep).accuracy(moved)

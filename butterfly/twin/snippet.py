@@ -31,10 +31,24 @@ def as_snippet(twin: Twin, options: Options) -> Written:
     for each in actuators:
         each.attrib |= {"name": f"{twin.identifier}_{each.get('name')}", "joint": twin.identifier}
     ElementTree.indent(actuators)
-    head = (*_head(twin, options), *made.said, *left_out, *(accuracy.lines if accuracy else ()))
+    head = (
+        f"{twin.name}: lines for your own MJCF. Written for MuJoCo {mujoco.__version__}.",
+        f'Only for <option timestep="{options.timestep:g}" integrator="{options.integrator}"/>; '
+        "export again for another step.",
+        *(*made.said, *left_out, *(accuracy.lines if accuracy else ())),
+    )
+    on_joint = [
+        "1. Joint: replaces the joint of your body. Set your own name, axis, pos and range.",
+        "Angle 0 is the hanging position, axis horizontal. If your zero differs, adapt ref, "
+        "springref and the phase of cogging.",
+        "damping: viscous friction, then drag. frictionloss: friction at rest. solreffriction and "
+        "solimpfriction: its stiffness, for this step.",
+    ]
+    if twin.shape is Shape.SLIDE:
+        del on_joint[1]
     parts = (
         *map(xml_comment, head),
-        *("", *map(xml_comment, _on_joint(twin))),
+        *("", *map(xml_comment, on_joint)),
         text_of(joint).strip(),
         *("", *map(xml_comment, _on_body(twin))),
         xml_comment(f" {inertial(twin)} "),
@@ -54,28 +68,6 @@ def inertial(twin: Twin) -> str:
     mass, beside, below, inertia = twin.body
     turns = " ".join([repr(inertia)] * 3)
     return f'<inertial pos="{beside!r} 0 {-below!r}" mass="{mass!r}" diaginertia="{turns}"/>'
-
-
-def _head(twin: Twin, options: Options) -> Iterator[str]:
-    yield f"{twin.name}: lines for your own MJCF. Written for MuJoCo {mujoco.__version__}."
-    yield (
-        f'Only for <option timestep="{options.timestep:g}" integrator="{options.integrator}"/>; '
-        "export again for another step."
-    )
-
-
-def _on_joint(twin: Twin) -> Iterator[str]:
-    slides = twin.shape is Shape.SLIDE
-    yield "1. Joint: replaces the joint of your body. Set your own name, axis, pos and range."
-    if not slides:
-        yield (
-            "Angle 0 is the hanging position, axis horizontal. If your zero differs, adapt ref, "
-            "springref and the phase of cogging."
-        )
-    yield (
-        "damping: viscous friction, then drag. frictionloss: friction at rest. solreffriction and "
-        "solimpfriction: its stiffness, for this step."
-    )
 
 
 def _on_body(twin: Twin) -> Iterator[str]:
