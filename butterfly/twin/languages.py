@@ -86,11 +86,9 @@ class C:
             about, kind = each.about.replace("``", ""), self._type(each.returned)
             parts = {"about": about, "kind": kind, "name": name, "given": given, "body": body}
             functions.append(self.definition.format(**parts))
-        helpers = [
-            self.helper.format(self._prefix, name, form.format(self._prefix))
-            for name, form in self.helpers.items()
-            if name in self._helpers
-        ]
+        used = [(name, form) for name, form in self.helpers.items() if name in self._helpers]
+        n = self._prefix
+        helpers = [self.helper.format(n, name, form.format(n)) for name, form in used]
         return "\n\n".join([*self._tuples.values(), *helpers, *functions])
 
     def call(self, function: Function, given: Mapping[str, str]) -> str:
@@ -155,9 +153,8 @@ class C:
             case "?":
                 return self.choice.format(*(self._expression(each, own + 1) for each in parts))
             case "and" | "or":
-                return f" {self.words[op]} ".join(
-                    self._expression(each, _COMPARES) for each in parts
-                )
+                sides = [self._expression(each, _COMPARES) for each in parts]
+                return f" {self.words[op]} ".join(sides)
             case "not" | "neg":
                 return f"{self.words.get(op, '-')}{self._expression(parts[0], _ATOM)}"
         left = self._expression(parts[0], own + (own == _COMPARES))
@@ -226,21 +223,15 @@ class C:
                     final = [self.chained.format(begun), *rest]
                 elif each.other:
                     final = [self.otherwise, *self._block(function, each.other, declared), *final]
-                return [
-                    self.head_of.format("if", text),
-                    *self._block(function, each.body, declared),
-                    *final,
-                ]
+                body = self._block(function, each.body, declared)
+                return [self.head_of.format("if", text), *body, *final]
             case "for" if value:
                 head = self._loop("i" if each.target == "_" else each.target, value)
-                return [
-                    head,
-                    *self._block(function, each.body, {*declared, each.target}),
-                    *self.close,
-                ]
+                body = self._block(function, each.body, {*declared, each.target})
+                return [head, *body, *self.close]
             case "while":
-                head = self.head_of.format("while", text)
-                return [head, *self._block(function, each.body, declared), *self.close]
+                body = self._block(function, each.body, declared)
+                return [self.head_of.format("while", text), *body, *self.close]
         return [f"{each.op} {text}".rstrip() + self.end]
 
 
@@ -251,7 +242,7 @@ class JavaScript(C):
     field_of, item_of, whole, first = "{}.{}", "{}[{}]", "{}", "let {}{}"
     tuple_form, library, helper = "{}[{}]", "Math.{}", "const {}_{} = (x) => {};"
     definition = "// {about}\nfunction {name}({given}) {{\n{body}\n}}"
-    helpers = {  # noqa: RUF012
+    helpers: Mapping[str, str] = {
         "square": "x * x",
         "round": "x + 6755399441055744 - 6755399441055744",
     }
@@ -287,13 +278,10 @@ def _names(statements: Sequence[Statement]) -> set[str]:
 
 def wrapped(text: str) -> str:
     """Return a text with lines that are not too long; what follows is set in."""
-    return "\n".join(part for line in text.split("\n") for part in _wrapped(line))
-
-
-def _wrapped(line: str) -> list[str]:
-    begin = f"{' ' * (len(line) - len(line.lstrip()))}    "
-    if len(line) <= _WIDTH or line.startswith("#"):
-        return [line]
-    line = line.replace(" *c", "\0*c")  # belongs to its type
-    parts = wrap(line, _WIDTH, subsequent_indent=begin, break_long_words=False)
-    return [part.replace("\0", " ") for part in parts]
+    lines: list[str] = []
+    for line in text.split("\n"):
+        begin = f"{' ' * (len(line) - len(line.lstrip()))}    "
+        kept = line.replace(" *c", "\0*c")  # belongs to its type
+        parts = wrap(kept, _WIDTH, subsequent_indent=begin, break_long_words=False)
+        lines += [line] if len(line) <= _WIDTH or line.startswith("#") else parts
+    return "\n".join(lines).replace("\0", " ")

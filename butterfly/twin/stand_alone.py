@@ -23,7 +23,7 @@ from butterfly.arrays import Samples
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import BEYOND_MUJOCO
 from butterfly.plant.mjcf import built, hinge_of, named, text_of
-from butterfly.plant.robot import Robot, Shape
+from butterfly.plant.robot import Shape
 from butterfly.twin.accuracy import Case, Mover, Yardstick
 from butterfly.twin.forms import DEFAULTS, Options, xml_comment
 from butterfly.twin.twin import NO_DELAY, Accuracy, Twin, Written, unheard
@@ -129,9 +129,12 @@ def mover(options: Options, form: Form) -> Mover:
 
 def _root(twin: Twin, options: Options, form: Form) -> ElementTree.Element:
     """Return the MJCF of a twin in one form."""
-    robot, added = twin.built
-    friction, step = robot.loaded(added), options.timestep
-    root = built(_sliding(robot), added, scene=False)
+    (robot, added), step = twin.built, options.timestep
+    friction, braking = robot.loaded(added), robot.friction
+    if braking.sticks_harder:  # dry friction is at all velocities what it is at rest
+        always = {"coulomb": braking.holding, "stribeck": 0.0, **dict.fromkeys(BEYOND_MUJOCO, 0.0)}
+        braking = replace(braking, **always)
+    root = built(replace(robot, friction=braking), added, scene=False)
     next(root.iter("option")).attrib |= {"timestep": repr(step), "integrator": options.integrator}
     joint = named(root, "hinge")
     if form.grip is None:
@@ -154,9 +157,7 @@ def _root(twin: Twin, options: Options, form: Form) -> ElementTree.Element:
         named(root, "hand").set("name", twin.identifier)
     if robot.shape is Shape.SLIDE:
         for each in root.iter():
-            for key in ("name", "joint"):
-                if each.get(key) == "hinge":
-                    each.set(key, "slide")
+            each.attrib |= {k: "slide" for k in ("name", "joint") if each.get(k) == "hinge"}
     return root
 
 
@@ -222,17 +223,8 @@ def _samples(late: float, step: float) -> int:
     return math.ceil(late / step - 1e-9) + 1
 
 
-def _sliding(robot: Robot) -> Robot:
-    """Return the robot with dry friction that is at all velocities what it is at rest."""
-    friction = robot.friction
-    if not friction.sticks_harder:
-        return robot
-    always: dict[str, float] = {"coulomb": friction.holding, "stribeck": 0.0}
-    return replace(robot, friction=replace(friction, **always | dict.fromkeys(BEYOND_MUJOCO, 0.0)))
-
-
 def _slips(friction: LumpedParameters) -> list[ElementTree.Element]:
-    """Return actuators that take from that friction what it loses once the joint slides.
+    """Return actuators that take from dry friction what it loses once the joint slides.
 
     T_s (1 - exp(-(v/v_s)^2)) sgn v is a polygon in v, and that a sum of ramps that end: negative
     dampers of limited torque, one for each knot.
