@@ -286,7 +286,7 @@ def _said(made: Compensation) -> Iterator[str]:
     )
     if any(made.zeros):
         ends = " to ".join(dict.fromkeys(f"{each(made.zeros):.4g}" for each in (min, max)))
-        yield f"Angles are the encoder's, whose zero was {ends} {way} in the logs: set it (zero)."
+        yield f"Angles are the encoder's; its zero was {ends} {way} in the logs: set yours (zero)."
 
 
 def as_wpilib(twin: Twin, options: Options) -> Written:  # noqa: ARG001 - every form takes them

@@ -134,7 +134,7 @@ def test_every_form_says_how_the_encoder_s_angle_follows_from_its_own(form):
     twin = _twin(PLAIN, BRIEF, kind=InputKind.VOLTAGE, zeros=zeros)
     said = "Encoder's angle = angle here + zero; zero = 0.25 rad in the logs"
     if form == "compensation":  # has the encoder's angle itself
-        said = "Angles are the encoder's, whose zero was 0.25 rad in the logs: set it (zero)."
+        said = "Angles are the encoder's; its zero was 0.25 rad in the logs: set yours (zero)."
     texts = [
         write_as(form, each, Options(actuator="mx64")).text
         for each in (twin, replace(twin, zeros=()))
