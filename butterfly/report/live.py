@@ -25,7 +25,7 @@ from butterfly.model.terms import LOOP_TERMS, TERMS
 from butterfly.report.format import counted
 from butterfly.report.live_log import LiveLog
 from butterfly.report.page import Section, environment
-from butterfly.twin.javascript import as_javascript
+from butterfly.twin.c import as_javascript
 from butterfly.twin.twin import Twin
 
 ROOM = 300_000

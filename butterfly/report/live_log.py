@@ -17,8 +17,7 @@ from butterfly.identification.free_run import Setting, fit_of
 from butterfly.identification.simulation import Simulation
 from butterfly.model.parameters import LumpedParameters
 from butterfly.signals import hold, polynomials
-from butterfly.twin.c import held_motion
-from butterfly.twin.javascript import added_numbers
+from butterfly.twin.c import added_numbers, held_motion
 
 LONGEST = 0.01
 """Longest step of a grid in s; it is finer for a log that is simulated in finer steps."""

@@ -32,27 +32,22 @@ _TRIED = 20.0  # and how much of each, in s
 _FINE = 1e-3  # s, longest step of our own simulation here: what is left of it is 1e-6 rad
 _EARLIER = 2  # steps more than the delay before a log, whose commands are told
 
-Mover: TypeAlias = Callable[[Twin, Samples, Samples, float, float], Samples]
-"""Moves a twin by (n,) commands, one a step, from an angle and a velocity: (n + 1,) angles.
-
-Before the commands come those of some earlier steps, which a delay lets act later.
-"""
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Case:
-    """A log: commands of each step, where the joint begins, and (n + 1,) angles of our own."""
+class Case:
+    """A log: (n,) commands of each step, where the joint begins, and (n + 1,) angles of our own."""
 
     name: str
     twin: Twin
-    past: Samples
+    past: Samples  # commands of some earlier steps, which a delay lets act later
     commands: Samples
     angle: float
     velocity: float
     own: Samples
 
     @classmethod
-    def of(cls, twin: Twin, log: Log, setting: Setting, step: float) -> _Case:
+    def of(cls, twin: Twin, log: Log, setting: Setting, step: float) -> Case:
+        """Simulate a log as the twin that carries its added mass, and cut its input in steps."""
         log = log.opened
         carrying = replace(twin, added=log.added_mass)
         p = carrying.parameters
@@ -77,47 +72,48 @@ class _Case:
 
     def error(self, move: Mover, most: int | None = None) -> float:
         """Return the largest difference of a motion over so many steps."""
-        moved = move(self.twin, self.past, self.commands[:most], self.angle, self.velocity)
+        moved = move(replace(self, commands=self.commands[:most]))
         with np.errstate(invalid="ignore"):
             error = float(np.abs(moved - self.own[: moved.size]).max())
         return error if np.isfinite(error) else np.inf
+
+
+Mover: TypeAlias = Callable[[Case], Samples]
+"""Moves a case's twin by its commands: (n + 1,) angles."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Yardstick:
     """What a twin's motion is held against: our own, of each of its logs, at a step in s."""
 
-    cases: Sequence[_Case]
+    cases: Sequence[Case]
     step: float
-    unit: str
     besides: int
 
     @classmethod
     def of(cls, twin: Twin, step: float) -> Yardstick:
         """Simulate a twin's logs; where there are none, a minute of two sines."""
         recorded = twin.recorded() or [_minute(twin)]
-        cases: list[_Case] = []
+        cases: list[Case] = []
         for log, setting in recorded:
             if cases and out_of_time("the comparison with some logs"):
                 break
-            cases.append(_Case.of(twin, log, setting, step))
-        besides = len(recorded) - len(cases)
-        return cls(cases=cases, step=step, unit=twin.joint.way, besides=besides)
+            cases.append(Case.of(twin, log, setting, step))
+        return cls(cases=cases, step=step, besides=len(recorded) - len(cases))
 
     def worst_of_some(self, move: Mover) -> float:
         """Return the largest error over some of the logs."""
         numbers = np.linspace(0, len(self.cases) - 1, min(_SOME, len(self.cases)))
         some = [self.cases[int(number)] for number in numbers]
         most = int(_TRIED / self.step)
-        return max(in_threads(partial(_Case.error, move=move, most=most), some, untracked, ""))
+        return max(in_threads(partial(Case.error, move=move, most=most), some, untracked, ""))
 
     def accuracy(self, move: Mover) -> Accuracy:
         """Return the errors of all logs."""
-        errors = in_threads(partial(_Case.error, move=move), self.cases, untracked, "")
+        errors = in_threads(partial(Case.error, move=move), self.cases, untracked, "")
         names = [case.name or f"log {k}" for k, case in enumerate(self.cases, 1)]
-        return Accuracy(
-            errors=dict(zip(names, errors, strict=True)), unit=self.unit, besides=self.besides
-        )
+        named, unit = dict(zip(names, errors, strict=True)), self.cases[0].twin.joint.way
+        return Accuracy(errors=named, unit=unit, besides=self.besides)
 
 
 def _minute(twin: Twin) -> tuple[Log, Setting]:

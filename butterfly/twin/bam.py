@@ -59,7 +59,7 @@ def as_bam(twin: Twin, options: Options) -> Written:
         raise InputError("export", "--actuator", name or "missing", expected)
     joint = twin.parameters
     p = replace(joint, coulomb=joint.coulomb + joint.load * added.weight)
-    model = _least(p)
+    model, friction = _least(p)
     damping, source = _back_emf(p, known)
     content = {
         "model": model,
@@ -70,7 +70,7 @@ def as_bam(twin: Twin, options: Options) -> Written:
         "q_offset": 0.0,
         "friction_base": p.coulomb,
         "friction_viscous": p.p2 - damping,
-        **_stribeck_and_gear(p, model),
+        **friction,
     }
     if name == "sts3215":
         slowed = servo is not None and math.isfinite(servo.speed_limit)
@@ -79,17 +79,6 @@ def as_bam(twin: Twin, options: Options) -> Written:
     notes = (f"kt and R: {source}.", *_notes(p, model, added), *_of_loop(p, name, servo))
     text = json_text(content | {"notes": [*twin.zero_lines, *notes]})
     return Written(text=text, about=f"BAM's {model} of {name}", left_out=notes)
-
-
-def _least(p: LumpedParameters) -> str:
-    """Return the least model that holds the friction."""
-    if p.lifting_stribeck or p.lowering_stribeck:
-        return "m6"
-    if (p.motor_friction, p.motor_stribeck) != (p.load_friction, p.load_stribeck):
-        return "m5"
-    if p.geared:
-        return "m4" if p.stribeck or p.motor_stribeck else "m3"
-    return "m2" if p.stribeck else "m1"
 
 
 def _back_emf(p: LumpedParameters, known: Prior) -> tuple[float, str]:
@@ -115,24 +104,29 @@ def _back_emf(p: LumpedParameters, known: Prior) -> tuple[float, str]:
     )
 
 
-def _stribeck_and_gear(p: LumpedParameters, model: str) -> dict[str, float]:
-    """Return the friction that a model has beside Coulomb's; BAM has values of its own for none."""
-    found = {}
-    if model not in {"m1", "m3"}:
-        found = {"friction_stribeck": p.stribeck, "dtheta_stribeck": p.stribeck_velocity}
-        found["alpha"] = 2.0
-    if model in {"m3", "m4"}:
-        found["load_friction_base"] = p.motor_friction
-        if model == "m4":
-            found["load_friction_stribeck"] = p.motor_stribeck
-    elif model in {"m5", "m6"}:
+def _least(p: LumpedParameters) -> tuple[str, dict[str, float]]:
+    """Return the least model that holds all friction, and what it has beside Coulomb's.
+
+    BAM has values of its own where none are given.
+    """
+    stribeck = {"friction_stribeck": p.stribeck, "dtheta_stribeck": p.stribeck_velocity}
+    stribeck["alpha"] = 2.0
+    quadratic = p.lifting_stribeck or p.lowering_stribeck
+    alike = (p.motor_friction, p.motor_stribeck) == (p.load_friction, p.load_stribeck)
+    if quadratic or not alike:
         for side, bam in (("motor", "motor"), ("load", "external")):
-            found[f"load_friction_{bam}"] = getattr(p, f"{side}_friction")
-            found[f"load_friction_{bam}_stribeck"] = getattr(p, f"{side}_stribeck")
-    if model == "m6":
-        found["load_friction_external_quad"] = p.lifting_stribeck
-        found["load_friction_motor_quad"] = p.lowering_stribeck
-    return found
+            stribeck[f"load_friction_{bam}"] = getattr(p, f"{side}_friction")
+            stribeck[f"load_friction_{bam}_stribeck"] = getattr(p, f"{side}_stribeck")
+        if not quadratic:
+            return "m5", stribeck
+        stribeck["load_friction_external_quad"] = p.lifting_stribeck
+        return "m6", stribeck | {"load_friction_motor_quad": p.lowering_stribeck}
+    gear = {"load_friction_base": p.motor_friction} if p.geared else {}
+    if not (p.stribeck or (gear and p.motor_stribeck)):
+        return "m3" if gear else "m1", gear
+    if not gear:
+        return "m2", stribeck
+    return "m4", stribeck | gear | {"load_friction_stribeck": p.motor_stribeck}
 
 
 def _notes(p: LumpedParameters, model: str, added: AddedMass) -> Iterator[str]:

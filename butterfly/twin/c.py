@@ -1,4 +1,4 @@
-"""Twins as one C99 header that moves as our compiled kernel does, whose functions it translates.
+"""Twins as a C99 header, or in JavaScript: our compiled kernel's own functions, translated.
 
 A command is held during each step, so the kernel's drives, parabolas elsewhere, are one number; the
 delayed command may change once within a step, which is then taken in two parts.
@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from dataclasses import fields
+from functools import partial
 from textwrap import wrap
 from typing import Any
 
@@ -17,13 +19,13 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from butterfly.arrays import Samples
 from butterfly.identification.parameter import unit_of
 from butterfly.model.greybox import require_plain_base, simulate
-from butterfly.model.kernel.equation import Constants
+from butterfly.model.kernel.equation import DERIVED, OF_BASE, Constants, derived, of_base
 from butterfly.model.kernel.integrate import interval
-from butterfly.model.parameters import LumpedParameters
+from butterfly.model.parameters import UNDER_LOAD, AddedMass, LumpedParameters, under
 from butterfly.model.terms import TERMS, DriveTerms
-from butterfly.twin.accuracy import Mover, Yardstick
+from butterfly.twin.accuracy import Case, Yardstick
 from butterfly.twin.forms import Options
-from butterfly.twin.languages import C, wrapped
+from butterfly.twin.languages import C, JavaScript, wrapped
 from butterfly.twin.reduced import NUMBER, Fields, Function, all_of, is_known, join
 from butterfly.twin.translate import Translator
 from butterfly.twin.twin import Twin, Written, unheard
@@ -54,12 +56,28 @@ _MORE = {
 }
 """and those that are none."""
 
+OF_ADDED_MASS = ("mass", "arm", "inertia", "swung", "gravity_moment", "weight", "gravity")
+"""What the joint feels of an added mass."""
+
+_JOINT = """{functions}
+const joint = {{
+  step: (state, drive, h, c) => {interval},
+  delivered: (command, c) => {shaped},
+  constants(bare, added) {{
+    const p = {{...bare}};
+    [{loaded}] = {under};
+    const [{names}] = {derived};
+    {base}return {{{constants}}};
+  }},
+}};
+"""
+
 
 def as_c(twin: Twin, options: Options) -> Written:
     """Return a twin as a C header."""
     yardstick = Yardstick.of(twin, options.timestep)
     substeps = _substeps(yardstick)
-    accuracy = yardstick.accuracy(mover(yardstick.step, substeps))
+    accuracy = yardstick.accuracy(partial(_moved, step=yardstick.step, substeps=substeps))
     left_out = tuple(unheard(twin))
     said = (*twin.zero_lines, *left_out, *accuracy.lines)
     return Written(
@@ -74,7 +92,8 @@ def _substeps(yardstick: Yardstick) -> int:
     """Return the least number of parts of a step with which finer ones hardly move otherwise."""
     before = math.inf
     for substeps in _SUBSTEPS:
-        error = yardstick.worst_of_some(mover(yardstick.step, substeps))
+        move = partial(_moved, step=yardstick.step, substeps=substeps)
+        error = yardstick.worst_of_some(move)
         if error <= _AIM:
             return substeps
         if before - error < max(_AIM, _GAIN * before):
@@ -83,15 +102,10 @@ def _substeps(yardstick: Yardstick) -> int:
     return _SUBSTEPS[-1]
 
 
-def mover(step: float, substeps: int) -> Mover:
-    """Return what moves a twin as its header does, in the compiled kernel."""
-
-    def move(
-        twin: Twin, past: Samples, commands: Samples, angle: float, velocity: float
-    ) -> Samples:
-        return held_motion(twin.loaded, past, commands, (angle, velocity), step, substeps)[0]
-
-    return move
+def _moved(case: Case, step: float, substeps: int) -> Samples:
+    """Return the angles of a case as its header moves it, in the compiled kernel."""
+    start = (case.angle, case.velocity)
+    return held_motion(case.twin.loaded, case.past, case.commands, start, step, substeps)[0]
 
 
 def held_motion(  # noqa: PLR0917 - a joint, what drives it, where from, and in which steps
@@ -216,6 +230,41 @@ def header(twin: Twin, step: float, substeps: int, said: Iterable[str] = ()) -> 
     )
 
 
+def added_numbers(added: AddedMass) -> dict[str, float]:
+    """Return `OF_ADDED_MASS` of one, by name."""
+    return {name: float(getattr(added, name)) for name in OF_ADDED_MASS}
+
+
+def as_javascript(twin: Twin) -> str:
+    """Return ``joint`` without terms that are 0; NotImplementedError if not translatable.
+
+    A page moves parameters of the bare joint; what follows from them is translated too.
+    """
+    moved, drive = kernel_of(twin)
+    bare = Fields(dict.fromkeys((each.name for each in fields(LumpedParameters)), NUMBER))
+    added = Fields(dict.fromkeys(OF_ADDED_MASS, NUMBER))
+    translator = Translator({})
+    loaded = translator.function(under, bare, added)
+    own, base = translator.function(derived, bare), translator.function(of_base, bare)
+    language = JavaScript("joint", [*(moved.called | drive.called), loaded, own, *base.called])
+    following = (*DERIVED, *OF_BASE)
+    present = {"p4", *constants(twin)}
+    moving = f"const [{', '.join(OF_BASE)}] = {language.call(base, {'p': 'p'})};\n    "
+    return _JOINT.format(
+        functions=wrapped(language.text()),
+        interval=language.call(moved, {"state": "state", "drives": "drive", "h": "h", "c": "c"}),
+        shaped=language.call(drive, {"command": "command", "c": "c"}),
+        loaded=", ".join(f"p.{name}" for name in UNDER_LOAD),
+        under=language.call(loaded, {"p": "bare", "added": "added"}),
+        names=", ".join(DERIVED),
+        derived=language.call(own, {"p": "p"}),
+        base=moving * twin.loaded.base_gives,
+        constants=", ".join(
+            name if name in following else f"{name}: p.{name}" for name in sorted(present)
+        ),
+    )
+
+
 def fields_of(functions: Iterable[Function]) -> set[str]:
     """Return the names of the constants that functions read."""
     values = [each.value for f in functions for each in all_of(f.body) if each.value]
@@ -233,7 +282,7 @@ def rendered(template: str, *, said: Iterable[str], **values: Any) -> str:  # no
     lines = [line for each in said for line in wrap(each, _WIDTH)]
     text = made.get_template(f"{template}.j2").render(said=lines, **values)
     if template.endswith(".h"):
-        text = "\n".join(part for line in text.split("\n") for part in wrapped(line))
+        text = wrapped(text)
     return text.translate(_ASCII).encode("ascii", "replace").decode()
 
 

@@ -1,35 +1,91 @@
-"""A joint's gravity and friction, cancelled: C99 or Python, by the law of `compensation_law`.
+"""The command that holds a joint in steady motion, as C99 or Python, or as gains of WPILib.
 
-Friction is compensated to the lower ends of its intervals, so that what is left still brakes: more
-than the joint has would drive it.
+Its law is written once, of the kernel's own functions, and translated (`translate`). Friction is
+compensated to the lower ends of its intervals, so that what is left still brakes: more than the
+joint has would drive it.
+
+An arm's voltage in WPILib is kS sgn(w) + kG cos(a) + kV w + kA w', its angle a from the horizontal:
+ours, from hanging, less a quarter of a turn (and what its centre of mass is off).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from itertools import product
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
+from butterfly.errors import InputError
+from butterfly.files import json_text
 from butterfly.identification.free_run import FreeRun
-from butterfly.identification.levels import FEW, SPREADS
+from butterfly.identification.levels import FEW, ROUNDING, SPREADS
+from butterfly.identification.parameter import unit_of
 from butterfly.identification.sensor_errors import SensorErrors
+from butterfly.logs.log import InputKind
+from butterfly.model.kernel.equation import friction_level, pull
 from butterfly.model.parameters import JointKind, LumpedParameters
 from butterfly.twin.c import explained, fields_of, rendered
-from butterfly.twin.compensation_law import NEUTRAL, SHARES, CompensationLaw, limited, unlimited
 from butterfly.twin.forms import Options
 from butterfly.twin.languages import C, Python
-from butterfly.twin.plain import effort_unit
+from butterfly.twin.plain import left_out
 from butterfly.twin.reduced import NUMBER, Fields
 from butterfly.twin.translate import Translator
 from butterfly.twin.twin import Twin, Written, unheard
 
 _ANGLES, _SPEEDS = 13, 5  # at which errors are computed
 _CREEPS = 0.05  # rad/s, the smoothing speed where no log tells it
+_ROUNDS = 30  # in a gear, whose friction grows with the torque that overcomes it
 _STATES = ("base_compliance", "bristle_stiffness", "time_constant")  # that add a state
+_SHARES = ("dry", "excess", "damping")
+"""Shares that are compensated: of dry friction, of what it has more near rest, of damping."""
+
+_NEUTRAL = {"zero": 0.0} | dict.fromkeys(_SHARES, 1.0) | {"smoothing": 1.0, "limit": math.inf}
+"""How a law is used: the encoder's zero, shares, the smoothing speed, the largest command."""
+
+
+def unlimited(angle: Any, velocity: Any, direction: Any, c: Any) -> Any:  # noqa: ANN401 - numbers
+    """Return the command that cancels gravity and friction, without a limit."""
+    sign = sense(velocity, direction, c)
+    wanted = steady_torque(angle - c.zero, velocity, sign, c) / c.p4
+    return undelivered(wanted, c)
+
+
+def sense(velocity: Any, direction: Any, c: Any) -> Any:  # noqa: ANN401
+    """Return the direction of sliding: that of the velocity, near standstill the wanted one."""
+    sure = max(-1.0, min(1.0, velocity / c.smoothing))
+    return sure + (1.0 - abs(sure)) * direction
+
+
+def steady_torque(angle: Any, velocity: Any, sign: Any, c: Any) -> Any:  # noqa: ANN401
+    """Return the motor's torque at which the velocity stays, with shares of friction."""
+    load = pull(angle, c)
+    torque = c.damping * (c.p2 + c.drag * abs(velocity)) * velocity - load
+    steady = torque
+    for _ in range(_ROUNDS):
+        before, motor = torque, torque - c.back_emf * velocity
+        sliding = friction_level(angle, math.inf, sign, motor, load, c)
+        more = friction_level(angle, velocity, sign, motor, load, c) - sliding
+        torque = steady + sign * (c.dry * sliding + c.excess * more)
+        if c.geared == 0.0 or torque == before:
+            break
+    return torque
+
+
+def undelivered(wanted: Any, c: Any) -> Any:  # noqa: ANN401
+    """Return the command for which the drive delivers what is wanted."""
+    room = 1.0 - c.compression * abs(wanted)
+    given = wanted / room if room > 0.0 else np.sign(wanted) * math.inf
+    return given + c.dead_zone * np.sign(wanted)
+
+
+def limited(asked: Any, c: Any) -> Any:  # noqa: ANN401
+    """Return a command within the limit."""
+    return np.clip(asked, -c.limit, c.limit)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -37,32 +93,61 @@ class Compensation:
     """The law of a joint, and where logs show that it moves; all round, to 1 rad/s, without any."""
 
     twin: Twin
-    law: CompensationLaw
+    numbers: Mapping[str, float]  # of the loaded joint, by name, and how it is used
+    # of these, as large as the intervals of an estimate, along independent errors
+    steps: Sequence[Mapping[str, float]]
     low: float = -math.pi
     high: float = math.pi
     speed: float = 1.0
     zeros: tuple[float, ...] = (0.0,)
 
     @classmethod
+    def whole(cls, twin: Twin) -> Compensation:
+        """Return it with all friction, as used without logs; InputError if errors are unknown."""
+        twin.parameters.require_gain("export")
+        steps, nominal = [], _loaded(twin, {})
+        if (estimate := twin.estimate) is not None:
+            covariance = estimate.interval_covariance
+            if not np.isfinite(covariance).all():
+                expected = "an estimate with intervals; identify from more logs"
+                raise InputError("export", "parameters", "without standard errors", expected)
+            errors = np.sqrt(np.diag(covariance))
+            scale = np.where(errors > 0, errors, 1.0)
+            sizes, ways = np.linalg.eigh(covariance / np.outer(scale, scale))
+            for size, way in zip(np.sqrt(np.maximum(sizes, 0.0)), ways.T, strict=True):
+                error = SPREADS * ROUNDING * size * way * scale
+                moved = _loaded(twin, dict(zip(estimate.names, error.tolist(), strict=True)))
+                step = {k: (each - nominal[k]) / ROUNDING for k, each in moved.items()}
+                steps.append({k: each for k, each in step.items() if each})
+        numbers = nominal | _NEUTRAL | {"geared": float(twin.loaded.geared)}
+        return cls(twin=twin, numbers=numbers, steps=steps)
+
+    @classmethod
     def of(cls, twin: Twin) -> Compensation:
-        """Return it, with the shares of friction that are certain."""
-        made, smoothing = cls(twin=twin, law=CompensationLaw.of(twin)), _CREEPS
+        """Return it with the shares of friction that are certain."""
+        made, smoothing, zeros = cls.whole(twin), _CREEPS, twin.zeros
         if recorded := [(log.opened, each) for log, each in twin.recorded() if log.rms_speed]:
             some = recorded[:: max(len(recorded) // FEW, 1)]
             blurs = [_blur(setting.run(setting.simulation(log))) for log, setting in some]
-            smoothing = float(np.median(blurs))
-            made = replace(
-                made,
-                low=float(min((log.angle - setting.zero).min() for log, setting in recorded)),
-                high=float(max((log.angle - setting.zero).max() for log, setting in recorded)),
-                speed=max(log.top_speed for log, _ in recorded),
-                zeros=tuple(setting.zero for _, setting in recorded),
-            )
+            smoothing, zeros = float(np.median(blurs)), zeros or tuple(s.zero for _, s in recorded)
+            angles = [log.angle - setting.zero for log, setting in recorded]
+            low, high = (float(each(map(each, angles))) for each in (min, max))
+            speed = max(log.top_speed for log, _ in recorded)
+            made = replace(made, low=low, high=high, speed=speed)
+        made = replace(made, zeros=zeros or made.zeros)
         seen = [*made.places(made.low, made.high)]
-        shares = {each: min(made.law.certain(each, *at) for at in seen) for each in SHARES}
-        settings = {"zero": float(np.median(made.zeros)), "smoothing": smoothing, **shares}
-        made = replace(made, law=made.law.having(**settings))
-        return replace(made, law=made.law.having(limit=min(twin.limit, made.most)))
+        shares = {each: min(made.certain(each, *at) for at in seen) for each in _SHARES}
+        made = made.having(zero=float(np.median(made.zeros)), smoothing=smoothing, **shares)
+        return made.having(limit=min(twin.limit, made.most))
+
+    def having(self, **settings: float) -> Compensation:
+        """Return it with other numbers."""
+        return replace(self, numbers={**self.numbers, **settings})
+
+    @cached_property
+    def constants(self) -> SimpleNamespace:
+        """The numbers as the functions of this module take them."""
+        return SimpleNamespace(**self.numbers)
 
     def places(self, low: float, high: float) -> Iterator[tuple[float, float]]:
         """Yield angles between limits, and velocities as fast as was seen."""
@@ -70,27 +155,59 @@ class Compensation:
         yield from product(np.linspace(low, high, _ANGLES).tolist(), speeds.tolist())
 
     @property
-    def slides(self) -> bool:
-        """Whether the joint is a slide."""
-        return self.twin.joint is JointKind.SLIDE
-
-    @property
     def everywhere(self) -> Iterator[tuple[float, float, float]]:
         """Yield readings, velocities and directions: at all angles of a hinge."""
-        ends = (self.low, self.high) if self.slides else (-math.pi, math.pi)
+        slides = self.twin.joint is JointKind.SLIDE
+        ends = (self.low, self.high) if slides else (-math.pi, math.pi)
         for angle, velocity in self.places(*ends):
-            yield angle + self.law.numbers["zero"], velocity, math.copysign(1.0, velocity)
+            yield angle + self.numbers["zero"], velocity, math.copysign(1.0, velocity)
 
     @property
     def most(self) -> float:
         """The largest command without a limit."""
-        return max(abs(float(unlimited(*at, self.law.constants))) for at in self.everywhere)
+        return max(abs(float(unlimited(*at, self.constants))) for at in self.everywhere)
 
     @property
     def worst(self) -> tuple[float, float]:
         """The largest error of a command, and what of it is withheld."""
-        withheld, half = max((self.law.error(*at) for at in self.everywhere), key=sum)
+        withheld, half = max((self.error(*at) for at in self.everywhere), key=sum)
         return withheld + half, withheld
+
+    def error(self, angle: float, velocity: float, direction: float) -> tuple[float, float]:
+        """Return how far a command may be off: what is withheld, and an interval's half-width."""
+        at, whole = (angle, velocity, direction), self.having(**dict.fromkeys(_SHARES, 1.0))
+        withheld = unlimited(*at, whole.constants) - unlimited(*at, self.constants)
+        return abs(withheld), whole.half_width(lambda c: float(unlimited(*at, c)))
+
+    def certain(self, share: str, angle: float, velocity: float) -> float:
+        """Return the share of a part of friction that is certain at an angle and a velocity."""
+
+        def part(c: Any) -> float:  # noqa: ANN401
+            none = vars(c) | dict.fromkeys(_SHARES, 0.0)
+            one, rest = (
+                steady_torque(angle, velocity, 1.0, SimpleNamespace(**each))
+                for each in (none | {share: 1.0}, none)
+            )
+            return float((one - rest) / c.p4)
+
+        size = abs(part(self.constants))
+        return max(1.0 - self.half_width(part) / size, 0.0) if size else 1.0
+
+    def half_width(self, of: Callable[[Any], float]) -> float:
+        """Return the half-width, to first order, of the interval of a function of the constants."""
+        value, squares = of(self.constants), 0.0
+        for step in self.steps:
+            moved = {name: self.numbers[name] + ROUNDING * each for name, each in step.items()}
+            squares += ((of(self.having(**moved).constants) - value) / ROUNDING) ** 2
+        return math.sqrt(squares)
+
+
+def _loaded(twin: Twin, moved: Mapping[str, float]) -> dict[str, float]:
+    """Return the parameters of the loaded joint by name, those of the bare joint moved."""
+    p = twin.parameters
+    p = replace(p, **{name: getattr(p, name) + each for name, each in moved.items()})
+    p = p.with_added_mass(twin.added)
+    return {each.name: float(getattr(p, each.name)) for each in fields(LumpedParameters)}
 
 
 def _blur(run: FreeRun) -> float:
@@ -109,18 +226,18 @@ def _blur(run: FreeRun) -> float:
 
 def as_compensation(twin: Twin, options: Options) -> Written:
     """Return the compensation of a joint as a C header or a Python module."""
-    made = Compensation.of(twin)
-    left_out, said = tuple(_left_out(twin)), tuple(_said(made))
-    python = options.ending == ".py"
-    numbers, steps = made.law.numbers, made.law.steps
+    made, python, missing = Compensation.of(twin), options.ending == ".py", [*unheard(twin)]
+    if names := [name for name in _STATES if getattr(twin.loaded, name)]:
+        missing.insert(0, f"Holds in steady motion: {', '.join(names)} is not compensated.")
+    numbers, steps, said = made.numbers, made.steps, tuple(_said(made))
     present = {name for each in (numbers, *steps) for name, value in each.items() if value}
-    kinds: dict[str, Any] = {each.name: 0.0 for each in fields(LumpedParameters)}
-    kinds |= dict.fromkeys({*present, *NEUTRAL}, NUMBER) | {"geared": float(made.law.geared)}
+    kinds: dict[str, Any] = {each: NUMBER if each in present else 0.0 for each in numbers}
+    kinds |= dict.fromkeys(_NEUTRAL, NUMBER) | {"geared": numbers["geared"]}
     translator, c = Translator({}), Fields(kinds)
     law = translator.function(unlimited, NUMBER, NUMBER, NUMBER, c)
     within = translator.function(limited, NUMBER, c)
     functions = [*(law.called | within.called)]
-    read = [name for name in numbers if name in {*fields_of(functions), *NEUTRAL}]
+    read = [name for name in numbers if name in {*fields_of(functions), *_NEUTRAL}]
     name = f"{twin.identifier}_compensation"
     language = Python("", functions) if python else C(name, functions)
     given = {each: each for each in law.arguments} | {"asked": "asked", "c": "p"}
@@ -132,19 +249,19 @@ def as_compensation(twin: Twin, options: Options) -> Written:
         steps=[[repr(step.get(each, 0.0)) for each in read] for step in steps],
         functions=language.text(),
         unused=[each for each in ("angle", "velocity", "direction") if each not in law.arguments],
-        unlimited=language.call(law, given | {"c": "p"}),
+        unlimited=language.call(law, given),
         moved=language.call(law, given | {"c": "q" if python else "&q"}),
         limited=language.call(within, given),
-        said=(*said, *left_out),
+        said=(*said, *missing),
     )
     about = f"{'a Python module' if python else f'{name}.h, a C99 header'}, in {twin.kind.unit}"
-    return Written(text=text, about=about, left_out=left_out, title="Compensation", said=said)
+    return Written(text=text, about=about, left_out=tuple(missing), title="Compensation", said=said)
 
 
 def _said(made: Compensation) -> Iterator[str]:
     """Say what is compensated, and how far it may be off."""
-    numbers, unit, way = made.law.numbers, made.twin.kind.unit, made.twin.joint.way
-    parts = {each: f"{100 * numbers[each]:.3g} %" for each in SHARES}
+    numbers, unit, way = made.numbers, made.twin.kind.unit, made.twin.joint.way
+    parts = {each: f"{100 * numbers[each]:.3g} %" for each in _SHARES}
     more = f" (of its Stribeck excess {parts['excess']})" if numbers["stribeck"] else ""
     if made.twin.estimate is None:
         yield "Cancels gravity and all friction: its values are taken as exact."
@@ -154,24 +271,56 @@ def _said(made: Compensation) -> Iterator[str]:
             "damping: the lower ends of their intervals."
         )
         error, withheld = made.worst
-        torque = f"{abs(numbers['p4']) * error:.2g} {effort_unit(made.twin)}"
-        shown = f"{made.low:.3g} to {made.high:.3g} {way}"
-        where = f"at {shown}" if made.slides else f"at any angle (the logs show {shown})"
+        torque = f"{abs(numbers['p4']) * error:.2g} {unit_of('coulomb', joint=made.twin.joint)}"
+        where = f"{made.low:.3g} to {made.high:.3g} {way}"
+        if made.twin.joint is JointKind.HINGE:
+            where = f"any angle (the logs show {where})"
         yield (
-            f"Off by at most {error:.2g} {unit} ({torque}) of up to {made.most:.2g} {unit} {where} "
-            f"and up to {made.speed:.3g} {way}/s; {withheld:.2g} {unit} of it is friction withheld."
+            f"Off by at most {error:.2g} {unit} ({torque}) of up to {made.most:.2g} {unit} at "
+            f"{where} and up to {made.speed:.3g} {way}/s; {withheld:.2g} {unit} of it is friction "
+            "withheld."
         )
     yield (
         f"Below {numbers['smoothing']:.2g} {way}/s (smoothing) friction has the wanted direction; "
         f"commands end at {numbers['limit']:.4g} {unit} (limit)."
     )
-    if np.ptp(made.zeros) > 0:
-        low, high = min(made.zeros), max(made.zeros)
-        yield f"The encoder's zero was {low:.4g} to {high:.4g} {way}: set it (zero)."
+    if any(made.zeros):
+        ends = " to ".join(dict.fromkeys(f"{each(made.zeros):.4g}" for each in (min, max)))
+        yield f"Angles are the encoder's; its zero was {ends} {way} in the logs: set yours (zero)."
 
 
-def _left_out(twin: Twin) -> Iterator[str]:
-    """Name what such a command cannot cancel."""
-    if names := [name for name in _STATES if getattr(twin.loaded, name)]:
-        yield f"Holds in steady motion: {', '.join(names)} is not compensated."
-    yield from unheard(twin)
+def as_wpilib(twin: Twin, options: Options) -> Written:  # noqa: ARG001 - every form takes them
+    """Return the gains of a joint that a voltage drives, with their 95 % intervals, as JSON."""
+    if twin.kind is not InputKind.VOLTAGE:
+        raise InputError("export", "input", str(twin.kind), "voltage (WPILib's gains are in V)")
+    law, way, name, said = Compensation.whole(twin), twin.joint.way, "SimpleMotorFeedforward", []
+    made: dict[str, tuple[str, Callable[[Any], float]]] = {
+        "kS": ("V", lambda c: c.coulomb / c.p4),
+        "kV": (f"V s/{way}", lambda c: c.p2 / c.p4),
+        "kA": (f"V s²/{way}", lambda c: c.p1 / c.p4),
+    }
+    p3, offset, arm = law.numbers["p3"], law.numbers["p3_offset"], []
+    if p3 or offset:
+        name = "ArmFeedforward"
+        made["kG"] = ("V", lambda c: math.hypot(c.p3, c.p3_offset) / c.p4)
+        quarter = math.pi / 2 - math.atan2(offset, p3)
+        arm = [
+            f"An arm's angle (0 at the horizontal) is that here (0 hanging) less {quarter:.6g} rad."
+        ]
+    elif twin.joint is JointKind.SLIDE:
+        name = "ElevatorFeedforward"
+        made["kG"] = ("V", lambda c: -c.bias / c.p4)
+    gains = {}
+    for each, (unit, formula) in made.items():
+        value, half = formula(law.constants), law.half_width(formula)
+        gains[each] = {"value": value, "lower": value - half, "upper": value + half, "unit": unit}
+        said.append(f"{each} {value:.5g} ± {half:.2g} {unit}.")
+    missing = tuple(left_out(twin, "A feedforward of WPILib"))
+    notes = [*arm, *twin.zero_lines, *missing]
+    return Written(
+        text=json_text({"name": twin.name, "class": name, "gains": gains, "notes": notes}),
+        about=f"{name} of WPILib, with 95 % intervals",
+        left_out=missing,
+        title="Gains",
+        said=(*said, *arm),
+    )

@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 FORMS = {
     "mjcf": ("butterfly.twin.stand_alone:as_mjcf", ".xml"),
     "snippet": ("butterfly.twin.snippet:as_snippet", ".xml"),
-    "urdf": ("butterfly.twin.urdf:as_urdf", ".urdf", ".xml"),
-    "actuator": ("butterfly.twin.actuator:as_actuator", ".json"),
+    "urdf": ("butterfly.twin.plain:as_urdf", ".urdf", ".xml"),
+    "actuator": ("butterfly.twin.plain:as_actuator", ".json"),
     "c": ("butterfly.twin.c:as_c", ".h"),
     "bam": ("butterfly.twin.bam:as_bam", ".json"),
     "compensation": ("butterfly.twin.compensation:as_compensation", ".h", ".py"),
-    "wpilib": ("butterfly.twin.wpilib:as_wpilib", ".json"),
+    "wpilib": ("butterfly.twin.compensation:as_wpilib", ".json"),
 }
 """What makes each form, by its name: a function of a twin and options; and its files' endings."""
 

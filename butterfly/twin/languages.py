@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import builtins
 import math
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from textwrap import wrap
 
 from butterfly.twin.reduced import (
@@ -26,20 +25,20 @@ _BINDS |= dict.fromkeys(("<", "<=", ">", ">=", "==", "!="), _COMPARES)
 _WIDTH = 100
 
 _HELPERS = {
-    "abs": "double {0}_abs(double x) {{ return x < 0.0 ? -x : x; }}",
-    "sign": "double {0}_sign(double x) {{ return (double)(x > 0.0) - (double)(x < 0.0); }}",
-    "max": "double {0}_max(double x, double y) {{ return x > y ? x : y; }}",
-    "min": "double {0}_min(double x, double y) {{ return x < y ? x : y; }}",
-    "square": "double {0}_square(double x) {{ return x * x; }}",
-    "round": """double {0}_round(double x) {{ /* halves to even; x up to 2^51 */
+    "abs": "(double x) {{ return x < 0.0 ? -x : x; }}",
+    "sign": "(double x) {{ return (double)(x > 0.0) - (double)(x < 0.0); }}",
+    "max": "(double x, double y) {{ return x > y ? x : y; }}",
+    "min": "(double x, double y) {{ return x < y ? x : y; }}",
+    "square": "(double x) {{ return x * x; }}",
+    "round": """(double x) {{ /* halves to even; x up to 2^51 */
     const double large = 6755399441055744.0;
     return (x + large) - large;
 }}""",
-    "ceil": """double {0}_ceil(double x) {{
+    "ceil": """(double x) {{
     const double near = {0}_round(x);
     return near < x ? near + 1.0 : near;
 }}""",
-    "sqrt": """double {0}_sqrt(double x) {{ /* Newton's iteration, from above */
+    "sqrt": """(double x) {{ /* Newton's iteration, from above */
     double root = x < 1.0 ? 1.0 : x, next = 0.5 * (root + x / root);
     if (x <= 0.0) return 0.0;
     while (next < root) {{
@@ -48,7 +47,7 @@ _HELPERS = {
     }}
     return root;
 }}""",
-    "cos": """double {0}_cos(double x) {{
+    "cos": """(double x) {{
     const double half = sin(0.5 * x);
     return 1.0 - 2.0 * half * half;
 }}""",
@@ -59,12 +58,14 @@ _HELPERS = {
 class C:
     """C99, which is C++ as well; all names begin with a prefix."""
 
-    infinity, nan, flags = "INFINITY", "NAN", ("0", "1")
-    counter, comment = "int", "/* {} */"
+    infinity, nan, flags, counter = "INFINITY", "NAN", ("0", "1"), "int"
     words = {"and": "&&", "or": "||", "not": "!"}  # noqa: RUF012 - what each language writes
     head_of, otherwise, chained = "{} ({}) {{", "} else {", "}} else {}"
-    end, close = ";", ["}"]
+    end, close, first, first_and_only = ";", ["}"], "{}{}", "const {}{}"
     field_of, item_of, whole, choice = "{}->{}", "{}.e{}", "(int)({})", "{} ? {} : {}"
+    tuple_form, library, helper = "{}_of({})", "{}", "static inline double {}_{}{}"
+    definition = "/* {about} */\nstatic inline {kind}{name}({given}) {{\n{body}\n}}"
+    helpers: Mapping[str, str] = _HELPERS
 
     def __init__(self, prefix: str, functions: Sequence[Function]) -> None:
         self._prefix = prefix
@@ -78,21 +79,29 @@ class C:
 
     def text(self) -> str:
         """Return all functions, after what they need."""
-        functions = [self._function(each) for each in self._names]
-        helpers = [self.helper(name) for name in _HELPERS if name in self._helpers]
+        functions = []
+        for each, name in self._names.items():
+            body = "\n".join(self._block(each, each.body, {*each.arguments}))
+            given = ", ".join(f"{self._type(each.kinds[one])}{one}" for one in each.arguments)
+            about, kind = each.about.replace("``", ""), self._type(each.returned)
+            parts = {"about": about, "kind": kind, "name": name, "given": given, "body": body}
+            functions.append(self.definition.format(**parts))
+        used = [(name, form) for name, form in self.helpers.items() if name in self._helpers]
+        n = self._prefix
+        helpers = [self.helper.format(n, name, form.format(n)) for name, form in used]
         return "\n\n".join([*self._tuples.values(), *helpers, *functions])
 
-    def helper(self, name: str) -> str:
-        """Return a function of numbers that the language lacks."""
-        return f"static inline {_HELPERS[name].format(self._prefix)}"
+    def call(self, function: Function, given: Mapping[str, str]) -> str:
+        """Return a call with arguments by name."""
+        return f"{self._names[function]}({', '.join(given[each] for each in function.arguments)})"
 
-    def type_of(self, kind: Kind) -> str:
+    def _type(self, kind: Kind) -> str:
         """Return the type of a kind; one that is new is defined."""
         if isinstance(kind, Fields):
             return f"const {self._prefix}_parameters *"
         if not isinstance(kind, tuple):
             return "double " if kind == NUMBER or type(kind) is float else "int "
-        types = [self.type_of(each).strip() for each in kind]
+        types = [self._type(each).strip() for each in kind]
         sizes = (len(each) if isinstance(each, tuple) else 1 for each in kind)
         name = f"{self._prefix}_{'_'.join(map(str, sizes))}"
         if set(types) == {"double"}:
@@ -107,44 +116,17 @@ class C:
         )
         return f"{name} "
 
-    def declared(self, kind: Kind, name: str, *, once: bool) -> str:
-        """Return a variable as it is first named."""
-        return f"{'const ' if once else ''}{self.type_of(kind)}{name}"
+    def _tuple(self, kind: Kind, parts: Iterable[str]) -> str:
+        return self.tuple_form.format(self._type(kind).strip(), ", ".join(parts))
 
-    def head(self, function: Function) -> str:
-        """Return a function's first line."""
-        kinds = function.kinds
-        given = ", ".join(f"{self.type_of(kinds[each])}{each}" for each in function.arguments)
-        return f"static inline {self.type_of(function.returned)}{self._names[function]}({given})"
-
-    def tuple_of(self, kind: Kind, parts: Sequence[str]) -> str:
-        """Return a tuple of its elements."""
-        return f"{self.type_of(kind).strip()}_of({', '.join(parts)})"
-
-    def called(self, name: str) -> str:
+    def _called(self, name: str) -> str:
         """Return what a function of numbers is called."""
-        if name not in _HELPERS:
-            return name
+        if name not in self.helpers:
+            return self.library.format(name)
         self._helpers |= {name, "round"} if name == "ceil" else {name}
         return f"{self._prefix}_{name}"
 
-    def call(self, function: Function, given: Mapping[str, str]) -> str:
-        """Return a call with arguments by name."""
-        return f"{self._names[function]}({', '.join(given[each] for each in function.arguments)})"
-
-    def lines(self, function: Function) -> list[str]:
-        """Return the head of a function, and the lines of its block."""
-        counts = Counter(each.target for each in all_of(function.body) if each.target)
-        block = _Lines(self, function, counts).of(function.body, {*function.arguments})
-        return [self.head(function), *block]
-
-    def _function(self, function: Function) -> str:
-        head, *lines = self.lines(function)
-        about = self.comment.format(function.about.replace("``", ""))
-        lines = [about, f"{head} {{", *lines, "}"]
-        return "\n".join(part for line in lines for part in wrapped(line))
-
-    def expression(self, value: Expression, binds: int = 0) -> str:
+    def _expression(self, value: Expression, binds: int = 0) -> str:
         """Return an expression, in brackets if what is about it binds harder."""
         own = _BINDS.get(value.op, _ATOM)
         text = self._bare(value, own)
@@ -155,40 +137,39 @@ class C:
         parts, op = value.parts, value.op
         match op:
             case "constant":
-                return self.number(value.kind)
+                return self._number(value.kind)
             case "name":
                 return str(value.meant)
             case "field":
-                return self.field_of.format(self.expression(parts[0]), value.meant)
+                return self.field_of.format(self._expression(parts[0]), value.meant)
             case "item":
-                return self.item_of.format(self.expression(parts[0]), value.meant)
+                return self.item_of.format(self._expression(parts[0]), value.meant)
             case "tuple":
-                return self.tuple_of(value.kind, [self.expression(each) for each in parts])
+                return self._tuple(value.kind, map(self._expression, parts))
             case "call":
                 meant = value.meant
-                name = self._names[meant] if isinstance(meant, Function) else self.called(meant)
-                return f"{name}({', '.join(map(self.expression, parts))})"
+                name = self._names[meant] if isinstance(meant, Function) else self._called(meant)
+                return f"{name}({', '.join(map(self._expression, parts))})"
             case "?":
-                return self.choice.format(*(self.expression(each, own + 1) for each in parts))
+                return self.choice.format(*(self._expression(each, own + 1) for each in parts))
             case "and" | "or":
-                return f" {self.words[op]} ".join(
-                    self.expression(each, _COMPARES) for each in parts
-                )
+                sides = [self._expression(each, _COMPARES) for each in parts]
+                return f" {self.words[op]} ".join(sides)
             case "not" | "neg":
-                return f"{self.words.get(op, '-')}{self.expression(parts[0], _ATOM)}"
-        left = self.expression(parts[0], own + (own == _COMPARES))
-        right = self.expression(parts[1], own + 1)
+                return f"{self.words.get(op, '-')}{self._expression(parts[0], _ATOM)}"
+        left = self._expression(parts[0], own + (own == _COMPARES))
+        right = self._expression(parts[1], own + 1)
         return f"{left} {op} {right}"
 
-    def loop(self, name: str, count: Expression) -> str:
+    def _loop(self, name: str, count: Expression) -> str:
         """Return the head of a loop."""
-        text, begin = self.expression(count), f"{self.counter} {name} = 0"
+        text, begin = self._expression(count), f"{self.counter} {name} = 0"
         until = f"{count.kind:g}" if is_known(count.kind) else text
         if not is_known(count.kind) and count.op != "name":
             until, begin = "n", f"{begin}, n = {self.whole.format(text)}"
         return self.head_of.format("for", f"{begin}; {name} < {until}; {name}++")
 
-    def number(self, value: float | bool) -> str:
+    def _number(self, value: float | bool) -> str:
         """Return a number or a flag."""
         if isinstance(value, bool):
             return self.flags[value]
@@ -196,34 +177,78 @@ class C:
             return self.nan if math.isnan(value) else f"{'-' * (value < 0)}{self.infinity}"
         return repr(value)
 
+    def _block(
+        self, function: Function, statements: Sequence[Statement], declared: set[str]
+    ) -> list[str]:
+        """Return the lines of a block, given what is declared before it."""
+        lines: list[str] = []
+        declared = {*declared}
+        for k, each in enumerate(statements):
+            later = _names(statements[k + 1 :])
+            new = {inner.target for inner in all_of([each]) if inner.op == "="} - declared
+            for name in sorted(new & later - {each.target}):
+                kind = function.kinds[name]
+                first = self.first.format(self._type(kind), name)
+                lines.append(f"{first} = {self._zero(kind)}{self.end}")
+                declared.add(name)
+            lines += self._lines(function, each, declared)
+            declared |= {each.target} if each.op == "=" else set()
+        return [f"    {line}" for line in lines]
+
+    def _zero(self, kind: Kind) -> str:
+        if isinstance(kind, tuple):
+            return self._tuple(kind, map(self._zero, kind))
+        return self._number(0.0 if kind == NUMBER or type(kind) is float else False)
+
+    def _lines(self, function: Function, each: Statement, declared: set[str]) -> list[str]:  # noqa: PLR0911
+        value = each.value
+        text = self._expression(value) if value else ""
+        match each.op:
+            case "=":
+                if each.target not in declared:
+                    times = sum(other.target == each.target for other in all_of(function.body))
+                    form = self.first_and_only if times == 1 else self.first
+                    kind = self._type(function.kinds[each.target])
+                    return [f"{form.format(kind, each.target)} = {text}{self.end}"]
+                if value and value.op in {"+", "-", "*", "/"}:
+                    first, second = value.parts
+                    if first.op == "name" and first.meant == each.target:
+                        text = self._expression(second)
+                        return [f"{each.target} {value.op}= {text}{self.end}"]
+                return [f"{each.target} = {text}{self.end}"]
+            case "if":
+                final = [*self.close]
+                if len(each.other) == 1 and each.other[0].op == "if":
+                    begun, *rest = self._lines(function, each.other[0], declared)
+                    final = [self.chained.format(begun), *rest]
+                elif each.other:
+                    final = [self.otherwise, *self._block(function, each.other, declared), *final]
+                body = self._block(function, each.body, declared)
+                return [self.head_of.format("if", text), *body, *final]
+            case "for" if value:
+                head = self._loop("i" if each.target == "_" else each.target, value)
+                body = self._block(function, each.body, {*declared, each.target})
+                return [head, *body, *self.close]
+            case "while":
+                body = self._block(function, each.body, declared)
+                return [self.head_of.format("while", text), *body, *self.close]
+        return [f"{each.op} {text}".rstrip() + self.end]
+
 
 class JavaScript(C):
     """JavaScript, in which a tuple is an array."""
 
-    infinity, nan, flags = "Infinity", "NaN", ("false", "true")
-    counter, comment = "let", "// {}"
-    field_of, item_of, whole = "{}.{}", "{}[{}]", "{}"
+    infinity, nan, flags, counter = "Infinity", "NaN", ("false", "true"), "let"
+    field_of, item_of, whole, first = "{}.{}", "{}[{}]", "{}", "let {}{}"
+    tuple_form, library, helper = "{}[{}]", "Math.{}", "const {}_{} = (x) => {};"
+    definition = "// {about}\nfunction {name}({given}) {{\n{body}\n}}"
+    helpers: Mapping[str, str] = {
+        "square": "x * x",
+        "round": "x + 6755399441055744 - 6755399441055744",
+    }
 
-    def helper(self, name: str) -> str:
-        """Return a function of numbers that the language lacks."""
-        what = {"square": "x * x", "round": "x + 6755399441055744 - 6755399441055744"}[name]
-        return f"const {self._prefix}_{name} = (x) => {what};"
-
-    def declared(self, kind: Kind, name: str, *, once: bool) -> str:  # noqa: ARG002
-        """Return a variable as it is first named."""
-        return f"{'const' if once else 'let'} {name}"
-
-    def head(self, function: Function) -> str:
-        """Return a function's first line."""
-        return f"function {self._names[function]}({', '.join(function.arguments)})"
-
-    def tuple_of(self, kind: Kind, parts: Sequence[str]) -> str:  # noqa: ARG002
-        """Return a tuple of its elements."""
-        return f"[{', '.join(parts)}]"
-
-    def called(self, name: str) -> str:
-        """Return what a function of numbers is called."""
-        return super().called(name) if name in {"square", "round"} else f"Math.{name}"
+    def _type(self, kind: Kind) -> str:  # noqa: ARG002
+        return ""
 
 
 class Python(JavaScript):
@@ -232,99 +257,17 @@ class Python(JavaScript):
     infinity, nan, flags = "math.inf", "math.nan", ("False", "True")
     words = {"and": "and", "or": "or", "not": "not "}  # noqa: RUF012
     head_of, otherwise, chained, end, close = "{} {}:", "else:", "el{}", "", []
-    choice = "{1} if {0} else {2}"
+    first = first_and_only = "{}{}"
+    choice, tuple_form, library = "{1} if {0} else {2}", "{}({},)", "math.{}"
+    helper = "def {}_{}(x):\n    return {}"
+    definition = '\ndef {name}({given}):\n    """{about}"""\n{body}'
+    helpers = {"sign": "float(x > 0.0) - float(x < 0.0)", "square": "x * x"}  # noqa: RUF012
 
-    def helper(self, name: str) -> str:
-        """Return a function of numbers that the language lacks."""
-        what = {"square": "x * x", "sign": "float(x > 0.0) - float(x < 0.0)"}[name]
-        return f"def {self._prefix}_{name}(x):\n    return {what}"
+    def _called(self, name: str) -> str:
+        return name if name in vars(builtins) else super()._called(name)
 
-    def declared(self, kind: Kind, name: str, *, once: bool) -> str:  # noqa: ARG002
-        """Return a variable as it is first named."""
-        return name
-
-    def head(self, function: Function) -> str:
-        """Return a function's first line."""
-        return f"def {self._names[function]}({', '.join(function.arguments)}):"
-
-    def tuple_of(self, kind: Kind, parts: Sequence[str]) -> str:  # noqa: ARG002
-        """Return a tuple of its elements."""
-        return f"({', '.join(parts)},)"
-
-    def called(self, name: str) -> str:
-        """Return what a function of numbers is called."""
-        if name in {"square", "sign"}:
-            return C.called(self, name)
-        return name if name in vars(builtins) else f"math.{name}"
-
-    def loop(self, name: str, count: Expression) -> str:
-        """Return the head of a loop."""
-        return f"for {name} in range(int({self.expression(count)})):"
-
-    def _function(self, function: Function) -> str:
-        head, *lines = self.lines(function)
-        about = function.about.replace("``", "")
-        return "\n".join([f"\n{head}", f'    """{about}"""', *lines])
-
-
-class _Lines:
-    """Lines of a function; a variable is declared in the innermost block that holds it."""
-
-    def __init__(self, language: C, function: Function, counts: Counter[str]) -> None:
-        self._language, self._kinds, self._counts = language, function.kinds, counts
-
-    def of(self, statements: Sequence[Statement], declared: set[str]) -> list[str]:
-        """Return the lines of a block, given what is declared before it."""
-        lines: list[str] = []
-        declared, language = {*declared}, self._language
-        for k, each in enumerate(statements):
-            later = _names(statements[k + 1 :])
-            new = {inner.target for inner in all_of([each]) if inner.op == "="} - declared
-            for name in sorted(new & later - {each.target}):
-                first = self._first(name, once=False)
-                lines.append(f"{first} = {self._zero(self._kinds[name])}{language.end}")
-                declared.add(name)
-            lines += self._lines(each, declared)
-            declared |= {each.target} if each.op == "=" else set()
-        return [f"    {line}" for line in lines]
-
-    def _first(self, name: str, *, once: bool) -> str:
-        return self._language.declared(self._kinds[name], name, once=once)
-
-    def _zero(self, kind: Kind) -> str:
-        if isinstance(kind, tuple):
-            return self._language.tuple_of(kind, [self._zero(each) for each in kind])
-        return self._language.number(0.0 if kind == NUMBER or type(kind) is float else False)
-
-    def _lines(self, each: Statement, declared: set[str]) -> list[str]:  # noqa: PLR0911
-        language, value = self._language, each.value
-        text = language.expression(value) if value else ""
-        match each.op:
-            case "=":
-                if each.target not in declared:
-                    once = self._counts[each.target] == 1
-                    return [f"{self._first(each.target, once=once)} = {text}{language.end}"]
-                if value and value.op in {"+", "-", "*", "/"}:
-                    first, second = value.parts
-                    if first.op == "name" and first.meant == each.target:
-                        text = language.expression(second)
-                        return [f"{each.target} {value.op}= {text}{language.end}"]
-                return [f"{each.target} = {text}{language.end}"]
-            case "if":
-                final = [*language.close]
-                if len(each.other) == 1 and each.other[0].op == "if":
-                    begun, *rest = self._lines(each.other[0], declared)
-                    final = [language.chained.format(begun), *rest]
-                elif each.other:
-                    final = [language.otherwise, *self.of(each.other, declared), *final]
-                return [language.head_of.format("if", text), *self.of(each.body, declared), *final]
-            case "for" if value:
-                head = language.loop("i" if each.target == "_" else each.target, value)
-                return [head, *self.of(each.body, {*declared, each.target}), *language.close]
-            case "while":
-                head = language.head_of.format("while", text)
-                return [head, *self.of(each.body, declared), *language.close]
-        return [f"{each.op} {text}".rstrip() + language.end]
+    def _loop(self, name: str, count: Expression) -> str:
+        return f"for {name} in range(int({self._expression(count)})):"
 
 
 def _names(statements: Sequence[Statement]) -> set[str]:
@@ -333,11 +276,12 @@ def _names(statements: Sequence[Statement]) -> set[str]:
     return read | {each.target for each in all_of(statements)}
 
 
-def wrapped(line: str) -> list[str]:
-    """Return a line in parts that are not too long; what follows is set in."""
-    begin = f"{' ' * (len(line) - len(line.lstrip()))}    "
-    if len(line) <= _WIDTH or line.startswith("#"):
-        return [line]
-    line = line.replace(" *c", "\0*c")  # belongs to its type
-    parts = wrap(line, _WIDTH, subsequent_indent=begin, break_long_words=False)
-    return [part.replace("\0", " ") for part in parts]
+def wrapped(text: str) -> str:
+    """Return a text with lines that are not too long; what follows is set in."""
+    lines: list[str] = []
+    for line in text.split("\n"):
+        begin = f"{' ' * (len(line) - len(line.lstrip()))}    "
+        kept = line.replace(" *c", "\0*c")  # belongs to its type
+        parts = wrap(kept, _WIDTH, subsequent_indent=begin, break_long_words=False)
+        lines += [line] if len(line) <= _WIDTH or line.startswith("#") else parts
+    return "\n".join(lines).replace("\0", " ")

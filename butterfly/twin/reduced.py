@@ -84,11 +84,7 @@ class Function:
     def forwarded(self) -> Expression | None:
         """What it only hands on, if it does no more."""
         value, atoms = self.body[0].value, {"name", "field", "constant"}
-        if (
-            self.body[0].op != "return"
-            or value is None
-            or value.op not in {*atoms, "tuple", "call"}
-        ):
+        if self.body[0].op != "return" or not value or value.op not in {*atoms, "tuple", "call"}:
             return None
         return value if all(each.op in atoms for each in value.parts) else None
 

@@ -7,10 +7,10 @@ from xml.etree import ElementTree
 
 import mujoco
 
+from butterfly.identification.parameter import unit_of
 from butterfly.plant.mjcf import named, text_of
 from butterfly.plant.robot import Shape
 from butterfly.twin.forms import Options, xml_comment
-from butterfly.twin.plain import effort_unit
 from butterfly.twin.stand_alone import stand_alone
 from butterfly.twin.twin import Twin, Written
 
@@ -31,10 +31,24 @@ def as_snippet(twin: Twin, options: Options) -> Written:
     for each in actuators:
         each.attrib |= {"name": f"{twin.identifier}_{each.get('name')}", "joint": twin.identifier}
     ElementTree.indent(actuators)
-    head = (*_head(twin, options), *made.said, *left_out, *(accuracy.lines if accuracy else ()))
+    head = (
+        f"{twin.name}: lines for your own MJCF. Written for MuJoCo {mujoco.__version__}.",
+        f'Only for <option timestep="{options.timestep:g}" integrator="{options.integrator}"/>; '
+        "export again for another step.",
+        *(*made.said, *left_out, *(accuracy.lines if accuracy else ())),
+    )
+    on_joint = [
+        "1. Joint: replaces the joint of your body. Set your own name, axis, pos and range.",
+        "Angle 0 is the hanging position, axis horizontal. If your zero differs, adapt ref, "
+        "springref and the phase of cogging.",
+        "damping: viscous friction, then drag. frictionloss: friction at rest. solreffriction and "
+        "solimpfriction: its stiffness, for this step.",
+    ]
+    if twin.shape is Shape.SLIDE:
+        del on_joint[1]
     parts = (
         *map(xml_comment, head),
-        *("", *map(xml_comment, _on_joint(twin))),
+        *("", *map(xml_comment, on_joint)),
         text_of(joint).strip(),
         *("", *map(xml_comment, _on_body(twin))),
         xml_comment(f" {inertial(twin)} "),
@@ -56,31 +70,9 @@ def inertial(twin: Twin) -> str:
     return f'<inertial pos="{beside!r} 0 {-below!r}" mass="{mass!r}" diaginertia="{turns}"/>'
 
 
-def _head(twin: Twin, options: Options) -> Iterator[str]:
-    yield f"{twin.name}: lines for your own MJCF. Written for MuJoCo {mujoco.__version__}."
-    yield (
-        f'Only for <option timestep="{options.timestep:g}" integrator="{options.integrator}"/>; '
-        "export again for another step."
-    )
-
-
-def _on_joint(twin: Twin) -> Iterator[str]:
-    slides = twin.built[0].shape is Shape.SLIDE
-    yield "1. Joint: replaces the joint of your body. Set your own name, axis, pos and range."
-    if not slides:
-        yield (
-            "Angle 0 is the hanging position, axis horizontal. If your zero differs, adapt ref, "
-            "springref and the phase of cogging."
-        )
-    yield (
-        "damping: viscous friction, then drag. frictionloss: friction at rest. solreffriction and "
-        "solimpfriction: its stiffness, for this step."
-    )
-
-
 def _on_body(twin: Twin) -> Iterator[str]:
     p = twin.loaded
-    if twin.built[0].shape is Shape.SLIDE:
+    if twin.shape is Shape.SLIDE:
         yield f"2. Body. p1 = {p.p1:.6g} kg is the total moving mass, motor included."
         yield f"a) If your body has the mass m without the motor: armature = {p.p1:.6g} - m."
     else:
@@ -104,7 +96,10 @@ def _on_body(twin: Twin) -> Iterator[str]:
 
 
 def _on_actuators(twin: Twin) -> Iterator[str]:
-    p, worth = twin.parameters, f"{twin.built[0].drive.gain:.6g} {effort_unit(twin)}"
+    p, worth = (
+        twin.parameters,
+        f"{twin.built[0].drive.gain:.6g} {unit_of('coulomb', joint=twin.joint)}",
+    )
     yield (
         f"3. Drive. ctrl of {twin.identifier}_motor is the command: {worth} per {twin.kind.unit} "
         "at standstill. Set it to the command's mean over each step."

@@ -9,8 +9,9 @@ own logs: how the delay is written, and how fast friction grips.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import NamedTuple
 from xml.etree import ElementTree
 
@@ -22,8 +23,8 @@ from butterfly.arrays import Samples
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import BEYOND_MUJOCO
 from butterfly.plant.mjcf import built, hinge_of, named, text_of
-from butterfly.plant.robot import Robot, Shape
-from butterfly.twin.accuracy import Mover, Yardstick
+from butterfly.plant.robot import Shape
+from butterfly.twin.accuracy import Case, Mover, Yardstick
 from butterfly.twin.forms import DEFAULTS, Options, xml_comment
 from butterfly.twin.twin import NO_DELAY, Accuracy, Twin, Written, unheard
 
@@ -99,45 +100,41 @@ def _best(twin: Twin, options: Options, yardstick: Yardstick) -> Form:
     if twin.parameters.delay > NO_DELAY:
         short = ("none",) if twin.parameters.delay < options.timestep else ()
         forms = [Form(delay=each) for each in (*short, "whole", "later", "between")]
-    best = _nearest(forms, options, yardstick)
+    error = cache(lambda form: yardstick.worst_of_some(mover(options, form)))
+    best = min(forms, key=error) if len(forms) > 1 else forms[0]
     if twin.loaded.holding:
-        best = _nearest([best._replace(grip=grip) for grip in _GRIPS], options, yardstick)
+        best = min((best._replace(grip=grip) for grip in _GRIPS), key=error)
     return best
-
-
-def _nearest(forms: Sequence[Form], options: Options, yardstick: Yardstick) -> Form:
-    if len(forms) == 1:
-        return forms[0]
-    return min(forms, key=lambda form: yardstick.worst_of_some(mover(options, form)))
 
 
 def mover(options: Options, form: Form) -> Mover:
     """Return what moves a twin in MuJoCo, in one form."""
 
-    def move(
-        twin: Twin, past: Samples, commands: Samples, angle: float, velocity: float
-    ) -> Samples:
-        model = mujoco.MjModel.from_xml_string(text_of(_root(twin, options, form)))
+    def move(case: Case) -> Samples:
+        model = mujoco.MjModel.from_xml_string(text_of(_root(case.twin, options, form)))
         data = mujoco.MjData(model)
         hinge = hinge_of(model)
-        data.qpos[hinge], data.qvel[hinge] = angle, velocity
+        data.qpos[hinge], data.qvel[hinge] = case.angle, case.velocity
         if remembered := model.actuator_history[0, 0]:
-            mujoco.mj_initCtrlHistory(model, data, 0, None, past[-remembered:, None])
+            mujoco.mj_initCtrlHistory(model, data, 0, None, case.past[-remembered:, None])
         state = np.zeros((1, mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)))
         mujoco.mj_getState(model, data, state[0], mujoco.mjtState.mjSTATE_FULLPHYSICS)
-        controls = np.zeros((1, commands.size, model.nu))
-        controls[0, :, 0] = commands
+        controls = np.zeros((1, case.commands.size, model.nu))
+        controls[0, :, 0] = case.commands
         reached, _ = rollout.rollout(model, data, state, controls)
-        return np.append(angle, reached[0, :, 1 + hinge])
+        return np.append(case.angle, reached[0, :, 1 + hinge])
 
     return move
 
 
 def _root(twin: Twin, options: Options, form: Form) -> ElementTree.Element:
     """Return the MJCF of a twin in one form."""
-    robot, added = twin.built
-    friction, step = robot.loaded(added), options.timestep
-    root = built(_sliding(robot), added, scene=False)
+    (robot, added), step = twin.built, options.timestep
+    friction, braking = robot.loaded(added), robot.friction
+    if braking.sticks_harder:  # dry friction is at all velocities what it is at rest
+        always = {"coulomb": braking.holding, "stribeck": 0.0, **dict.fromkeys(BEYOND_MUJOCO, 0.0)}
+        braking = replace(braking, **always)
+    root = built(replace(robot, friction=braking), added, scene=False)
     next(root.iter("option")).attrib |= {"timestep": repr(step), "integrator": options.integrator}
     joint = named(root, "hinge")
     if form.grip is None:
@@ -160,9 +157,7 @@ def _root(twin: Twin, options: Options, form: Form) -> ElementTree.Element:
         named(root, "hand").set("name", twin.identifier)
     if robot.shape is Shape.SLIDE:
         for each in root.iter():
-            for key in ("name", "joint"):
-                if each.get(key) == "hinge":
-                    each.set(key, "slide")
+            each.attrib |= {k: "slide" for k in ("name", "joint") if each.get(k) == "hinge"}
     return root
 
 
@@ -228,17 +223,8 @@ def _samples(late: float, step: float) -> int:
     return math.ceil(late / step - 1e-9) + 1
 
 
-def _sliding(robot: Robot) -> Robot:
-    """Return the robot with dry friction that is at all velocities what it is at rest."""
-    friction = robot.friction
-    if not friction.sticks_harder:
-        return robot
-    always: dict[str, float] = {"coulomb": friction.holding, "stribeck": 0.0}
-    return replace(robot, friction=replace(friction, **always | dict.fromkeys(BEYOND_MUJOCO, 0.0)))
-
-
 def _slips(friction: LumpedParameters) -> list[ElementTree.Element]:
-    """Return actuators that take from that friction what it loses once the joint slides.
+    """Return actuators that take from dry friction what it loses once the joint slides.
 
     T_s (1 - exp(-(v/v_s)^2)) sgn v is a polygon in v, and that a sum of ramps that end: negative
     dampers of limited torque, one for each knot.

@@ -20,7 +20,6 @@ from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
 from butterfly.report.live_log import Column, LiveLog
 from butterfly.twin import c
-from butterfly.twin.javascript import as_javascript
 from tests.orbit.setting import plant, two_sines
 from tests.programs import said
 from tests.report.browser import needs_chromium, seen_by_chromium
@@ -54,7 +53,7 @@ def _log_of(kind, noise=1e-3, seed=1):
     parameters = replace(twin.parameters, **MORE.get(kind, {}))
     twin = replace(twin, parameters=parameters, added=added, limit=np.inf, resolution=0.0)
     delivered = np.asarray(parameters.delivered(commands))
-    angle = c.mover(step, 1)(twin, np.zeros(64), delivered, 0.0, 0.0)[:-1]
+    angle = c.held_motion(twin.loaded, np.zeros(64), delivered, (0.0, 0.0), step)[0][:-1]
     rng = np.random.default_rng(seed)
     time, seen = step * np.arange(commands.size), angle + noise * rng.normal(size=angle.size)
     log = Log(time, commands, 0.02 + seen, input_kind=twin.kind, added_mass=added)
@@ -72,7 +71,7 @@ def _live(twin, log, reach=0.01, horizon=None):
 def _in_node(twin, live, moves, folder):
     """What the page computes for a log: the measured motion, and runs with moved parameters."""
     script = DRIVER.format(log=json.dumps(live.document()), moves=json.dumps(moves))
-    text = "\n".join([as_javascript(twin), MODEL.read_text(encoding="utf-8"), script])
+    text = "\n".join([c.as_javascript(twin), MODEL.read_text(encoding="utf-8"), script])
     (folder / "live.js").write_text(text, encoding="utf-8")
     return json.loads(said("node", folder / "live.js"))
 

@@ -53,7 +53,8 @@ def test_headers_need_sine_and_exponential_alone_of_libm_and_are_cpp_too(compile
 def test_the_header_moves_as_the_compiled_kernel(kind, seed, compiled):
     twin, step, commands = drawn(seed, kind)
     substeps, move = 1 + seed % 2, compiled[0][twin.identifier]
-    ours = c.mover(step, substeps)(twin, np.zeros(64), _delivered(twin, commands), 0.0, 0.0)
+    delivered, start = _delivered(twin, commands), (0.0, 0.0)
+    ours, _ = c.held_motion(twin.loaded, np.zeros(64), delivered, start, step, substeps)
     assert np.ptp(ours) > 0.1
     assert np.abs(move(commands, 0.0, 0.0) - ours).max() < EXACT
     assert kind not in STICKING or ours[int(0.09 / step)] == 0 != ours[-1]
@@ -68,7 +69,7 @@ def test_a_parameter_that_is_varied_moves_it_as_in_the_kernel(tmp_path):
     varied = {"coulomb": 0.0, "stribeck": 0.0, "p1": 0.7 * p.p1, "delay": 0.0}
     for name, value in (*varied.items(), ("delay", 1.6 * p.delay)):
         other = replace(twin, parameters=replace(p, **{name: value}))
-        ours = c.mover(step, 1)(other, np.zeros(64), commands, 0.2, 0.5)
+        ours, _ = c.held_motion(other.loaded, np.zeros(64), commands, (0.2, 0.5), step)
         moved = move(commands, 0.2, 0.5, named.index(name), value)
         assert np.abs(moved - ours).max() < EXACT
 
@@ -133,7 +134,8 @@ from butterfly.twin.twin import Twin
 twin = Twin(parameters=LumpedParameters(p1=0.03, p2=0.02, p3=1.0, p4=1.0, coulomb=0.02, cubic=4.0))
 Path("joint.h").write_text(c.header(twin, 2.0**-9, 1, ()), encoding="ascii")
 commands = 0.5 * np.sin(np.arange(128) / 20)
-np.save("moved.npy", [commands, c.mover(2.0**-9, 1)(twin, np.zeros(64), commands, 0.5, 0.0)[1:]])
+moved, _ = c.held_motion(twin.loaded, np.zeros(64), commands, (0.5, 0.0), 2.0**-9)
+np.save("moved.npy", [commands, moved[1:]])
 """
 
 

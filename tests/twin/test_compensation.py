@@ -23,8 +23,7 @@ from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
 from butterfly.plant.rig import Rig
 from butterfly.plant.robot import Robot
 from butterfly.plant.sensors import Clock, Encoder
-from butterfly.twin.compensation import Compensation
-from butterfly.twin.compensation_law import limited, steady_torque, unlimited
+from butterfly.twin.compensation import Compensation, limited, steady_torque, unlimited
 from butterfly.twin.forms import Options, write_as
 from butterfly.twin.twin import Twin
 from tests.plant.setting import simulated
@@ -51,7 +50,7 @@ def _estimated(twin, seed=0, size=0.05):
     known = {each.name: each.default for each in fields(LumpedParameters)}
     kept = {"cogging_periods", "bristle_damping", "delay", "p1", "stribeck_velocity"}
     values = {k: each for k, each in vars(twin.parameters).items() if each != known[k]}
-    names = tuple(values.keys() - kept | {"p1"})
+    names = (*sorted(values.keys() - kept), "p1")
     drawn = np.random.default_rng(seed).standard_normal((2 * len(names), len(names)))
     means = np.array([values[name] for name in names])
     covariance = size**2 * np.outer(means, means) * (drawn.T @ drawn) / len(drawn)
@@ -97,7 +96,7 @@ def test_c_python_and_our_own_law_are_one_law_for_every_kind_of_joint(tmp_path):
         compile_with("c++", "-x", "c++", "-fsyntax-only", source)
     library = ctypes.CDLL(str(made))
     for seed, (twin, name) in enumerate(zip(twins, names, strict=True)):
-        law, python = Compensation.of(twin).law, _python(twin)
+        law, python = Compensation.of(twin), _python(twin)
         for which in ("command", "error"):
             in_c = getattr(library, f"{which}_{name}")
             in_c.restype, in_c.argtypes = ctypes.c_double, 3 * [ctypes.c_double]
@@ -114,7 +113,7 @@ def test_c_python_and_our_own_law_are_one_law_for_every_kind_of_joint(tmp_path):
 def test_the_kernel_keeps_its_velocity_under_a_whole_compensation(kind):
     """Of a law without interval; torque of a lag and deflection of bristles as they settle."""
     twin = drawn(3, kind)[0]
-    law = Compensation.of(replace(twin, limit=math.inf)).law.having(smoothing=1e-3)
+    law = Compensation.of(replace(twin, limit=math.inf)).having(smoothing=1e-3)
     p, constants = twin.loaded, Constants.of(twin.loaded)
     moving = [at for at in _points(3) if abs(at[1]) > 1e-3]
     assert len(moving) > 20
@@ -131,7 +130,7 @@ def test_the_kernel_keeps_its_velocity_under_a_whole_compensation(kind):
 
 def test_the_error_is_that_of_drawn_parameters_and_friction_is_withheld_to_its_lower_end():
     twin = _estimated(drawn(1, "stribeck")[0], 1, size=0.02)
-    law, estimate = Compensation.of(twin).law, twin.estimate
+    law, estimate = Compensation.of(twin), twin.estimate
     some = np.random.default_rng(0).multivariate_normal(estimate.values, estimate.covariance, 3000)
     others = [
         replace(twin.parameters, **dict(zip(estimate.names, each, strict=True)))
@@ -139,7 +138,7 @@ def test_the_error_is_that_of_drawn_parameters_and_friction_is_withheld_to_its_l
     ]
     for x, v, way in ((1.0, 0.5, 1.0), (-2.0, -0.2, -1.0), (0.3, 0.0, 1.0)):
         withheld, half = law.error(x, v, way)
-        whole = Compensation.of(replace(twin, estimate=None)).law
+        whole = Compensation.of(replace(twin, estimate=None))
         drawn_commands = [
             unlimited(x, v, way, whole.having(**vars(each)).constants) for each in others
         ]
@@ -179,7 +178,7 @@ def test_smoothing_is_the_error_of_the_best_difference_of_two_readings(noise):
     run = FreeRun(log=log, simulated=angle)
     setting = SimpleNamespace(zero=0.0, simulation=lambda _: None, run=lambda _: run)
     twin = Twin(parameters=parameters, recorded=lambda: [(log, setting)])
-    smoothing = Compensation.of(twin).law.numbers["smoothing"]
+    smoothing = Compensation.of(twin).numbers["smoothing"]
     errors = [
         (measured[k:] - measured[:-k]) / (k * 2e-3) - velocity[k:] for k in (1, 2, 5, 10, 20, 50)
     ]
@@ -218,9 +217,9 @@ def test_what_is_left_in_mujoco_is_within_what_is_printed(seed):
     model = mujoco.MjModel.from_xml_string(
         write_as("mjcf", replace(twin, parameters=truth, recorded=tuple)).text
     )
-    data, zero, left = mujoco.MjData(model), made.law.numbers["zero"], []
+    data, zero, left = mujoco.MjData(model), made.numbers["zero"], []
     for x, v, way in made.everywhere:
-        if abs(v) < made.law.numbers["smoothing"]:
+        if abs(v) < made.numbers["smoothing"]:
             continue
         data.qpos[0], data.qvel[0], data.ctrl[0] = x - zero, v, command(x, v, way)
         mujoco.mj_forward(model, data)
