@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -135,7 +134,7 @@ def reproduce(
     for figure in figures:
         say(f"{figure.title}. {figure.sentence}")
     content = {
-        "rows": [{**asdict(row), "same": row.agrees} for row in rows],
+        "rows": [{**row._asdict(), "same": row.agrees} for row in rows],
         "figures": [{k: getattr(f, k) for k in ("name", "title", "sentence")} for f in figures],
     }
     alike = sum(row.agrees for row in rows)

@@ -19,7 +19,7 @@ from butterfly.signals.frequency_response import steady_window
 from butterfly.signals.spectrum import periodogram, resample, rms_amplitude, uniform_grid
 from butterfly.thesis import tables
 from butterfly.thesis.claims import CLOSE, Claim, Plotted, ThesisFigure, digits, near
-from butterfly.thesis.method import scripted_amplitude, scripted_resonance
+from butterfly.thesis.method import by_100, scripted_amplitude
 from butterfly.thesis.tables import COARSE, Synthetic
 
 _WINDOW, _REAL_WINDOW = 40.0, 30.0  # s of Figures 6 and 11
@@ -199,8 +199,7 @@ def _real_gains(sines: Sequence[tuple[Log, Sine]]) -> ThesisFigure:
         gains = np.array([point.gain_db for point in points])
         columns = {f"omega_{name}g_rad_per_s": np.array(omega), f"gain_{name}g_dB": gains}
         curves[f"{name} g"] = Plotted("circles", columns)
-        second, first = sorted(points, key=lambda point: point.gain_db)[-2:]
-        found.append(scripted_resonance(first, second))
+        found.append(by_100(*np.transpose(points)))
     printed = {f"{mass}:{pair}" for mass, row in _TABLE_3.items() for pair in row.split()}
     table_4, same = tables.TABLE_4_PRINTED, len(recorded & printed)
     claims = [

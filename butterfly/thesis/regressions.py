@@ -12,10 +12,10 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from butterfly.arrays import Samples
-from butterfly.errors import InputError
 from butterfly.model.linear import Linearisation, resonance_frequency
 from butterfly.model.parameters import AddedMass
 from butterfly.thesis.claims import CLOSE, Claim, Plotted, ThesisFigure, near
+from butterfly.thesis.method import between, by_100, largest
 from butterfly.thesis.tables import Row, Synthetic
 
 WEIGHTS: dict[str, Callable[[float, Samples], Samples]] = {
@@ -36,17 +36,6 @@ _SPACINGS, _PLACES = np.geomspace(0.01, 0.5, 9), 20  # rad/s between gains, plac
 _AROUND = np.arange(-6, 7)
 
 
-def largest(omega: Samples, gain: Samples, count: int = 2) -> tuple[Samples, Samples]:
-    """Return the frequencies in rad/s of the largest of (n,) gains, and these, the top first (86).
-
-    Raises InputError if there are fewer than ``count``.
-    """
-    if gain.size < count:
-        raise InputError("resonance", "gains", gain.size, f"{count} or more")
-    order = np.argsort(gain)[::-1][:count]
-    return omega[order], gain[order]
-
-
 def parabola(omega: Samples, gain: Samples, curvature: float) -> float:
     """Return the resonance in rad/s by (89), from the two largest gains.
 
@@ -57,23 +46,11 @@ def parabola(omega: Samples, gain: Samples, curvature: float) -> float:
     return math.sqrt(max(x.mean() + (y[0] - y[1]) / (x[0] - x[1]) / (2 * curvature), 0.0))
 
 
-def between(omega: Samples, gain: Samples, weight: Callable[[Samples], Samples]) -> float:
-    """Return the resonance in rad/s by (90), from the two largest gains.
-
-    It averages their squared frequencies, each weighted by a function of the other's gain: as
-    printed sqrt(g^2 + A), with A = |G(w_opt)|^2, and in (100) sqrt(g^2 + g_(K)^2); right would be
-    sqrt(A - g^2), and exact sqrt(1/g^2 - 1/A).
-    """
-    w, g = largest(omega, gain)
-    shares = weight(g)[::-1]
-    return math.sqrt(float(shares @ w**2 / shares.sum()))
-
-
 def regression(
     squares: Samples, masses: Sequence[AddedMass], weight: Callable[[float, Samples], Samples]
 ) -> Samples:
     """Return p1 in kg m^2, p3 in N m by (n,) squared resonances Y in rad^2/s^2 and `WEIGHTS`."""
-    inertia, moment = _added(masses)
+    inertia, moment = np.array([(mass.inertia, mass.gravity_moment) for mass in masses]).T
     rows = np.column_stack([-squares, np.ones(squares.size)])
     start = np.linalg.lstsq(rows, squares * inertia - moment)[0]
 
@@ -82,11 +59,6 @@ def regression(
         return np.asarray(left * weight(values[0], inertia))
 
     return np.asarray(least_squares(errors, start, x_scale=np.abs(start), gtol=1e-14).x)
-
-
-def _added(masses: Sequence[AddedMass]) -> tuple[Samples, Samples]:
-    """Return Z and X (81) of each mass."""
-    return np.array([m.inertia for m in masses]), np.array([m.gravity_moment for m in masses])
 
 
 def regression_figures(synthetic: Synthetic, table_1: Row) -> list[ThesisFigure]:
@@ -102,7 +74,7 @@ def _over_spacing(synthetic: Synthetic) -> ThesisFigure:
     ways: dict[str, Callable[[Samples, Samples], float]] = {
         "(86) the largest": lambda w, g: float(largest(w, g)[0][0]),
         "(90)": lambda w, g: between(w, g, lambda each: np.sqrt(each**2 + top)),
-        "(100)": lambda w, g: between(w, g, lambda each: np.sqrt(each**2 + g.max() ** 2)),
+        "(100)": by_100,
         "(89)": lambda w, g: parabola(w, g, (top * robot.p1 / robot.p4) ** 2),
         "(90) with A − g²": lambda w, g: between(w, g, lambda each: np.sqrt(top - each**2)),
     }
@@ -134,7 +106,7 @@ def _over_spacing(synthetic: Synthetic) -> ThesisFigure:
 def _over_error(synthetic: Synthetic, table_1: Row) -> ThesisFigure:
     """Bias of p1 by (82) and (84), over the error of the resonances."""
     robot, masses = synthetic.rig.robot.lumped, [*synthetic.added_masses] * _REPEATS
-    inertia, moment = _added(masses)
+    inertia, moment = np.array([(mass.inertia, mass.gravity_moment) for mass in masses]).T
     squares = (robot.p3 + moment) / (robot.p1 + inertia)  # (80)
     draws = np.random.default_rng(0).standard_normal((_DRAWS, squares.size))
     draws = 2 * np.sqrt(squares) * np.concatenate([draws, -draws])  # without odd powers of errors

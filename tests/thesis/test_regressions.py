@@ -9,15 +9,8 @@ from scipy.optimize import curve_fit, least_squares
 from butterfly.cli.experiments import thesis_robot
 from butterfly.errors import InputError
 from butterfly.model.parameters import AddedMass
-from butterfly.thesis.method import ScriptedAmplitude, scripted_resonance
-from butterfly.thesis.regressions import (
-    WEIGHTS,
-    between,
-    largest,
-    parabola,
-    regression,
-    regression_figures,
-)
+from butterfly.thesis.method import between, by_100, largest
+from butterfly.thesis.regressions import WEIGHTS, parabola, regression, regression_figures
 from butterfly.thesis.tables import TABLE_1_PRINTED, Row
 
 MASSES = [AddedMass(mass=0.05 * k, arm=0.1) for k in range(1, 6)]
@@ -48,11 +41,11 @@ def test_a_pendulum_s_resonance_is_exactly_between_the_gains_beside_it(w, at, da
     assert found == pytest.approx(w, rel=1e-6)
 
 
-def test_100_is_90_with_the_largest_gain_for_the_peak_as_the_script_has_it():
-    omega, gain = np.array([3.5, 4.0, 4.5]), np.array([33.0, 44.0, 30.0])
-    points = [ScriptedAmplitude(*each) for each in zip(omega, gain, strict=True)]
-    found = between(omega, gain, lambda g: np.sqrt(g**2 + gain.max() ** 2))
-    assert found == pytest.approx(scripted_resonance(points[1], points[0]), rel=1e-12)
+def test_100_weighs_each_square_with_the_other_gain_over_the_largest():
+    alpha, beta = np.sqrt((33 / 44) ** 2 + 1), np.sqrt(2)
+    right = np.sqrt((alpha * 4.0**2 + beta * 3.5**2) / (alpha + beta))
+    found = by_100(np.array([3.5, 4.0, 4.5]), np.array([33.0, 44.0, 30.0]))
+    assert found == pytest.approx(right, rel=1e-12)
 
 
 def test_the_largest_gains_come_in_their_order_and_two_are_needed():
