@@ -20,7 +20,7 @@ from butterfly.model.parameters import LumpedParameters
 from butterfly.orbit.controller import gain_for
 from butterfly.orbit.recalibration import RecalibrationOptions, recalibrate
 from butterfly.signals.polynomials import slope
-from butterfly.thesis.claims import CLOSE, Claim, Plotted, ThesisFigure, near
+from butterfly.thesis.claims import CLOSE, Claim, ThesisFigure, near
 
 AMPLITUDE = np.pi / 3
 """Of the nominal motion in rad."""
@@ -112,9 +112,7 @@ def _by_scale(robot: LumpedParameters, loop: ClosedLoop) -> ThesisFigure:
         near("p1 held: it is least at a factor of", 1, float(_FACTORS[held.argmin()])),
         near("p1 and p3 free: at a factor of", 1, float(_FACTORS[both.argmin()])),
     ]
-    curves = {
-        k: Plotted("line", {"factor": _FACTORS, f"loss by {k}": v}) for k, v in losses.items()
-    }
+    curves = {k: ("line", {"factor": _FACTORS, f"loss by {k}": v}) for k, v in losses.items()}
     title, axes = "Loss of (118), 0.1 mrad of noise", ("factor on the true values", "loss in J²")
     about = (
         "(118) minimises squares of I(t) − exp(−p4 γ ∫θ̇² dt) I(t − h), where I = E − E* is linear "
@@ -147,8 +145,8 @@ def _by_case(robot: LumpedParameters) -> ThesisFigure:
         Claim(f"the energy balance does in all (here within {100 * off:.1g} %)", off < CLOSE),
     ]
     curves = {
-        "(118)": Plotted("crosses", {"case": names, "share by (118)": fitted}),
-        "energy balance (114)": Plotted("circles", {"case": names, "share by balance": balanced}),
+        "(118)": ("crosses", {"case": names, "share by (118)": fitted}),
+        "energy balance (114)": ("circles", {"case": names, "share by balance": balanced}),
     }
     title, axes = "p4 by (118), and by the energy balance", ("case", "share of the true p4")
     about = (

@@ -14,7 +14,7 @@ from scipy.optimize import least_squares
 from butterfly.arrays import Samples
 from butterfly.model.linear import Linearisation, resonance_frequency
 from butterfly.model.parameters import AddedMass
-from butterfly.thesis.claims import CLOSE, Claim, Plotted, ThesisFigure, near
+from butterfly.thesis.claims import CLOSE, Claim, ThesisFigure, near
 from butterfly.thesis.method import between, by_100, largest
 from butterfly.thesis.tables import Row, Synthetic
 
@@ -85,7 +85,7 @@ def _over_spacing(synthetic: Synthetic) -> ThesisFigure:
         grids = (peak + spacing * places for spacing in _SPACINGS)
         off = [[way(w, np.abs(linear.response(w))) - peak for w in grid] for grid in grids]
         error = np.sqrt(np.mean(np.square(off), axis=1))
-        curves[name] = Plotted(look, {"spacing_rad_per_s": _SPACINGS, f"{name} in rad/s": error})
+        curves[name] = (look, {"spacing_rad_per_s": _SPACINGS, f"{name} in rad/s": error})
         finest.append(float(error[0]))
     rough, *printed, taylor, right = finest
     claims = [
@@ -114,7 +114,7 @@ def _over_error(synthetic: Synthetic, table_1: Row) -> ThesisFigure:
     for name, weight in WEIGHTS.items():
         found = [[regression(squares + e * d, masses, weight)[0] for d in draws] for e in _ERRORS]
         bias = 100 * np.abs(np.mean(found, axis=1) / robot.p1 - 1)
-        curves[name] = Plotted("line", {"error_rad_per_s": _ERRORS, f"{name} in %": bias})
+        curves[name] = ("line", {"error_rad_per_s": _ERRORS, f"{name} in %": bias})
         last.append(float(bias[-1]))
     variance = 4 * squares * _ERRORS[-1] ** 2
     spread = np.sum((squares - squares.mean()) ** 2) + variance.sum()

@@ -97,6 +97,6 @@ def test_the_figures_say_what_is_biased_and_what_is_not():
     assert [claim.holds for claim in resonance.claims] == [True, False]
     assert all(claim.holds for claim in p1.claims)
     assert p1.marks["(100)"] == pytest.approx(0.166, abs=1e-3)
-    errors, biases = p1.curves["(84) linear"].columns.values()
+    errors, biases = p1.curves["(84) linear"][1].values()
     rise = np.diff(np.log(biases[:4])) / np.diff(np.log(errors[:4]))
     assert np.mean(rise) == pytest.approx(2, abs=0.3)  # as the square of the errors
