@@ -105,9 +105,8 @@ def reproduce(
         Write a page with Figures 3-12 and more, and each as CSV, PNG and SVG, to this folder.
     """
     from butterfly.result import document  # noqa: PLC0415 - slow to import
-    from butterfly.thesis.figures import real_figures, synthetic_figures  # noqa: PLC0415
+    from butterfly.thesis import figures as drawn  # noqa: PLC0415
     from butterfly.thesis.invariant_fit import invariant_figures  # noqa: PLC0415
-    from butterfly.thesis.regressions import regression_figures  # noqa: PLC0415
     from butterfly.thesis.tables import TABLE_1_PRINTED, has_real_logs, reproduce  # noqa: PLC0415
 
     synthetic, real = thesis_robot(), has_real_logs(root)
@@ -127,9 +126,9 @@ def reproduce(
     if not real:
         say("Tables 4 and 5 need the real logs: run `butterfly fetch` or pass --root FOLDER.")
     if out is not None:
-        figures = [*synthetic_figures(synthetic), *(real_figures(root) if real else [])]
+        figures = [*drawn.synthetic_figures(synthetic), *(drawn.real_figures(root) if real else [])]
         table_1 = next(row for row in rows if row.published == TABLE_1_PRINTED[1])
-        figures += regression_figures(synthetic, table_1)
+        figures += drawn.regression_figures(synthetic, table_1)
         figures += invariant_figures(synthetic.rig.robot.lumped)
     for figure in figures:
         say(f"{figure.title}. {figure.sentence}")

@@ -1,9 +1,9 @@
-"""The thesis's Figures 3 to 12: their data, and what it says of them."""
+"""The thesis's Figures 3 to 12 and its formulas (82) to (100): data, and what it says of them."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,11 +19,21 @@ from butterfly.model.parameters import NO_ADDED_MASS, LumpedParameters
 from butterfly.signals.frequency_response import steady_window
 from butterfly.signals.spectrum import periodogram, resample, rms_amplitude, uniform_grid
 from butterfly.thesis.claims import CLOSE, Claim, ThesisFigure, digits, near
-from butterfly.thesis.method import by_100, scripted_amplitude
+from butterfly.thesis.method import (
+    WEIGHTS,
+    between,
+    by_100,
+    inertias_and_moments,
+    largest,
+    parabola,
+    regression,
+    scripted_amplitude,
+)
 from butterfly.thesis.tables import (
     COARSE,
     TABLE_1_PRINTED,
     TABLE_4_PRINTED,
+    Row,
     Synthetic,
     scripted_point,
     synthetic_log,
@@ -35,6 +45,10 @@ _SHOWN = (0.154, 14.0)  # kg and rad/s of Figures 9 to 11
 _SWING = 10.0  # degrees, to which the synthetic robot is to keep
 _PEAK = (3.5, 4.0)  # rad/s, between which Figure 7 is to peak
 _SLIGHTLY = 1.5  # ms, until which an interval is slightly above 1 ms
+_SPACINGS = np.geomspace(0.01, 0.5, 9)  # rad/s between gains
+_PLACES = np.arange(-6, 7) + (np.arange(20)[:, None] + 0.5) / 20  # of them beside the peak
+_ERRORS = np.geomspace(3e-4, 0.3, 7)  # rad/s, of resonances
+_REPEATS, _DRAWS = 20, 10  # resonances of each mass, and how often they are drawn
 _TABLE_3 = {  # printed frequencies in rad/s, and amplitudes in thousandths, by mass in g
     "52": "2:8 2.5:8 3:6 3.5:5 4:3 4.5:3 5:3 5.5:4 6:10 8:20 10:40 12:60 14:80 16:100",
     "120.5": "3:15 3.5:10 4:10 4.5:10 4.75:10 5:10 5.5:8 6:4 6.5:6 7:10 10:20 12:40 14:70 16:100",
@@ -64,10 +78,8 @@ def synthetic_figures(synthetic: Synthetic) -> list[ThesisFigure]:
     time, angle = clean[4.0].time[::COARSE], clean[4.0].angle[::COARSE]
     dots, step = {"coarse_time_s": time, "coarse_angle_rad": angle}, float(np.diff(time).mean())
     curves = {**figures[0].curves, "down-sampled": ("dots", dots)}
-    title, claims = (
-        "Figure 5: the response of Figure 3, down-sampled",
-        [near("a step of", _STEP, step, " s")],
-    )
+    title = "Figure 5: the response of Figure 3, down-sampled"
+    claims = [near("a step of", _STEP, step, " s")]
     figures.append(ThesisFigure("figure_05", title, _TIME, curves, claims, shown=(50, 60)))
     return [*figures, _leakage(angle, step, 4.0), *_gains(robot, clean, noisy)]
 
@@ -207,3 +219,72 @@ def _real_gains(sines: Sequence[tuple[Log, Sine]]) -> ThesisFigure:
     title = "Figure 12: gains (68) by (71) of the 41 logs, as scripted"
     axes = ("frequency in rad/s", "gain in dB")
     return ThesisFigure("figure_12", title, axes, curves, claims, marks)
+
+
+def regression_figures(synthetic: Synthetic, table_1: Row) -> list[ThesisFigure]:
+    """Return errors of the resonance, and of p1, beside those of Table 1's last column."""
+    return [_over_spacing(synthetic.rig.robot.lumped), _over_error(synthetic, table_1)]
+
+
+def _over_spacing(robot: LumpedParameters) -> ThesisFigure:
+    """Errors of (86) to (100) without noise, wherever the peak is between two gains."""
+    peak, linear = resonance_frequency(robot), Linearisation.of(robot)
+    top = float(abs(linear.response(peak))) ** 2
+    ways: dict[str, tuple[str, Callable[[Samples, Samples], float]]] = {
+        "(86) the largest": ("line", lambda w, g: float(largest(w, g)[0][0])),
+        "(90)": ("crosses", lambda w, g: between(w, g, lambda two: np.sqrt(two**2 + top))),
+        "(100)": ("circles", by_100),
+        "(89)": ("line", lambda w, g: parabola(w, g, (top * robot.p1 / robot.p4) ** 2)),
+        "(90) with A − g²": ("line", lambda w, g: between(w, g, lambda two: np.sqrt(top - two**2))),
+    }
+    curves, finest = {}, []
+    for name, (look, way) in ways.items():
+        grids = (peak + spacing * _PLACES for spacing in _SPACINGS)
+        off = [[way(w, np.abs(linear.response(w))) - peak for w in grid] for grid in grids]
+        error = np.sqrt(np.mean(np.square(off), axis=1))
+        curves[name] = look, {"spacing_rad_per_s": _SPACINGS, f"{name} in rad/s": error}
+        finest.append(float(error[0]))
+    rough, second, third, taylor, right = finest
+    seen = f"here {second:.1g}, {third:.1g} rad/s; with A − g² {right:.1g}"
+    ahead = f"(89) beats the largest gain (here {taylor:.1g} of {rough:.1g} rad/s)"
+    claims = [
+        Claim(ahead, taylor < rough),
+        Claim(f"so do (90), (100) ({seen})", max(second, third) < (1 - CLOSE) * rough),
+    ]
+    title = "Resonance from gains without noise, by (86) to (100)"
+    axes = ("spacing of the frequencies in rad/s", "rms error in rad/s")
+    return ThesisFigure("resonance", title, axes, curves, claims, logarithmic="xy")
+
+
+def _over_error(synthetic: Synthetic, table_1: Row) -> ThesisFigure:
+    """Bias of p1 by (82) and (84), over the error of the resonances."""
+    robot, masses = synthetic.rig.robot.lumped, [*synthetic.added_masses] * _REPEATS
+    inertia, moment = inertias_and_moments(masses)
+    squares = (robot.p3 + moment) / (robot.p1 + inertia)  # (80)
+    draws = np.random.default_rng(0).standard_normal((_DRAWS, squares.size))
+    draws = 2 * np.sqrt(squares) * np.concatenate([draws, -draws])  # without odd powers of errors
+    curves, last = {}, []
+    for name, weight in WEIGHTS.items():
+        found = [[regression(squares + e * d, masses, weight)[0] for d in draws] for e in _ERRORS]
+        bias = 100 * np.abs(np.mean(found, axis=1) / robot.p1 - 1)
+        curves[name] = "line", {"error_rad_per_s": _ERRORS, f"{name} in %": bias}
+        last.append(float(bias[-1]))
+    variance = 4 * squares * _ERRORS[-1] ** 2
+    spread = np.sum((squares - squares.mean()) ** 2) + variance.sum()
+    law = 100 * float(np.sum(variance * (1 + inertia / robot.p1)) / spread)
+    seen = f"here {last[1]:.2g} and {last[2]:.2g} %"
+    without = f"(82), or distances that count both errors, have no such bias ({seen})"
+    claims = [
+        near("errors of its regressor shrink p1 by (84) by", law, last[0], " %", law / 10),
+        Claim(without, max(last[1:]) < last[0] / 10),
+    ]
+    exact = [resonance_frequency(robot.with_added_mass(m)) for m in synthetic.added_masses]
+    marks = {
+        name: float(np.sqrt(np.mean((np.array(row.split(), float) - exact) ** 2)))
+        for name, row in (("(100)", table_1.published), ("complex gains", table_1.corrected))
+    }
+    title = f"Bias of p1 by (82) and (84), from {_REPEATS} resonances of each mass"
+    printed = "Dashed: how far Table 1's resonances are off by (100), "
+    about = f"{printed}dotted: by a complex fit of the same data."
+    axes = ("standard error of a resonance in rad/s", "size of the bias in %")
+    return ThesisFigure("regression", title, axes, curves, claims, marks, "xy", about=about)

@@ -1,13 +1,13 @@
-"""The thesis's method as its scripts compute it, including their mistakes.
+"""The thesis's method, with the mistakes of its scripts: gains, resonances, p1 to p3.
 
-It reproduces the published digits for comparison; use harmonic balance instead. docs/theory.md
-lists each mistake beside the corrected formula.
+It reproduces the published digits, and the formulas beside them, for comparison; use harmonic
+balance instead. docs/theory.md lists each mistake beside the corrected formula.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import ClassVar, Literal, NamedTuple
@@ -33,6 +33,18 @@ UPPER_BOUNDS = (0.10326, 0.02, 4.08096)
 
 DECIMATION = 25
 """Every 25th sample gives Table 4; every 5th the input of Table 5."""
+
+WEIGHTS: dict[str, Callable[[float, Samples], Samples]] = {
+    "(84) linear": lambda _, inertia: np.ones(inertia.size),
+    "(82) nonlinear": lambda p1, inertia: 1 / (p1 + inertia),
+    "(84) orthogonal distance": lambda p1, inertia: 1 / np.hypot(p1, inertia),
+}
+"""Weights of the equations Y (p1 + Z) = p3 + X of (84), given p1 and (n,) Z.
+
+Linear regression has none, although the errors of Y are in its regressor: that shrinks p1. Divided
+by p1 + Z their errors are those of (82). Distances (ODRPACK) to the line count the errors of Y and
+Z Y as independent, the true abscissae eliminated.
+"""
 
 _WINDOW = 30.0
 _STARTS = (0.03, 0.3, 0.9)  # shares of the upper bounds from which (102) is minimised
@@ -138,6 +150,36 @@ def by_100(omega: Samples, gain: Samples) -> float:
     return between(omega, gain, lambda two: np.hypot(two, two[0]))
 
 
+def parabola(omega: Samples, gain: Samples, curvature: float) -> float:
+    """Return the resonance in rad/s by (89), from the two largest gains.
+
+    Next to its peak |G|^2 is A - B (w^2 - w_opt^2)^2; the ``curvature`` B has to be known.
+    """
+    w, g = largest(omega, gain)
+    x, y = w**2, g**2
+    return math.sqrt(max(x.mean() + (y[0] - y[1]) / (x[0] - x[1]) / (2 * curvature), 0.0))
+
+
+def inertias_and_moments(masses: Iterable[AddedMass]) -> Samples:
+    """Return Z and X (81) of n masses, (2, n)."""
+    return np.array([(mass.inertia, mass.gravity_moment) for mass in masses]).T
+
+
+def regression(
+    squares: Samples, masses: Sequence[AddedMass], weight: Callable[[float, Samples], Samples]
+) -> Samples:
+    """Return p1 in kg m^2, p3 in N m by (n,) squared resonances Y in rad^2/s^2 and `WEIGHTS`."""
+    inertia, moment = inertias_and_moments(masses)
+    rows = np.column_stack([-squares, np.ones(squares.size)])
+    start = np.linalg.lstsq(rows, squares * inertia - moment)[0]
+
+    def errors(values: Samples) -> Samples:
+        left = squares * (values[0] + inertia) - values[1] - moment
+        return np.asarray(left * weight(values[0], inertia))
+
+    return np.asarray(least_squares(errors, start, x_scale=np.abs(start), gtol=1e-14).x)
+
+
 def fit_resonances(
     resonances: Mapping[AddedMass, float],
     upper: Sequence[float] = UPPER_BOUNDS,
@@ -150,7 +192,7 @@ def fit_resonances(
     the (m, 3) Jacobian of the residuals there; `p2` in N m s/rad is fixed if given.
     """
     measured = np.square(list(resonances.values()))
-    inertia, moment = np.array([(mass.inertia, mass.gravity_moment) for mass in resonances]).T
+    inertia, moment = inertias_and_moments(resonances)
 
     def values(shares: Samples) -> Samples:
         p1, damping, p3 = shares * upper

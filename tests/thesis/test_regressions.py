@@ -9,8 +9,8 @@ from scipy.optimize import curve_fit, least_squares
 from butterfly.cli.experiments import thesis_robot
 from butterfly.errors import InputError
 from butterfly.model.parameters import AddedMass
-from butterfly.thesis.method import between, by_100, largest
-from butterfly.thesis.regressions import WEIGHTS, parabola, regression, regression_figures
+from butterfly.thesis.figures import regression_figures
+from butterfly.thesis.method import WEIGHTS, between, by_100, largest, parabola, regression
 from butterfly.thesis.tables import TABLE_1_PRINTED, Row
 
 MASSES = [AddedMass(mass=0.05 * k, arm=0.1) for k in range(1, 6)]
