@@ -112,14 +112,9 @@ def reproduce(
     synthetic, real = thesis_robot(), has_real_logs(root)
     rows, figures = reproduce(synthetic, root), []
     title = "The thesis: published and reproduced values"
-    show_table(
-        title,
-        ("figures", "published", "reproduced", "same", "corrected"),
-        [
-            (row.what, row.published, row.obtained, "yes" if row.agrees else "no", row.corrected)
-            for row in rows
-        ],
-    )
+    heads = ("figures", "published", "reproduced", "same", "corrected")
+    same = {row.what: "yes" if row.agrees else "no" for row in rows}
+    show_table(title, heads, [(*row[:3], same[row.what], row.corrected) for row in rows])
     for row in rows:
         if row.note:
             say(f"{row.what}: {row.note}")
@@ -151,13 +146,8 @@ def thesis_robot() -> Synthetic:
     from butterfly.experiment.source import read_experiment  # noqa: PLC0415
     from butterfly.thesis.tables import Synthetic  # noqa: PLC0415
 
-    experiment = read_experiment(shipped("experiments/thesis/synthetic.yaml"))
-    return Synthetic(
-        rig=experiment.plant.rig,
-        added_masses=experiment.added_masses,
-        sines=experiment.excitations,
-        duration=experiment.duration,
-    )
+    found = read_experiment(shipped("experiments/thesis/synthetic.yaml"))
+    return Synthetic(found.plant.rig, found.added_masses, found.excitations, found.duration)
 
 
 def schema(

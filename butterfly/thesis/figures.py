@@ -77,29 +77,27 @@ def synthetic_figures(synthetic: Synthetic) -> list[ThesisFigure]:
         figures.append(ThesisFigure(f"figure_{number:02d}", title, _TIME, curves, claims))
     time, angle = clean[4.0].time[::COARSE], clean[4.0].angle[::COARSE]
     dots, step = {"coarse_time_s": time, "coarse_angle_rad": angle}, float(np.diff(time).mean())
-    curves = {**figures[0].curves, "down-sampled": ("dots", dots)}
+    both = {**figures[0].curves, "down-sampled": ("dots", dots)}
     title = "Figure 5: the response of Figure 3, down-sampled"
     claims = [near("a step of", _STEP, step, " s")]
-    figures.append(ThesisFigure("figure_05", title, _TIME, curves, claims, shown=(50, 60)))
+    figures.append(ThesisFigure("figure_05", title, _TIME, both, claims, shown=(50, 60)))
     return [*figures, _leakage(angle, step, 4.0), *_gains(robot, clean, noisy)]
 
 
 def _leakage(angle: Samples, step: float, omega: float) -> ThesisFigure:
     """Return Figure 6, whose window holds no whole periods: hence its flanks."""
     curves, beside = {}, []
-    for kind, window in (("whole_", _WINDOW - _WINDOW % (2 * math.pi / omega)), ("", _WINDOW)):
+    for kind, window in (("", _WINDOW), ("whole_", _WINDOW - _WINDOW % (2 * math.pi / omega))):
         bins, power = periodogram(angle[-math.floor(window / step) :], step)
         columns = {f"{kind}omega_rad_per_s": bins, f"{kind}power_rad2": power}
-        curves = {f"last {window:.4g} s": ("line", columns), **curves}
+        curves[f"last {window:.4g} s"] = "line", columns
         beside.append(100 * (1 - np.sort(power)[-3:].sum() / power.sum()))
-    others = len(_other_peaks(power))
+    bins, power = curves[f"last {_WINDOW:g} s"][1].values()
+    others, away = len(_other_peaks(power)), f"{beside[0]:.2g} % of the power is beside three bins"
+    why = f"{away}, {beside[1]:.1g} % in a window of whole periods: leakage"
     claims = [
         near("dominant frequency", omega, bins[power.argmax()], " rad/s", bins[0] / 2),
-        Claim(
-            f"several other peaks (here {others}; {beside[1]:.2g} % of the power is beside "
-            f"three bins, {beside[0]:.1g} % in a window of whole periods: leakage)",
-            others > 1,
-        ),
+        Claim(f"several other peaks (here {others}; {why})", others > 1),
     ]
     title = f"Figure 6: periodogram of the last {_WINDOW:g} s of Figure 5"
     return ThesisFigure("figure_06", title, _POWER, curves, claims, {}, "y", (0, 3 * omega))
@@ -128,12 +126,11 @@ def _gains(
     curve = "line", {"curve_omega_rad_per_s": fine, "linearisation_gain": line}
     axes = ("frequency in rad/s", "gain in rad per unit of input")
     marks = {"(73)": peak, "(100) in Table 1": float(TABLE_1_PRINTED[1].split()[0])}
+    low, high = _PEAK
+    seen = f"here at {tops[0]:g} and {tops[1]:g}; the resonance is {peak:.4g}"
+    largest_at = f"both largest between {low} and {high} rad/s ({seen})"
     claims = [
-        Claim(
-            f"both largest between {_PEAK[0]} and {_PEAK[1]} rad/s (here at {tops[0]:g} and "
-            f"{tops[1]:g}; the resonance is {peak:.4g})",
-            _PEAK[0] <= min(tops) <= max(tops) <= _PEAK[1],
-        ),
+        Claim(largest_at, low <= min(tops) <= max(tops) <= high),
         Claim(f"noise spoils the Bode plot (here by up to {above:.0f} %)", above > 100 * CLOSE),
     ]
     matches = [Claim(f"in good match (here within {off:.2g} %)", off < 100 * CLOSE)]

@@ -84,10 +84,10 @@ class ClosedLoop:
         def found(shares: Samples) -> LumpedParameters:
             return replace(start, p3=shares[0] * start.p3, p4=shares[1] * start.p4)
 
-        def residuals(shares: Samples) -> Samples:
+        def loss(shares: Samples) -> Samples:
             return self.residuals(found(shares)) / start.p3
 
-        return found(least_squares(residuals, [1.0, 1.0], bounds=(0, np.inf)).x)
+        return found(least_squares(loss, [1.0, 1.0], bounds=(0, np.inf)).x)
 
     def balanced(self, inertia: float) -> LumpedParameters:
         """Return all parameters by the energy balance with the recorded input, given p1."""
@@ -101,25 +101,24 @@ def invariant_figures(robot: LumpedParameters) -> list[ThesisFigure]:
 
 
 def _by_scale(robot: LumpedParameters, loop: ClosedLoop) -> ThesisFigure:
-    losses = {}
-    for name, scaled in {"p1 and p3": ("p1", "p3"), "p3 with p1 held": ("p3",)}.items():
+    curves, losses = {}, []
+    for name, scaled in (("p1 and p3", ("p1", "p3")), ("p3 with p1 held", ("p3",))):
         tried = [replace(robot, **{k: f * getattr(robot, k) for k in scaled}) for f in _FACTORS]
-        losses[name] = np.array([np.mean(loop.residuals(each) ** 2) for each in tried])
-    both, held = losses.values()
-    power = np.polyfit(np.log(_FACTORS), np.log(both), 1)[0]
+        losses.append(np.array([np.mean(loop.residuals(each) ** 2) for each in tried]))
+        curves[name] = "line", {"factor": _FACTORS, f"loss by {name}": losses[-1]}
+    free, held = (float(_FACTORS[loss.argmin()]) for loss in losses)
+    power = float(np.polyfit(np.log(_FACTORS), np.log(losses[0]), 1)[0])
     claims = [
-        near("a factor on p1 and p3 scales the loss with the power", 2, float(power)),
-        near("p1 held: it is least at a factor of", 1, float(_FACTORS[held.argmin()])),
-        near("p1 and p3 free: at a factor of", 1, float(_FACTORS[both.argmin()])),
+        near("a factor on p1 and p3 scales the loss with the power", 2, power),
+        near("p1 held: it is least at a factor of", 1, held),
+        near("p1 and p3 free: at a factor of", 1, free),
     ]
-    curves = {k: ("line", {"factor": _FACTORS, f"loss by {k}": v}) for k, v in losses.items()}
     title, axes = "Loss of (118), 0.1 mrad of noise", ("factor on the true values", "loss in J²")
     about = (
         "(118) minimises squares of I(t) − exp(−p4 γ ∫θ̇² dt) I(t − h), where I = E − E* is linear "
         "in p1 and p3. It does not use the recorded input."
     )
-    name = "invariant_scale"
-    return ThesisFigure(name, title, axes, curves, claims, logarithmic="xy", about=about)
+    return ThesisFigure("invariant_scale", title, axes, curves, claims, {}, "xy", about=about)
 
 
 def _by_case(robot: LumpedParameters) -> ThesisFigure:
@@ -132,16 +131,14 @@ def _by_case(robot: LumpedParameters) -> ThesisFigure:
         "p2 left out": (replace(robot, p2=0.0), 0.0),
     }
     loops = [ClosedLoop.of(robot, *case) for case in cases.values()]
-    start = replace(robot, p3=1.1 * robot.p3, p4=0.8 * robot.p4)
+    start, names = replace(robot, p3=1.1 * robot.p3, p4=0.8 * robot.p4), np.array([*cases])
     fitted = np.array([loop.fitted(start).p4 for loop in loops]) / robot.p4
     balanced = np.array([loop.balanced(robot.p1).p4 for loop in loops]) / robot.p4
-    names, off = np.array([*cases]), float(np.abs(balanced - 1).max())
+    worst, off = (float(np.abs(shares - 1).max()) for shares in (fitted, balanced))
     found = ", ".join(f"{share:.2g}" for share in fitted[1:])
     claims = [
         near("exact controller, no noise: (118) finds a share of p4 of", 1, float(fitted[0])),
-        Claim(
-            f"so it does in the other cases (here {found})", float(np.abs(fitted - 1).max()) < CLOSE
-        ),
+        Claim(f"so it does in the other cases (here {found})", worst < CLOSE),
         Claim(f"the energy balance does in all (here within {100 * off:.1g} %)", off < CLOSE),
     ]
     curves = {

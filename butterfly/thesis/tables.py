@@ -45,7 +45,7 @@ _TABLE_2 = (  # what is found, as printed, below which bounds, with which p2
 )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Synthetic:
     """Data of Tables 1 and 2 and Figures 3 to 8: each sine with each added mass."""
 
