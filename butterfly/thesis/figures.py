@@ -18,26 +18,9 @@ from butterfly.model.linear import Linearisation, resonance_frequency
 from butterfly.model.parameters import NO_ADDED_MASS, LumpedParameters
 from butterfly.signals.frequency_response import steady_window
 from butterfly.signals.spectrum import periodogram, resample, rms_amplitude, uniform_grid
+from butterfly.thesis import method, tables
 from butterfly.thesis.claims import CLOSE, Claim, ThesisFigure, digits, near
-from butterfly.thesis.method import (
-    WEIGHTS,
-    between,
-    by_100,
-    inertias_and_moments,
-    largest,
-    parabola,
-    regression,
-    scripted_amplitude,
-)
-from butterfly.thesis.tables import (
-    COARSE,
-    TABLE_1_PRINTED,
-    TABLE_4_PRINTED,
-    Row,
-    Synthetic,
-    scripted_point,
-    synthetic_log,
-)
+from butterfly.thesis.tables import Row, Synthetic, synthetic_log
 
 _WINDOW, _REAL_WINDOW = 40.0, 30.0  # s of Figures 6 and 11
 _STEP = 0.04  # s, to which the responses are resampled
@@ -75,7 +58,7 @@ def synthetic_figures(synthetic: Synthetic) -> list[ThesisFigure]:
         curves = {"simulated": ("line", {"time_s": log.time, "angle_rad": log.angle})}
         title = f"Figure {number}: response to a sine of {omega:g} rad/s"
         figures.append(ThesisFigure(f"figure_{number:02d}", title, _TIME, curves, claims))
-    time, angle = clean[4.0].time[::COARSE], clean[4.0].angle[::COARSE]
+    time, angle = clean[4.0].time[:: tables.COARSE], clean[4.0].angle[:: tables.COARSE]
     dots, step = {"coarse_time_s": time, "coarse_angle_rad": angle}, float(np.diff(time).mean())
     both = {**figures[0].curves, "down-sampled": ("dots", dots)}
     title = "Figure 5: the response of Figure 3, down-sampled"
@@ -115,7 +98,7 @@ def _gains(
     """Return Figures 7 and 8, from the logs by frequency without and with noise."""
     omega, fine = np.array([*clean]), np.linspace(0.5, 8.0, 400)
     quiet, loud = (
-        np.array([10 ** (scripted_point(log).gain_db / 20) for log in logs.values()])
+        np.array([10 ** (tables.scripted_point(log)[1] / 20) for log in logs.values()])
         for logs in (clean, noisy)
     )
     exact, line = (np.abs(Linearisation.of(robot).response(w)) for w in (omega, fine))
@@ -124,8 +107,8 @@ def _gains(
     crosses = "crosses", {"omega_rad_per_s": omega, "gain_without_noise": quiet}
     circles = "circles", {"omega_rad_per_s": omega, "gain_with_noise": loud}
     curve = "line", {"curve_omega_rad_per_s": fine, "linearisation_gain": line}
-    axes = ("frequency in rad/s", "gain in rad per unit of input")
-    marks = {"(73)": peak, "(100) in Table 1": float(TABLE_1_PRINTED[1].split()[0])}
+    axes = (_POWER[0], "gain in rad per unit of input")
+    marks = {"(73)": peak, "(100) in Table 1": float(tables.TABLE_1_PRINTED[1].split()[0])}
     low, high = _PEAK
     seen = f"here at {tops[0]:g} and {tops[1]:g}; the resonance is {peak:.4g}"
     largest_at = f"both largest between {low} and {high} rad/s ({seen})"
@@ -195,8 +178,8 @@ def _real_gains(sines: Sequence[tuple[Log, Sine]]) -> ThesisFigure:
     curves, found, low, recorded = {}, [], [], set()
     for mass in sorted({log.added_mass for log, _ in sines}):
         name, group = f"{1e3 * mass.mass:g}", [x for x in sines if x[0].added_mass == mass]
-        omega, gain = np.transpose([scripted_amplitude(log) for log, _ in group])
-        found.append(by_100(omega, gain))
+        omega, gain = np.transpose([method.scripted_amplitude(log) for log, _ in group])
+        found.append(method.by_100(omega, gain))
         swings = [log.angle[steady_window(log, sine.omega)] for log, sine in group]
         told = np.array([(sine.omega, sine.amplitude) for _, sine in group])
         right = [rms_amplitude(swing - swing.mean()) for swing in swings] / told[:, 1]
@@ -205,7 +188,7 @@ def _real_gains(sines: Sequence[tuple[Log, Sine]]) -> ThesisFigure:
         columns = {f"omega_{name}g_rad_per_s": told[:, 0], f"gain_{name}g_dB": gain}
         curves[f"{name} g"] = "circles", columns
     printed = {f"{mass}:{pair}" for mass, row in _TABLE_3.items() for pair in row.split()}
-    same, seen, said = len(recorded & printed), digits(found), TABLE_4_PRINTED
+    same, seen, said = len(recorded & printed), digits(found), tables.TABLE_4_PRINTED
     inputs = f"inputs are the {len(printed)} of Table 3 (here {len(recorded)}, {same} as there)"
     claims = [
         Claim(f"(100) of them is {said} rad/s (here {seen})", seen == said),
@@ -214,25 +197,23 @@ def _real_gains(sines: Sequence[tuple[Log, Sine]]) -> ThesisFigure:
     ]
     marks = {f"Table 4, {k}": float(x) for k, x in zip(curves, said.split(), strict=True)}
     title = "Figure 12: gains (68) by (71) of the 41 logs, as scripted"
-    axes = ("frequency in rad/s", "gain in dB")
-    return ThesisFigure("figure_12", title, axes, curves, claims, marks)
+    return ThesisFigure("figure_12", title, (_POWER[0], "gain in dB"), curves, claims, marks)
 
 
-def regression_figures(synthetic: Synthetic, table_1: Row) -> list[ThesisFigure]:
-    """Return errors of the resonance, and of p1, beside those of Table 1's last column."""
-    return [_over_spacing(synthetic.rig.robot.lumped), _over_error(synthetic, table_1)]
-
-
-def _over_spacing(robot: LumpedParameters) -> ThesisFigure:
-    """Errors of (86) to (100) without noise, wherever the peak is between two gains."""
+def resonance_figure(robot: LumpedParameters) -> ThesisFigure:
+    """Return errors of (86) to (100) without noise, wherever the peak is between two gains."""
     peak, linear = resonance_frequency(robot), Linearisation.of(robot)
     top = float(abs(linear.response(peak))) ** 2
+
+    def by_90(sign: int) -> Callable[[Samples, Samples], float]:
+        return lambda w, g: method.between(w, g, lambda two: np.sqrt(top + sign * two**2))
+
     ways: dict[str, tuple[str, Callable[[Samples, Samples], float]]] = {
-        "(86) the largest": ("line", lambda w, g: float(largest(w, g)[0][0])),
-        "(90)": ("crosses", lambda w, g: between(w, g, lambda two: np.sqrt(two**2 + top))),
-        "(100)": ("circles", by_100),
-        "(89)": ("line", lambda w, g: parabola(w, g, (top * robot.p1 / robot.p4) ** 2)),
-        "(90) with A − g²": ("line", lambda w, g: between(w, g, lambda two: np.sqrt(top - two**2))),
+        "(86) the largest": ("line", lambda w, g: float(method.largest(w, g)[0][0])),
+        "(90)": ("crosses", by_90(1)),
+        "(100)": ("circles", method.by_100),
+        "(89)": ("line", lambda w, g: method.parabola(w, g, (top * robot.p1 / robot.p4) ** 2)),
+        "(90) with A − g²": ("line", by_90(-1)),
     }
     curves, finest = {}, []
     for name, (look, way) in ways.items():
@@ -253,16 +234,18 @@ def _over_spacing(robot: LumpedParameters) -> ThesisFigure:
     return ThesisFigure("resonance", title, axes, curves, claims, logarithmic="xy")
 
 
-def _over_error(synthetic: Synthetic, table_1: Row) -> ThesisFigure:
-    """Bias of p1 by (82) and (84), over the error of the resonances."""
+def regression_figure(synthetic: Synthetic, table_1: Row) -> ThesisFigure:
+    """Return the bias of p1 by (82) and (84), beside errors of Table 1's last column."""
     robot, masses = synthetic.rig.robot.lumped, [*synthetic.added_masses] * _REPEATS
-    inertia, moment = inertias_and_moments(masses)
+    inertia, moment = np.array([(m.inertia, m.gravity_moment) for m in masses]).T
     squares = (robot.p3 + moment) / (robot.p1 + inertia)  # (80)
     draws = np.random.default_rng(0).standard_normal((_DRAWS, squares.size))
     draws = 2 * np.sqrt(squares) * np.concatenate([draws, -draws])  # without odd powers of errors
     curves, last = {}, []
-    for name, weight in WEIGHTS.items():
-        found = [[regression(squares + e * d, masses, weight)[0] for d in draws] for e in _ERRORS]
+    for name, weight in method.WEIGHTS.items():
+        found = [
+            [method.regression(squares + e * d, masses, weight)[0] for d in draws] for e in _ERRORS
+        ]
         bias = 100 * np.abs(np.mean(found, axis=1) / robot.p1 - 1)
         curves[name] = "line", {"error_rad_per_s": _ERRORS, f"{name} in %": bias}
         last.append(float(bias[-1]))

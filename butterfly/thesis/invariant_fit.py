@@ -66,10 +66,7 @@ class ClosedLoop:
         return cls(log=log, gamma=gamma, period=orbit.period)
 
     def residuals(self, values: LumpedParameters) -> Samples:
-        """Return the (n,) differences in J whose squares (118) sums.
-
-        The exponents are integrals along the recorded motion, with which (114) is exact.
-        """
+        """Return the (n,) differences in J of (118), with exponents along the motion: exact."""
         angle, reach = self.log.angle, round(VELOCITY_SHARE * HALF_WIDTH / _STEP)
         velocity = slope(angle, reach, 4, _STEP)
         area = cumulative_trapezoid(velocity**2, dx=_STEP, initial=0)
@@ -84,10 +81,10 @@ class ClosedLoop:
         def found(shares: Samples) -> LumpedParameters:
             return replace(start, p3=shares[0] * start.p3, p4=shares[1] * start.p4)
 
-        def loss(shares: Samples) -> Samples:
-            return self.residuals(found(shares)) / start.p3
-
-        return found(least_squares(loss, [1.0, 1.0], bounds=(0, np.inf)).x)
+        scaled = least_squares(
+            lambda shares: self.residuals(found(shares)) / start.p3, [1, 1], bounds=(0, np.inf)
+        )
+        return found(scaled.x)
 
     def balanced(self, inertia: float) -> LumpedParameters:
         """Return all parameters by the energy balance with the recorded input, given p1."""
@@ -95,13 +92,9 @@ class ClosedLoop:
         return recalibrate([self.log], 0.0, options).loaded(inertia=inertia)
 
 
-def invariant_figures(robot: LumpedParameters) -> list[ThesisFigure]:
-    """Return what (118) makes of a robot's scale, and of its p4 in several cases."""
-    return [_by_scale(robot, ClosedLoop.of(robot, robot, 1e-4)), _by_case(robot)]
-
-
-def _by_scale(robot: LumpedParameters, loop: ClosedLoop) -> ThesisFigure:
-    curves, losses = {}, []
+def scale_figure(robot: LumpedParameters) -> ThesisFigure:
+    """Return what (118) makes of a robot's scale."""
+    loop, curves, losses = ClosedLoop.of(robot, robot, 1e-4), {}, []
     for name, scaled in (("p1 and p3", ("p1", "p3")), ("p3 with p1 held", ("p3",))):
         tried = [replace(robot, **{k: f * getattr(robot, k) for k in scaled}) for f in _FACTORS]
         losses.append(np.array([np.mean(loop.residuals(each) ** 2) for each in tried]))
@@ -121,7 +114,8 @@ def _by_scale(robot: LumpedParameters, loop: ClosedLoop) -> ThesisFigure:
     return ThesisFigure("invariant_scale", title, axes, curves, claims, {}, "xy", about=about)
 
 
-def _by_case(robot: LumpedParameters) -> ThesisFigure:
+def cases_figure(robot: LumpedParameters) -> ThesisFigure:
+    """Return what (118) makes of a robot's p4 in several cases."""
     cases = {
         "exact": (robot, 0.0),
         "1 mrad of noise": (robot, 1e-3),

@@ -7,10 +7,10 @@ balance instead. docs/theory.md lists each mistake beside the corrected formula.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import product
-from typing import ClassVar, Literal, NamedTuple
+from typing import ClassVar, Literal
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -77,34 +77,25 @@ class Thesis(Estimator):
         """Estimate from the sines of a data set (see `Estimator`)."""
         data.require_angles(self.method)
         found = fit_thesis(data.recorded, self.decimation)
-        return found.with_gain(best_gain(found.parameters, data))
-
-
-class ScriptedAmplitude(NamedTuple):
-    """The scripts' result of one log: the bin of the peak in rad/s, and the gain in dB."""
-
-    omega: float
-    gain_db: float
+        values = np.nan_to_num(found.values, nan=best_gain(found.parameters, data))
+        return replace(found, values=values)
 
 
 def scripted_gain(
     coarse: Samples, interval: float, summed: Samples, length: float, size: float
-) -> ScriptedAmplitude:
-    """Dominant DFT bin of samples at an interval in s, and gain by a sum over length samples.
+) -> tuple[float, float]:
+    """Return the peak's bin in rad/s, and the gain in dB to a sum over length samples.
 
-    As scripted: the bin frequencies are those of a record one sample shorter; the centre is
-    (min + max)/2; the gain, for an input of a size, is in dB.
+    As scripted, the bins are those of a record one sample shorter; the centre is (min + max)/2.
     """
     omega, power = periodogram(coarse, interval)
     centred = summed - (coarse.max() + coarse.min()) / 2
-    return ScriptedAmplitude(
-        omega=float(omega[power.argmax()]) * coarse.size / (coarse.size - 1),
-        gain_db=20 * math.log10(math.sqrt(2 * np.sum(centred**2) / length) / size),
-    )
+    gain = math.sqrt(2 * np.sum(centred**2) / length) / size
+    return omega[power.argmax()] * coarse.size / (coarse.size - 1), 20 * math.log10(gain)
 
 
-def scripted_amplitude(log: Log, decimation: int = DECIMATION) -> ScriptedAmplitude:
-    """Dominant DFT bin and gain of a log, steps 5 to 8 of the thesis's second script.
+def scripted_amplitude(log: Log, decimation: int = DECIMATION) -> tuple[float, float]:
+    """Return `scripted_gain` of a log, steps 5 to 8 of the thesis's second script.
 
     Repeated timestamps are kept, and the gain sums the decimated samples with the undecimated step:
     it is 7 dB low at every 5th sample, 14 dB at every 25th.
@@ -122,23 +113,18 @@ def scripted_amplitude(log: Log, decimation: int = DECIMATION) -> ScriptedAmplit
     return scripted_gain(steady, decimation * step, steady, _WINDOW / step, size)
 
 
-def largest(omega: Samples, gain: Samples, count: int = 2) -> tuple[Samples, Samples]:
-    """Return the frequencies in rad/s of the largest of (n,) gains, and these, the top first (86).
-
-    Raises InputError if there are fewer than ``count``.
-    """
-    if gain.size < count:
-        raise InputError("resonance", "gains", gain.size, f"{count} or more")
-    order = np.argsort(gain)[::-1][:count]
+def largest(omega: Samples, gain: Samples) -> tuple[Samples, Samples]:
+    """Return the frequencies in rad/s of the two largest gains, and these, the top first (86)."""
+    if gain.size < 2:  # noqa: PLR2004
+        raise InputError("resonance", "gains", gain.size, "2 or more")
+    order = np.argsort(gain)[:-3:-1]
     return omega[order], gain[order]
 
 
 def between(omega: Samples, gain: Samples, weight: Callable[[Samples], Samples]) -> float:
-    """Return the resonance in rad/s by (90), from the two largest gains.
+    """Return the resonance in rad/s by (90): weights of the squares, each by the other's gain g.
 
-    It averages their squared frequencies, each weighted by a function of the other's gain: as
-    printed sqrt(g^2 + A), with A = |G(w_opt)|^2, and in (100) sqrt(g^2 + g_(K)^2); right would be
-    sqrt(A - g^2), and exact sqrt(1/g^2 - 1/A).
+    Printed: sqrt(g^2 + A), A = |G(w_opt)|^2; right: sqrt(A - g^2); exact: sqrt(1/g^2 - 1/A).
     """
     w, g = largest(omega, gain)
     shares = weight(g)[::-1]
@@ -151,25 +137,17 @@ def by_100(omega: Samples, gain: Samples) -> float:
 
 
 def parabola(omega: Samples, gain: Samples, curvature: float) -> float:
-    """Return the resonance in rad/s by (89), from the two largest gains.
-
-    Next to its peak |G|^2 is A - B (w^2 - w_opt^2)^2; the ``curvature`` B has to be known.
-    """
+    """Return the resonance in rad/s by (89): |G|^2 = A - B (w^2 - w_opt^2)^2, B the curvature."""
     w, g = largest(omega, gain)
     x, y = w**2, g**2
     return math.sqrt(max(x.mean() + (y[0] - y[1]) / (x[0] - x[1]) / (2 * curvature), 0.0))
-
-
-def inertias_and_moments(masses: Iterable[AddedMass]) -> Samples:
-    """Return Z and X (81) of n masses, (2, n)."""
-    return np.array([(mass.inertia, mass.gravity_moment) for mass in masses]).T
 
 
 def regression(
     squares: Samples, masses: Sequence[AddedMass], weight: Callable[[float, Samples], Samples]
 ) -> Samples:
     """Return p1 in kg m^2, p3 in N m by (n,) squared resonances Y in rad^2/s^2 and `WEIGHTS`."""
-    inertia, moment = inertias_and_moments(masses)
+    inertia, moment = np.array([(m.inertia, m.gravity_moment) for m in masses]).T
     rows = np.column_stack([-squares, np.ones(squares.size)])
     start = np.linalg.lstsq(rows, squares * inertia - moment)[0]
 
@@ -192,7 +170,7 @@ def fit_resonances(
     the (m, 3) Jacobian of the residuals there; `p2` in N m s/rad is fixed if given.
     """
     measured = np.square(list(resonances.values()))
-    inertia, moment = inertias_and_moments(resonances)
+    inertia, moment = np.array([(m.inertia, m.gravity_moment) for m in resonances]).T
 
     def values(shares: Samples) -> Samples:
         p1, damping, p3 = shares * upper

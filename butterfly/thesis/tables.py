@@ -19,18 +19,12 @@ from butterfly.logs.thesis_logs import found_folder
 from butterfly.model.control_bridge import transfer_function
 from butterfly.model.greybox import simulate
 from butterfly.model.linear import resonance_frequency
-from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
+from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 from butterfly.model.prior import Prior
 from butterfly.plant.rig import Rig
 from butterfly.signals.frequency_response import ResponsePoint, response_point
 from butterfly.thesis.claims import digits
-from butterfly.thesis.method import (
-    ScriptedAmplitude,
-    by_100,
-    fit_resonances,
-    fit_thesis,
-    scripted_gain,
-)
+from butterfly.thesis.method import by_100, fit_resonances, fit_thesis, scripted_gain
 
 COARSE = 4
 """Keep every n-th sample of the synthetic data, as the scripts do: 0.04 s."""
@@ -58,9 +52,8 @@ class Synthetic:
 def synthetic_log(synthetic: Synthetic, added: AddedMass, sine: Sine, *, noise: bool) -> Log:
     """Simulate one response of the thesis's synthetic robot to a continuous sine, like Simulink."""
     clock = synthetic.rig.clock
-    step = clock.step
-    time = step * np.arange(clock.count(synthetic.duration) + 1, dtype=np.float64)
-    instants = np.column_stack([time[:-1], time[:-1] + step / 2, time[1:]])
+    time = clock.step * np.arange(clock.count(synthetic.duration) + 1, dtype=np.float64)
+    instants = np.column_stack([time[:-1], time[:-1] + clock.step / 2, time[1:]])
     loaded = synthetic.rig.robot.lumped.with_added_mass(added)
     angle, _ = simulate(loaded, time, sine.sample(instants), _START)
     source = synthetic.rig.encoder.band_limited
@@ -98,7 +91,7 @@ def has_real_logs(root: Path | None) -> bool:
     return root is not None or found_folder() is not None
 
 
-def scripted_point(log: Log) -> ScriptedAmplitude:
+def scripted_point(log: Log) -> tuple[float, float]:
     """Dominant DFT bin and gain in dB, as in the thesis's first script."""
     assert log.excitation is not None  # noqa: S101 - synthetic logs are sines
     step = log.mean_step
@@ -107,7 +100,7 @@ def scripted_point(log: Log) -> ScriptedAmplitude:
     return scripted_gain(coarse, COARSE * step, fine, _WINDOW / step, log.excitation.amplitude)
 
 
-def scripted_resonance(points: Sequence[ScriptedAmplitude]) -> float:
+def scripted_resonance(points: Sequence[tuple[float, float]]) -> float:
     """(100) with the first script's mistake: an index into the array without its maximum."""
     omega, gain = np.transpose(points)
     first = gain.argmax()
@@ -116,13 +109,9 @@ def scripted_resonance(points: Sequence[ScriptedAmplitude]) -> float:
 
 
 def complex_resonance(points: Sequence[ResponsePoint]) -> float:
-    """Return the resonance (73) in rad/s from the complex responses of one loaded robot.
-
-    p1 is taken as 1, which makes the others a1, a0 and b0 of (72).
-    """
+    """Return the resonance (73) in rad/s from complex responses; p1 = 1 is as good as any."""
     bare = [replace(point, added_mass=NO_ADDED_MASS) for point in points]
-    found = Linear().of_points(bare, Prior.of({"p1": 1.0})).named
-    return resonance_frequency(LumpedParameters(p1=1.0, **found))
+    return resonance_frequency(Linear().of_points(bare, Prior.of({"p1": 1.0})).parameters)
 
 
 def reproduce(synthetic: Synthetic, root: Path | None = None) -> list[Row]:

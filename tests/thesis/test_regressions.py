@@ -9,7 +9,7 @@ from scipy.optimize import curve_fit, least_squares
 from butterfly.cli.experiments import thesis_robot
 from butterfly.errors import InputError
 from butterfly.model.parameters import AddedMass
-from butterfly.thesis.figures import regression_figures
+from butterfly.thesis.figures import regression_figure, resonance_figure
 from butterfly.thesis.method import WEIGHTS, between, by_100, largest, parabola, regression
 from butterfly.thesis.tables import TABLE_1_PRINTED, Row
 
@@ -93,7 +93,8 @@ def test_orthogonal_distances_are_those_with_the_true_abscissae_as_unknowns():
 def test_the_figures_say_what_is_biased_and_what_is_not():
     corrected = "3.8783 3.9740 4.2434 4.6491 5.1441"
     row = Row(what="", published=TABLE_1_PRINTED[1], obtained="", corrected=corrected)
-    resonance, p1 = regression_figures(thesis_robot(), row)
+    synthetic = thesis_robot()
+    resonance, p1 = resonance_figure(synthetic.rig.robot.lumped), regression_figure(synthetic, row)
     assert [claim.holds for claim in resonance.claims] == [True, False]
     assert all(claim.holds for claim in p1.claims)
     assert p1.marks["(100)"] == pytest.approx(0.166, abs=1e-3)
