@@ -105,11 +105,10 @@ def reproduce(
         Write a page with Figures 3-12 and more, and each as CSV, PNG and SVG, to this folder.
     """
     from butterfly.result import document  # noqa: PLC0415 - slow to import
-    from butterfly.thesis import figures, invariant_fit  # noqa: PLC0415
-    from butterfly.thesis.tables import TABLE_1_PRINTED, has_real_logs, reproduce  # noqa: PLC0415
+    from butterfly.thesis import figures, invariant_fit, tables  # noqa: PLC0415
 
-    synthetic, real = thesis_robot(), has_real_logs(root)
-    rows, drawn = reproduce(synthetic, root), []
+    synthetic, real = thesis_robot(), tables.has_real_logs(root)
+    rows, drawn = tables.reproduce(synthetic, root), []
     title = "The thesis: published and reproduced values"
     heads = ("figures", "published", "reproduced", "same", "corrected")
     cells = [(*row[:3], "yes" if row.agrees else "no", row.corrected) for row in rows]
@@ -122,7 +121,7 @@ def reproduce(
     if out is not None:
         drawn = figures.synthetic_figures(synthetic)
         drawn += figures.real_figures(root) if real else []
-        table_1 = next(row for row in rows if row.published == TABLE_1_PRINTED[1])
+        table_1 = next(row for row in rows if row.published == tables.TABLE_1_PRINTED[1])
         robot, biases = synthetic.rig.robot.lumped, figures.regression_figure(synthetic, table_1)
         drawn += [figures.resonance_figure(robot), biases]
         drawn += [invariant_fit.scale_figure(robot), invariant_fit.cases_figure(robot)]

@@ -59,10 +59,9 @@ class ThesisFigure:
 
     def write(self, folder: Path) -> None:
         """Write all columns as ``folder``/NAME.csv."""
-        texts = (
-            [x if isinstance(x, str) else f"{x:.9g}" for x in v] for v in self.columns.values()
-        )
-        rows = [[*self.columns], *zip_longest(*texts, fillvalue="nan"), [""]]
+        columns = self.columns
+        texts = ([x if isinstance(x, str) else f"{x:.9g}" for x in v] for v in columns.values())
+        rows = [[*columns], *zip_longest(*texts, fillvalue="nan"), [""]]
         write_file(folder / f"{self.name}.csv", "\n".join(map(",".join, rows)))
 
 

@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.files import shipped
@@ -20,6 +19,7 @@ from butterfly.signals.frequency_response import steady_window
 from butterfly.signals.spectrum import periodogram, resample, rms_amplitude, uniform_grid
 from butterfly.thesis import method, tables
 from butterfly.thesis.claims import CLOSE, Claim, ThesisFigure, digits, near
+from butterfly.thesis.method import between
 from butterfly.thesis.tables import Row, Synthetic, synthetic_log
 
 _WINDOW, _REAL_WINDOW = 40.0, 30.0  # s of Figures 6 and 11
@@ -86,20 +86,18 @@ def _leakage(angle: Samples, step: float, omega: float) -> ThesisFigure:
     return ThesisFigure("figure_06", title, _POWER, curves, claims, {}, "y", (0, 3 * omega))
 
 
-def _other_peaks(power: Samples) -> NDArray[np.intp]:
+def _other_peaks(power: Samples) -> list[int]:
     """Return where (n,) powers have other local maxima than the largest, the larger first."""
     peaks = 1 + np.flatnonzero((power[1:-1] > power[:-2]) & (power[1:-1] > power[2:]))
-    return np.asarray(sorted(peaks[power[peaks] < power.max()], key=lambda k: -power[k]), np.intp)
+    return sorted(peaks[power[peaks] < power.max()].tolist(), key=lambda k: -power[k])
 
 
-def _gains(
-    robot: LumpedParameters, clean: Mapping[float, Log], noisy: Mapping[float, Log]
-) -> list[ThesisFigure]:
+def _gains(robot: LumpedParameters, *logs: Mapping[float, Log]) -> list[ThesisFigure]:
     """Return Figures 7 and 8, from the logs by frequency without and with noise."""
-    omega, fine = np.array([*clean]), np.linspace(0.5, 8.0, 400)
+    omega, fine = np.array([*logs[0]]), np.linspace(0.5, 8.0, 400)
     quiet, loud = (
-        np.array([10 ** (tables.scripted_point(log)[1] / 20) for log in logs.values()])
-        for logs in (clean, noisy)
+        np.array([10 ** (tables.scripted_point(log)[1] / 20) for log in each.values()])
+        for each in logs
     )
     exact, line = (np.abs(Linearisation.of(robot).response(w)) for w in (omega, fine))
     off, above = 100 * np.abs(quiet / exact - 1).max(), 100 * ((loud / quiet).max() - 1)
@@ -204,16 +202,12 @@ def resonance_figure(robot: LumpedParameters) -> ThesisFigure:
     """Return errors of (86) to (100) without noise, wherever the peak is between two gains."""
     peak, linear = resonance_frequency(robot), Linearisation.of(robot)
     top = float(abs(linear.response(peak))) ** 2
-
-    def by_90(sign: int) -> Callable[[Samples, Samples], float]:
-        return lambda w, g: method.between(w, g, lambda two: np.sqrt(top + sign * two**2))
-
     ways: dict[str, tuple[str, Callable[[Samples, Samples], float]]] = {
         "(86) the largest": ("line", lambda w, g: float(method.largest(w, g)[0][0])),
-        "(90)": ("crosses", by_90(1)),
+        "(90)": ("crosses", lambda w, g: between(w, g, lambda x: np.sqrt(top + x**2))),
         "(100)": ("circles", method.by_100),
         "(89)": ("line", lambda w, g: method.parabola(w, g, (top * robot.p1 / robot.p4) ** 2)),
-        "(90) with A − g²": ("line", by_90(-1)),
+        "(90) with A − g²": ("line", lambda w, g: between(w, g, lambda x: np.sqrt(top - x**2))),
     }
     curves, finest = {}, []
     for name, (look, way) in ways.items():

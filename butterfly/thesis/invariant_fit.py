@@ -6,7 +6,8 @@ it believes that the controller is exact. What else the input did is put down to
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid, solve_ivp
@@ -32,8 +33,7 @@ _MULTIPLIER = 0.5  # share of I that a period leaves
 _FACTORS = np.geomspace(0.1, 10, 21)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ClosedLoop:
+class ClosedLoop(NamedTuple):
     """A run of (5) under (103), (109) in continuous time, from beside the orbit."""
 
     log: Log
@@ -81,10 +81,10 @@ class ClosedLoop:
         def found(shares: Samples) -> LumpedParameters:
             return replace(start, p3=shares[0] * start.p3, p4=shares[1] * start.p4)
 
-        scaled = least_squares(
-            lambda shares: self.residuals(found(shares)) / start.p3, [1, 1], bounds=(0, np.inf)
+        best = least_squares(
+            lambda x: self.residuals(found(x)) / start.p3, [1, 1], bounds=(0, np.inf)
         )
-        return found(scaled.x)
+        return found(best.x)
 
     def balanced(self, inertia: float) -> LumpedParameters:
         """Return all parameters by the energy balance with the recorded input, given p1."""

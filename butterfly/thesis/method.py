@@ -34,22 +34,22 @@ UPPER_BOUNDS = (0.10326, 0.02, 4.08096)
 DECIMATION = 25
 """Every 25th sample gives Table 4; every 5th the input of Table 5."""
 
-WEIGHTS: dict[str, Callable[[float, Samples], Samples]] = {
+Weight = Callable[[float, Samples], Samples]
+
+WEIGHTS: dict[str, Weight] = {
     "(84) linear": lambda _, inertia: np.ones(inertia.size),
     "(82) nonlinear": lambda p1, inertia: 1 / (p1 + inertia),
     "(84) orthogonal distance": lambda p1, inertia: 1 / np.hypot(p1, inertia),
 }
 """Weights of the equations Y (p1 + Z) = p3 + X of (84), given p1 and (n,) Z.
 
-Linear regression has none, although the errors of Y are in its regressor: that shrinks p1. Divided
-by p1 + Z their errors are those of (82). Distances (ODRPACK) to the line count the errors of Y and
-Z Y as independent, the true abscissae eliminated.
+Linear regression has none, although errors of Y in its regressor shrink p1; over p1 + Z they are
+those of (82). Distances (ODRPACK) take errors of Y and Z Y as independent, without the abscissae.
 """
 
 _WINDOW = 30.0
 _STARTS = (0.03, 0.3, 0.9)  # shares of the upper bounds from which (102) is minimised
 _INSIDE = (1e-9, 0.999)  # shares of them that are on no bound
-_UNESTIMATED = ("coulomb", "delay", "p4")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,9 +143,7 @@ def parabola(omega: Samples, gain: Samples, curvature: float) -> float:
     return math.sqrt(max(x.mean() + (y[0] - y[1]) / (x[0] - x[1]) / (2 * curvature), 0.0))
 
 
-def regression(
-    squares: Samples, masses: Sequence[AddedMass], weight: Callable[[float, Samples], Samples]
-) -> Samples:
+def regression(squares: Samples, masses: Sequence[AddedMass], weight: Weight) -> Samples:
     """Return p1 in kg m^2, p3 in N m by (n,) squared resonances Y in rad^2/s^2 and `WEIGHTS`."""
     inertia, moment = np.array([(m.inertia, m.gravity_moment) for m in masses]).T
     rows = np.column_stack([-squares, np.ones(squares.size)])
@@ -181,10 +179,8 @@ def fit_resonances(
         loaded = p1 + inertia
         return np.asarray((p3 + moment) / loaded - 0.5 * (damping / loaded) ** 2 - measured)
 
-    fits = [
-        least_squares(residuals, start, bounds=(0, 1), xtol=1e-15, ftol=1e-15, gtol=1e-15)
-        for start in product(_STARTS, repeat=3)
-    ]
+    tight = {"bounds": (0, 1), "xtol": 1e-15, "ftol": 1e-15, "gtol": 1e-15}
+    fits = (least_squares(residuals, start, **tight) for start in product(_STARTS, repeat=3))
     best = min(fits, key=lambda fit: fit.cost)
     return values(best.x), best.jac / upper
 
@@ -213,7 +209,7 @@ def fit_thesis(logs: Sequence[Log], decimation: int = DECIMATION) -> Estimate:
         condition=conditioning.number,
         on_bound=on_bound,
         findings=(
-            Finding(FindingKind.NOT_ESTIMATED, _UNESTIMATED),
+            Finding(FindingKind.NOT_ESTIMATED, ("coulomb", "delay", "p4")),
             Finding(FindingKind.NO_UNCERTAINTY, PARAMETERS[:3], number=len(resonances)),
             *conditioning.findings,
             *([Finding(FindingKind.PULLED, on_bound)] if on_bound else []),
