@@ -110,9 +110,8 @@ def reproduce(
     synthetic, real = thesis_robot(), tables.has_real_logs(root)
     rows, drawn = tables.reproduce(synthetic, root), []
     title = "The thesis: published and reproduced values"
-    heads = ("figures", "published", "reproduced", "same", "corrected")
     cells = [(*row[:3], "yes" if row.agrees else "no", row.corrected) for row in rows]
-    show_table(title, heads, cells)
+    show_table(title, ("figures", "published", "reproduced", "same", "corrected"), cells)
     for row in rows:
         if row.note:
             say(f"{row.what}: {row.note}")

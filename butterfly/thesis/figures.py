@@ -95,10 +95,8 @@ def _other_peaks(power: Samples) -> list[int]:
 def _gains(robot: LumpedParameters, *logs: Mapping[float, Log]) -> list[ThesisFigure]:
     """Return Figures 7 and 8, from the logs by frequency without and with noise."""
     omega, fine = np.array([*logs[0]]), np.linspace(0.5, 8.0, 400)
-    quiet, loud = (
-        np.array([10 ** (tables.scripted_point(log)[1] / 20) for log in each.values()])
-        for each in logs
-    )
+    gains = np.array([[tables.scripted_point(log)[1] for log in each.values()] for each in logs])
+    quiet, loud = 10 ** (gains / 20)
     exact, line = (np.abs(Linearisation.of(robot).response(w)) for w in (omega, fine))
     off, above = 100 * np.abs(quiet / exact - 1).max(), 100 * ((loud / quiet).max() - 1)
     tops, peak = [omega[each.argmax()] for each in (quiet, loud)], resonance_frequency(robot)

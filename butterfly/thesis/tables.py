@@ -142,9 +142,8 @@ def reproduce(synthetic: Synthetic, root: Path | None = None) -> list[Row]:
     ]
     truth = "true: 0.0033 0.0010 0.0491; corrected: from the complex fit's resonances"
     for what, printed, upper, p2 in _TABLE_2:
-        kept = slice(None, None, 1 if p2 is None else 2)
         fits = (fit_resonances(each, upper, p2=p2)[0] for each in (scripted, right))
-        found, better = (digits(fit[kept]) for fit in fits)
+        found, better = (digits(fit[:: 1 if p2 is None else 2]) for fit in fits)
         rows.append(Row(f"{what}: (102)", printed, found, better, truth))
     return rows + (_real_rows(root) if has_real_logs(root) else [])
 
