@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -106,45 +105,37 @@ def reproduce(
         Write a page with Figures 3-12 and more, and each as CSV, PNG and SVG, to this folder.
     """
     from butterfly.result import document  # noqa: PLC0415 - slow to import
-    from butterfly.thesis.figures import real_figures, synthetic_figures  # noqa: PLC0415
-    from butterfly.thesis.invariant_fit import invariant_figures  # noqa: PLC0415
-    from butterfly.thesis.regressions import regression_figures  # noqa: PLC0415
-    from butterfly.thesis.tables import TABLE_1_PRINTED, has_real_logs, reproduce  # noqa: PLC0415
+    from butterfly.thesis import figures, invariant_fit, tables  # noqa: PLC0415
 
-    synthetic, real = thesis_robot(), has_real_logs(root)
-    rows, figures = reproduce(synthetic, root), []
+    synthetic, real = thesis_robot(), tables.has_real_logs(root)
+    rows, drawn = tables.reproduce(synthetic, root), []
     title = "The thesis: published and reproduced values"
-    show_table(
-        title,
-        ("figures", "published", "reproduced", "same", "corrected"),
-        [
-            (row.what, row.published, row.obtained, "yes" if row.agrees else "no", row.corrected)
-            for row in rows
-        ],
-    )
+    cells = [(*row[:3], "yes" if row.agrees else "no", row.corrected) for row in rows]
+    show_table(title, ("figures", "published", "reproduced", "same", "corrected"), cells)
     for row in rows:
         if row.note:
             say(f"{row.what}: {row.note}")
     if not real:
         say("Tables 4 and 5 need the real logs: run `butterfly fetch` or pass --root FOLDER.")
     if out is not None:
-        figures = [*synthetic_figures(synthetic), *(real_figures(root) if real else [])]
-        table_1 = next(row for row in rows if row.published == TABLE_1_PRINTED[1])
-        figures += regression_figures(synthetic, table_1)
-        figures += invariant_figures(synthetic.rig.robot.lumped)
-    for figure in figures:
+        drawn = figures.synthetic_figures(synthetic)
+        drawn += figures.real_figures(root) if real else []
+        table_1 = next(row for row in rows if row.published == tables.TABLE_1_PRINTED[1])
+        robot, biases = synthetic.rig.robot.lumped, figures.regression_figure(synthetic, table_1)
+        drawn += [figures.resonance_figure(robot), biases]
+        drawn += [invariant_fit.scale_figure(robot), invariant_fit.cases_figure(robot)]
+    for figure in drawn:
         say(f"{figure.title}. {figure.sentence}")
     content = {
-        "rows": [{**asdict(row), "same": row.agrees} for row in rows],
-        "figures": [{k: getattr(f, k) for k in ("name", "title", "sentence")} for f in figures],
+        "rows": [{**row._asdict(), "same": row.agrees} for row in rows],
+        "figures": [{k: getattr(f, k) for k in ("name", "title", "sentence")} for f in drawn],
     }
-    alike = sum(row.agrees for row in rows)
-    summary = (f"{alike} of {len(rows)} published values are reproduced.",)
-    numbers = document("reproduction", title, content, summary=summary)
+    alike = f"{sum(row.agrees for row in rows)} of {len(rows)} published values are reproduced."
+    numbers = document("reproduction", title, content, summary=(alike,))
     if out is not None:
         from butterfly.report.thesis_page import write_thesis  # noqa: PLC0415
 
-        say(f"Report: {write_thesis(out, figures, numbers)}")
+        say(f"Report: {write_thesis(out, drawn, numbers)}")
     write_json(numbers)
 
 
@@ -153,13 +144,8 @@ def thesis_robot() -> Synthetic:
     from butterfly.experiment.source import read_experiment  # noqa: PLC0415
     from butterfly.thesis.tables import Synthetic  # noqa: PLC0415
 
-    experiment = read_experiment(shipped("experiments/thesis/synthetic.yaml"))
-    return Synthetic(
-        rig=experiment.plant.rig,
-        added_masses=experiment.added_masses,
-        sines=experiment.excitations,
-        duration=experiment.duration,
-    )
+    found = read_experiment(shipped("experiments/thesis/synthetic.yaml"))
+    return Synthetic(found.plant.rig, found.added_masses, found.excitations, found.duration)
 
 
 def schema(

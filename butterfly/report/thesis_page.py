@@ -27,10 +27,8 @@ def write_thesis(folder: Path, figures: Sequence[ThesisFigure], numbers: dict[st
         kind="reproduction",
         summary=numbers["summary"],
         sections=[
-            Section(
-                title=f.title, text=f"{f.about}\n{f.sentence}".strip(), figures={f.name: drawn(f)}
-            )
-            for f in figures
+            Section(title=f.title, text=f"{f.about}\n{f.sentence}".strip(), figures={f.name: plot})
+            for f, plot in zip(figures, map(drawn, figures), strict=True)
         ],
         numbers=numbers,
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import zip_longest
@@ -29,13 +28,6 @@ def near(what: str, said: float, seen: float, unit: str = "", within: float = 0.
     return Claim(f"{what} {said:.4g}{unit} (here {seen:.4g}{unit})", bool(holds))
 
 
-class Plotted(NamedTuple):
-    """Two columns, each a name with its unit and (n,) values, drawn against each other."""
-
-    look: str  # line, dots, circles or crosses
-    columns: Mapping[str, Samples]
-
-
 @dataclass(frozen=True, eq=False)
 class ThesisFigure:
     """Curves by their names in the legend, how they are drawn, and claims on them."""
@@ -43,7 +35,8 @@ class ThesisFigure:
     name: str  # of its files
     title: str
     axes: tuple[str, str]
-    curves: Mapping[str, Plotted]
+    # a look (line, dots, circles or crosses), and two columns of (n,) values by name and unit
+    curves: Mapping[str, tuple[str, Mapping[str, Samples]]]
     claims: Sequence[Claim]
     marks: Mapping[str, float] = field(default_factory=dict)  # abscissae that are printed
     logarithmic: str = ""  # axes, of "xy"
@@ -59,13 +52,17 @@ class ThesisFigure:
             parts += [f"{how}: {some}."] if some else []
         return " ".join(parts)
 
+    @property
+    def columns(self) -> dict[str, Samples]:
+        """All columns by name."""
+        return {k: v for _, columns in self.curves.values() for k, v in columns.items()}
+
     def write(self, folder: Path) -> None:
         """Write all columns as ``folder``/NAME.csv."""
-        columns = {k: v for each in self.curves.values() for k, v in each.columns.items()}
-        values = zip_longest(*(each.tolist() for each in columns.values()), fillvalue=math.nan)
-        rows = [[x if isinstance(x, str) else f"{x:.9g}" for x in row] for row in values]
-        lines = [",".join(row) for row in ([*columns], *rows, [""])]
-        write_file(folder / f"{self.name}.csv", "\n".join(lines))
+        columns = self.columns
+        texts = ([x if isinstance(x, str) else f"{x:.9g}" for x in v] for v in columns.values())
+        rows = [[*columns], *zip_longest(*texts, fillvalue="nan"), [""]]
+        write_file(folder / f"{self.name}.csv", "\n".join(map(",".join, rows)))
 
 
 def digits(values: Iterable[float]) -> str:

@@ -1,9 +1,9 @@
-"""The thesis's Figures 3 to 12: their data, and what it says of them."""
+"""The thesis's Figures 3 to 12 and its formulas (82) to (100): data, and what it says of them."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,10 +17,10 @@ from butterfly.model.linear import Linearisation, resonance_frequency
 from butterfly.model.parameters import NO_ADDED_MASS, LumpedParameters
 from butterfly.signals.frequency_response import steady_window
 from butterfly.signals.spectrum import periodogram, resample, rms_amplitude, uniform_grid
-from butterfly.thesis import tables
-from butterfly.thesis.claims import CLOSE, Claim, Plotted, ThesisFigure, digits, near
-from butterfly.thesis.method import scripted_amplitude, scripted_resonance
-from butterfly.thesis.tables import COARSE, Synthetic
+from butterfly.thesis import method, tables
+from butterfly.thesis.claims import CLOSE, Claim, ThesisFigure, digits, near
+from butterfly.thesis.method import between
+from butterfly.thesis.tables import Row, Synthetic, synthetic_log
 
 _WINDOW, _REAL_WINDOW = 40.0, 30.0  # s of Figures 6 and 11
 _STEP = 0.04  # s, to which the responses are resampled
@@ -28,6 +28,10 @@ _SHOWN = (0.154, 14.0)  # kg and rad/s of Figures 9 to 11
 _SWING = 10.0  # degrees, to which the synthetic robot is to keep
 _PEAK = (3.5, 4.0)  # rad/s, between which Figure 7 is to peak
 _SLIGHTLY = 1.5  # ms, until which an interval is slightly above 1 ms
+_SPACINGS = np.geomspace(0.01, 0.5, 9)  # rad/s between gains
+_PLACES = np.arange(-6, 7) + (np.arange(20)[:, None] + 0.5) / 20  # of them beside the peak
+_ERRORS = np.geomspace(3e-4, 0.3, 7)  # rad/s, of resonances
+_REPEATS, _DRAWS = 20, 10  # resonances of each mass, and how often they are drawn
 _TABLE_3 = {  # printed frequencies in rad/s, and amplitudes in thousandths, by mass in g
     "52": "2:8 2.5:8 3:6 3.5:5 4:3 4.5:3 5:3 5.5:4 6:10 8:20 10:40 12:60 14:80 16:100",
     "120.5": "3:15 3.5:10 4:10 4.5:10 4.75:10 5:10 5.5:8 6:4 6.5:6 7:10 10:20 12:40 14:70 16:100",
@@ -38,97 +42,81 @@ _TIME, _POWER = ("time in s", "angle in rad"), ("frequency in rad/s", "power in 
 
 def synthetic_figures(synthetic: Synthetic) -> list[ThesisFigure]:
     """Return Figures 3 to 8, of the synthetic robot."""
+    robot, size, figures = synthetic.rig.robot.lumped, synthetic.sines[0].amplitude, []
     clean, noisy = (
-        {
-            sine.omega: tables.synthetic_log(synthetic, NO_ADDED_MASS, sine, noise=noise)
-            for sine in synthetic.sines
-        }
+        {s.omega: synthetic_log(synthetic, NO_ADDED_MASS, s, noise=noise) for s in synthetic.sines}
         for noise in (False, True)
     )
-    robot, size, swings = synthetic.rig.robot.lumped, synthetic.sines[0].amplitude, []
     for number, omega in ((3, 4.0), (4, 7.0)):
         log, said = clean[omega], size * float(abs(Linearisation.of(robot).response(omega)))
         seen = rms_amplitude(log.angle[steady_window(log, omega)])
         most = math.degrees(np.abs(log.angle).max())
-        curves = {"simulated": Plotted("line", {"time_s": log.time, "angle_rad": log.angle})}
         claims = [
             Claim(f"within ±{_SWING:g}° (here ±{most:.2f}°)", most <= _SWING),
             near("steady amplitude A|G(jω)| (20) of", 1e3 * said, 1e3 * seen, " mrad"),
         ]
+        curves = {"simulated": ("line", {"time_s": log.time, "angle_rad": log.angle})}
         title = f"Figure {number}: response to a sine of {omega:g} rad/s"
-        swings.append(ThesisFigure(f"figure_{number:02d}", title, _TIME, curves, claims))
-    time, angle = clean[4.0].time[::COARSE], clean[4.0].angle[::COARSE]
-    dots = Plotted("dots", {"coarse_time_s": time, "coarse_angle_rad": angle})
-    curves, step = {**swings[0].curves, "down-sampled": dots}, float(np.diff(time).mean())
+        figures.append(ThesisFigure(f"figure_{number:02d}", title, _TIME, curves, claims))
+    time, angle = clean[4.0].time[:: tables.COARSE], clean[4.0].angle[:: tables.COARSE]
+    dots, step = {"coarse_time_s": time, "coarse_angle_rad": angle}, float(np.diff(time).mean())
+    both = {**figures[0].curves, "down-sampled": ("dots", dots)}
     title = "Figure 5: the response of Figure 3, down-sampled"
     claims = [near("a step of", _STEP, step, " s")]
-    sampled = ThesisFigure("figure_05", title, _TIME, curves, claims, shown=(50, 60))
-    return [*swings, sampled, _leakage(angle, step, 4.0), *_gains(robot, clean, noisy)]
+    figures.append(ThesisFigure("figure_05", title, _TIME, both, claims, shown=(50, 60)))
+    return [*figures, _leakage(angle, step, 4.0), *_gains(robot, clean, noisy)]
 
 
 def _leakage(angle: Samples, step: float, omega: float) -> ThesisFigure:
     """Return Figure 6, whose window holds no whole periods: hence its flanks."""
-    whole = _WINDOW - _WINDOW % (2 * math.pi / omega)
     curves, beside = {}, []
-    for kind, window in (("", _WINDOW), ("whole_", whole)):
+    for kind, window in (("", _WINDOW), ("whole_", _WINDOW - _WINDOW % (2 * math.pi / omega))):
         bins, power = periodogram(angle[-math.floor(window / step) :], step)
         columns = {f"{kind}omega_rad_per_s": bins, f"{kind}power_rad2": power}
-        curves[f"last {window:.4g} s"] = Plotted("line", columns)
+        curves[f"last {window:.4g} s"] = "line", columns
         beside.append(100 * (1 - np.sort(power)[-3:].sum() / power.sum()))
-    bins, power = curves[f"last {_WINDOW:g} s"].columns.values()
-    others = _other_peaks(bins, power)
+    bins, power = curves[f"last {_WINDOW:g} s"][1].values()
+    others, away = len(_other_peaks(power)), f"{beside[0]:.2g} % of the power is beside three bins"
+    why = f"{away}, {beside[1]:.1g} % in a window of whole periods: leakage"
     claims = [
         near("dominant frequency", omega, bins[power.argmax()], " rad/s", bins[0] / 2),
-        Claim(
-            f"several other peaks (here {len(others)}; {beside[0]:.2g} % of the power is beside "
-            f"three bins, {beside[1]:.1g} % in a window of whole periods: leakage)",
-            len(others) > 1,
-        ),
+        Claim(f"several other peaks (here {others}; {why})", others > 1),
     ]
     title = f"Figure 6: periodogram of the last {_WINDOW:g} s of Figure 5"
     return ThesisFigure("figure_06", title, _POWER, curves, claims, {}, "y", (0, 3 * omega))
 
 
-def _other_peaks(bins: Samples, power: Samples) -> list[tuple[float, float]]:
-    """Return frequency, and share of the largest, of all other local maxima, the larger first."""
-    inner = power[1:-1]
-    tops = 1 + np.flatnonzero((inner > power[:-2]) & (inner > power[2:]))
-    order = tops[np.argsort(power[tops])[::-1]]
-    return [
-        (float(bins[k]), float(power[k] / power.max())) for k in order if power[k] < power.max()
-    ]
+def _other_peaks(power: Samples) -> list[int]:
+    """Return where (n,) powers have other local maxima than the largest, the larger first."""
+    peaks = 1 + np.flatnonzero((power[1:-1] > power[:-2]) & (power[1:-1] > power[2:]))
+    return sorted(peaks[power[peaks] < power.max()].tolist(), key=lambda k: -power[k])
 
 
-def _gains(
-    robot: LumpedParameters, clean: Mapping[float, Log], noisy: Mapping[float, Log]
-) -> list[ThesisFigure]:
+def _gains(robot: LumpedParameters, *logs: Mapping[float, Log]) -> list[ThesisFigure]:
     """Return Figures 7 and 8, from the logs by frequency without and with noise."""
-    omega, fine = np.array([*clean]), np.linspace(0.5, 8.0, 400)
-    quiet, loud = (
-        np.array([10 ** (tables.scripted_point(log).gain_db / 20) for log in logs.values()])
-        for logs in (clean, noisy)
-    )
+    omega, fine = np.array([*logs[0]]), np.linspace(0.5, 8.0, 400)
+    gains = np.array([[tables.scripted_point(log)[1] for log in each.values()] for each in logs])
+    quiet, loud = 10 ** (gains / 20)
     exact, line = (np.abs(Linearisation.of(robot).response(w)) for w in (omega, fine))
     off, above = 100 * np.abs(quiet / exact - 1).max(), 100 * ((loud / quiet).max() - 1)
     tops, peak = [omega[each.argmax()] for each in (quiet, loud)], resonance_frequency(robot)
-    crosses = Plotted("crosses", {"omega_rad_per_s": omega, "gain_without_noise": quiet})
-    circles = Plotted("circles", {"omega_rad_per_s": omega, "gain_with_noise": loud})
-    curve = Plotted("line", {"curve_omega_rad_per_s": fine, "linearisation_gain": line})
-    axes = ("frequency in rad/s", "gain in rad per unit of input")
+    crosses = "crosses", {"omega_rad_per_s": omega, "gain_without_noise": quiet}
+    circles = "circles", {"omega_rad_per_s": omega, "gain_with_noise": loud}
+    curve = "line", {"curve_omega_rad_per_s": fine, "linearisation_gain": line}
+    axes = (_POWER[0], "gain in rad per unit of input")
     marks = {"(73)": peak, "(100) in Table 1": float(tables.TABLE_1_PRINTED[1].split()[0])}
+    low, high = _PEAK
+    seen = f"here at {tops[0]:g} and {tops[1]:g}; the resonance is {peak:.4g}"
+    largest_at = f"both largest between {low} and {high} rad/s ({seen})"
     claims = [
-        Claim(
-            f"both largest between {_PEAK[0]} and {_PEAK[1]} rad/s (here at {tops[0]:g} and "
-            f"{tops[1]:g}; the resonance is {peak:.4g})",
-            _PEAK[0] <= min(tops) <= max(tops) <= _PEAK[1],
-        ),
+        Claim(largest_at, low <= min(tops) <= max(tops) <= high),
         Claim(f"noise spoils the Bode plot (here by up to {above:.0f} %)", above > 100 * CLOSE),
     ]
     matches = [Claim(f"in good match (here within {off:.2g} %)", off < 100 * CLOSE)]
     both = {"without noise": crosses, "with noise": circles}
+    bode = {"linearisation (63)": curve, "without noise": crosses}
     title = "Figure 7: gains (68) by (71), without and with noise"
     other = "Figure 8: gain of the linearisation, and gains without noise"
-    bode = {"linearisation (63)": curve, "without noise": crosses}
     return [
         ThesisFigure("figure_07", title, axes, both, claims, marks, "y"),
         ThesisFigure("figure_08", other, axes, bode, matches, marks, "y"),
@@ -141,21 +129,21 @@ def real_figures(root: Path | None) -> list[ThesisFigure]:
     logs = [read_entry(manifest, entry) for entry in manifest.logs]
     sines = [(log, log.excitation) for log in logs if log.excitation]
     log, sine = next((x, s) for x, s in sines if (x.added_mass.mass, s.omega) == _SHOWN)
-    grid = uniform_grid(log.time, _STEP)
+    grid, rest, last = uniform_grid(log.time, _STEP), float(log.angle.mean()), float(log.time[-1])
     angle = resample(log.time, log.angle, grid)
     steady = angle[-round(_REAL_WINDOW / _STEP) :]
     bins, power = periodogram(steady - steady.mean(), _STEP)
-    interval, rest = 1e3 * np.diff(log.time), float(log.angle.mean())
+    interval, top = 1e3 * np.diff(log.time), bins[power.argmax()]
     spread, typical = float(interval.std()), float(np.median(interval))
     levels = float(np.mean(np.abs(10 * interval - np.rint(10 * interval)) < 10 * CLOSE))
-    top = float(bins[power.argmax()])
-    other, share = next(each for each in _other_peaks(bins, power) if each[0] < top)
+    below = next(k for k in _other_peaks(power) if bins[k] < top)
+    share = power[below] / power.max()
     swing = {
-        "measured": Plotted("line", {"time_s": log.time, "angle_rad": log.angle}),
-        "resampled": Plotted("dots", {"coarse_time_s": grid, "coarse_angle_rad": angle}),
+        "measured": ("line", {"time_s": log.time, "angle_rad": log.angle}),
+        "resampled": ("dots", {"coarse_time_s": grid, "coarse_angle_rad": angle}),
     }
-    stamps = {"interval": Plotted("dots", {"time_s": log.time[1:], "interval_ms": interval})}
-    spectrum = {"measured": Plotted("line", {"omega_rad_per_s": bins, "power_rad2": power})}
+    stamps = {"interval": ("dots", {"time_s": log.time[1:], "interval_ms": interval})}
+    spectrum = {"measured": ("line", {"omega_rad_per_s": bins, "power_rad2": power})}
     swinging = [
         near("amplitude of the input", 0.1, rms_amplitude(log.input)),
         Claim(f"not centred (here about {rest:.2f} rad)", abs(rest) > CLOSE),
@@ -165,21 +153,18 @@ def real_figures(root: Path | None) -> list[ThesisFigure]:
         Claim(f"stripes (here {100 * levels:.0f} % at multiples of 0.1 ms)", 2 * levels > 1),
         Claim(f"irregular (here {spread:.2g} ms rms)", spread > CLOSE * typical),
     ]
-    seen = f"here one at {other:.3g} rad/s, with {100 * share:.1g} % of its power"
+    seen = f"here one at {bins[below]:.3g} rad/s, with {100 * share:.1g} % of its power"
     dominant = [
         near("dominant frequency", sine.omega, top, " rad/s", bins[0] / 2),
         Claim(f"a peak below is not negligible ({seen})", share > CLOSE),
     ]
-    titles = (
-        f"Figure 9: response of the real hand, {1e3 * log.added_mass.mass:g} g",
-        "Figure 10: intervals between the samples of Figure 9",
-        f"Figure 11: periodogram of the last {_REAL_WINDOW:g} s of Figure 9",
-    )
-    axes, last = (_TIME[0], "interval in ms"), float(log.time[-1])
+    title = f"Figure 9: response of the real hand, {1e3 * log.added_mass.mass:g} g"
+    other = "Figure 10: intervals between the samples of Figure 9"
+    third = f"Figure 11: periodogram of the last {_REAL_WINDOW:g} s of Figure 9"
     return [
-        ThesisFigure("figure_09", titles[0], _TIME, swing, swinging, shown=(last - 5, last)),
-        ThesisFigure("figure_10", titles[1], axes, stamps, stamped),
-        ThesisFigure("figure_11", titles[2], _POWER, spectrum, dominant, logarithmic="y"),
+        ThesisFigure("figure_09", title, _TIME, swing, swinging, shown=(last - 5, last)),
+        ThesisFigure("figure_10", other, (_TIME[0], "interval in ms"), stamps, stamped),
+        ThesisFigure("figure_11", third, _POWER, spectrum, dominant, logarithmic="y"),
         _real_gains(sines),
     ]
 
@@ -188,30 +173,90 @@ def _real_gains(sines: Sequence[tuple[Log, Sine]]) -> ThesisFigure:
     """Return Figure 12, with the resonances of Table 4 and the inputs of Table 3."""
     curves, found, low, recorded = {}, [], [], set()
     for mass in sorted({log.added_mass for log, _ in sines}):
-        name, points, omega = f"{1e3 * mass.mass:g}", [], []
-        for log, sine in ((log, sine) for log, sine in sines if log.added_mass == mass):
-            points.append(scripted_amplitude(log))
-            omega.append(sine.omega)
-            recorded.add(f"{name}:{sine.omega:g}:{1e3 * sine.amplitude:g}")
-            swing = log.angle[steady_window(log, sine.omega)]
-            size = rms_amplitude(swing - swing.mean()) / sine.amplitude
-            low.append(20 * math.log10(size) - points[-1].gain_db)
-        gains = np.array([point.gain_db for point in points])
-        columns = {f"omega_{name}g_rad_per_s": np.array(omega), f"gain_{name}g_dB": gains}
-        curves[f"{name} g"] = Plotted("circles", columns)
-        second, first = sorted(points, key=lambda point: point.gain_db)[-2:]
-        found.append(scripted_resonance(first, second))
+        name, group = f"{1e3 * mass.mass:g}", [x for x in sines if x[0].added_mass == mass]
+        omega, gain = np.transpose([method.scripted_amplitude(log) for log, _ in group])
+        found.append(method.by_100(omega, gain))
+        swings = [log.angle[steady_window(log, sine.omega)] for log, sine in group]
+        told = np.array([(sine.omega, sine.amplitude) for _, sine in group])
+        right = [rms_amplitude(swing - swing.mean()) for swing in swings] / told[:, 1]
+        low += [*(20 * np.log10(right) - gain)]
+        recorded |= {f"{name}:{sine.omega:g}:{1e3 * sine.amplitude:g}" for _, sine in group}
+        columns = {f"omega_{name}g_rad_per_s": told[:, 0], f"gain_{name}g_dB": gain}
+        curves[f"{name} g"] = "circles", columns
     printed = {f"{mass}:{pair}" for mass, row in _TABLE_3.items() for pair in row.split()}
-    table_4, same = tables.TABLE_4_PRINTED, len(recorded & printed)
+    same, seen, said = len(recorded & printed), digits(found), tables.TABLE_4_PRINTED
+    inputs = f"inputs are the {len(printed)} of Table 3 (here {len(recorded)}, {same} as there)"
     claims = [
-        Claim(f"(100) of them is {table_4} rad/s (here {digits(found)})", digits(found) == table_4),
+        Claim(f"(100) of them is {said} rad/s (here {seen})", seen == said),
         near("they are lower than (71) by", 0, float(np.mean(low)), " dB", CLOSE),
-        Claim(
-            f"inputs are the {len(printed)} of Table 3 (here {len(recorded)}, {same} as there)",
-            recorded == printed,
-        ),
+        Claim(inputs, recorded == printed),
     ]
-    marks = {f"Table 4, {k}": float(x) for k, x in zip(curves, table_4.split(), strict=True)}
+    marks = {f"Table 4, {k}": float(x) for k, x in zip(curves, said.split(), strict=True)}
     title = "Figure 12: gains (68) by (71) of the 41 logs, as scripted"
-    axes = ("frequency in rad/s", "gain in dB")
-    return ThesisFigure("figure_12", title, axes, curves, claims, marks)
+    return ThesisFigure("figure_12", title, (_POWER[0], "gain in dB"), curves, claims, marks)
+
+
+def resonance_figure(robot: LumpedParameters) -> ThesisFigure:
+    """Return errors of (86) to (100) without noise, wherever the peak is between two gains."""
+    peak, linear = resonance_frequency(robot), Linearisation.of(robot)
+    top = float(abs(linear.response(peak))) ** 2
+    ways: dict[str, tuple[str, Callable[[Samples, Samples], float]]] = {
+        "(86) the largest": ("line", lambda w, g: float(method.largest(w, g)[0][0])),
+        "(90)": ("crosses", lambda w, g: between(w, g, lambda x: np.sqrt(top + x**2))),
+        "(100)": ("circles", method.by_100),
+        "(89)": ("line", lambda w, g: method.parabola(w, g, (top * robot.p1 / robot.p4) ** 2)),
+        "(90) with A − g²": ("line", lambda w, g: between(w, g, lambda x: np.sqrt(top - x**2))),
+    }
+    curves, finest = {}, []
+    for name, (look, way) in ways.items():
+        grids = (peak + spacing * _PLACES for spacing in _SPACINGS)
+        off = [[way(w, np.abs(linear.response(w))) - peak for w in grid] for grid in grids]
+        error = np.sqrt(np.mean(np.square(off), axis=1))
+        curves[name] = look, {"spacing_rad_per_s": _SPACINGS, f"{name} in rad/s": error}
+        finest.append(float(error[0]))
+    rough, second, third, taylor, right = finest
+    seen = f"here {second:.1g}, {third:.1g} rad/s; with A − g² {right:.1g}"
+    ahead = f"(89) beats the largest gain (here {taylor:.1g} of {rough:.1g} rad/s)"
+    claims = [
+        Claim(ahead, taylor < rough),
+        Claim(f"so do (90), (100) ({seen})", max(second, third) < (1 - CLOSE) * rough),
+    ]
+    title = "Resonance from gains without noise, by (86) to (100)"
+    axes = ("spacing of the frequencies in rad/s", "rms error in rad/s")
+    return ThesisFigure("resonance", title, axes, curves, claims, logarithmic="xy")
+
+
+def regression_figure(synthetic: Synthetic, table_1: Row) -> ThesisFigure:
+    """Return the bias of p1 by (82) and (84), beside errors of Table 1's last column."""
+    robot, masses = synthetic.rig.robot.lumped, [*synthetic.added_masses] * _REPEATS
+    inertia, moment = np.array([(m.inertia, m.gravity_moment) for m in masses]).T
+    squares = (robot.p3 + moment) / (robot.p1 + inertia)  # (80)
+    draws = np.random.default_rng(0).standard_normal((_DRAWS, squares.size))
+    draws = 2 * np.sqrt(squares) * np.concatenate([draws, -draws])  # without odd powers of errors
+    curves, last = {}, []
+    for name, weight in method.WEIGHTS.items():
+        found = [
+            [method.regression(squares + e * d, masses, weight)[0] for d in draws] for e in _ERRORS
+        ]
+        bias = 100 * np.abs(np.mean(found, axis=1) / robot.p1 - 1)
+        curves[name] = "line", {"error_rad_per_s": _ERRORS, f"{name} in %": bias}
+        last.append(float(bias[-1]))
+    variance = 4 * squares * _ERRORS[-1] ** 2
+    spread = np.sum((squares - squares.mean()) ** 2) + variance.sum()
+    law = 100 * float(np.sum(variance * (1 + inertia / robot.p1)) / spread)
+    seen = f"here {last[1]:.2g} and {last[2]:.2g} %"
+    without = f"(82), or distances that count both errors, have no such bias ({seen})"
+    claims = [
+        near("errors of its regressor shrink p1 by (84) by", law, last[0], " %", law / 10),
+        Claim(without, max(last[1:]) < last[0] / 10),
+    ]
+    exact = [resonance_frequency(robot.with_added_mass(m)) for m in synthetic.added_masses]
+    marks = {
+        name: float(np.sqrt(np.mean((np.array(row.split(), float) - exact) ** 2)))
+        for name, row in (("(100)", table_1.published), ("complex gains", table_1.corrected))
+    }
+    title = f"Bias of p1 by (82) and (84), from {_REPEATS} resonances of each mass"
+    printed = "Dashed: how far Table 1's resonances are off by (100), "
+    about = f"{printed}dotted: by a complex fit of the same data."
+    axes = ("standard error of a resonance in rad/s", "size of the bias in %")
+    return ThesisFigure("regression", title, axes, curves, claims, marks, "xy", about=about)

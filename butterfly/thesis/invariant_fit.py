@@ -6,7 +6,8 @@ it believes that the controller is exact. What else the input did is put down to
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid, solve_ivp
@@ -20,7 +21,7 @@ from butterfly.model.parameters import LumpedParameters
 from butterfly.orbit.controller import gain_for
 from butterfly.orbit.recalibration import RecalibrationOptions, recalibrate
 from butterfly.signals.polynomials import slope
-from butterfly.thesis.claims import CLOSE, Claim, Plotted, ThesisFigure, near
+from butterfly.thesis.claims import CLOSE, Claim, ThesisFigure, near
 
 AMPLITUDE = np.pi / 3
 """Of the nominal motion in rad."""
@@ -32,8 +33,7 @@ _MULTIPLIER = 0.5  # share of I that a period leaves
 _FACTORS = np.geomspace(0.1, 10, 21)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ClosedLoop:
+class ClosedLoop(NamedTuple):
     """A run of (5) under (103), (109) in continuous time, from beside the orbit."""
 
     log: Log
@@ -66,10 +66,7 @@ class ClosedLoop:
         return cls(log=log, gamma=gamma, period=orbit.period)
 
     def residuals(self, values: LumpedParameters) -> Samples:
-        """Return the (n,) differences in J whose squares (118) sums.
-
-        The exponents are integrals along the recorded motion, with which (114) is exact.
-        """
+        """Return the (n,) differences in J of (118), with exponents along the motion: exact."""
         angle, reach = self.log.angle, round(VELOCITY_SHARE * HALF_WIDTH / _STEP)
         velocity = slope(angle, reach, 4, _STEP)
         area = cumulative_trapezoid(velocity**2, dx=_STEP, initial=0)
@@ -84,10 +81,10 @@ class ClosedLoop:
         def found(shares: Samples) -> LumpedParameters:
             return replace(start, p3=shares[0] * start.p3, p4=shares[1] * start.p4)
 
-        def residuals(shares: Samples) -> Samples:
-            return self.residuals(found(shares)) / start.p3
-
-        return found(least_squares(residuals, [1.0, 1.0], bounds=(0, np.inf)).x)
+        best = least_squares(
+            lambda x: self.residuals(found(x)) / start.p3, [1, 1], bounds=(0, np.inf)
+        )
+        return found(best.x)
 
     def balanced(self, inertia: float) -> LumpedParameters:
         """Return all parameters by the energy balance with the recorded input, given p1."""
@@ -95,36 +92,30 @@ class ClosedLoop:
         return recalibrate([self.log], 0.0, options).loaded(inertia=inertia)
 
 
-def invariant_figures(robot: LumpedParameters) -> list[ThesisFigure]:
-    """Return what (118) makes of a robot's scale, and of its p4 in several cases."""
-    return [_by_scale(robot, ClosedLoop.of(robot, robot, 1e-4)), _by_case(robot)]
-
-
-def _by_scale(robot: LumpedParameters, loop: ClosedLoop) -> ThesisFigure:
-    losses = {}
-    for name, scaled in {"p1 and p3": ("p1", "p3"), "p3 with p1 held": ("p3",)}.items():
+def scale_figure(robot: LumpedParameters) -> ThesisFigure:
+    """Return what (118) makes of a robot's scale."""
+    loop, curves, losses = ClosedLoop.of(robot, robot, 1e-4), {}, []
+    for name, scaled in (("p1 and p3", ("p1", "p3")), ("p3 with p1 held", ("p3",))):
         tried = [replace(robot, **{k: f * getattr(robot, k) for k in scaled}) for f in _FACTORS]
-        losses[name] = np.array([np.mean(loop.residuals(each) ** 2) for each in tried])
-    both, held = losses.values()
-    power = np.polyfit(np.log(_FACTORS), np.log(both), 1)[0]
+        losses.append(np.array([np.mean(loop.residuals(each) ** 2) for each in tried]))
+        curves[name] = "line", {"factor": _FACTORS, f"loss by {name}": losses[-1]}
+    free, held = (float(_FACTORS[loss.argmin()]) for loss in losses)
+    power = float(np.polyfit(np.log(_FACTORS), np.log(losses[0]), 1)[0])
     claims = [
-        near("a factor on p1 and p3 scales the loss with the power", 2, float(power)),
-        near("p1 held: it is least at a factor of", 1, float(_FACTORS[held.argmin()])),
-        near("p1 and p3 free: at a factor of", 1, float(_FACTORS[both.argmin()])),
+        near("a factor on p1 and p3 scales the loss with the power", 2, power),
+        near("p1 held: it is least at a factor of", 1, held),
+        near("p1 and p3 free: at a factor of", 1, free),
     ]
-    curves = {
-        k: Plotted("line", {"factor": _FACTORS, f"loss by {k}": v}) for k, v in losses.items()
-    }
     title, axes = "Loss of (118), 0.1 mrad of noise", ("factor on the true values", "loss in J²")
     about = (
         "(118) minimises squares of I(t) − exp(−p4 γ ∫θ̇² dt) I(t − h), where I = E − E* is linear "
         "in p1 and p3. It does not use the recorded input."
     )
-    name = "invariant_scale"
-    return ThesisFigure(name, title, axes, curves, claims, logarithmic="xy", about=about)
+    return ThesisFigure("invariant_scale", title, axes, curves, claims, {}, "xy", about=about)
 
 
-def _by_case(robot: LumpedParameters) -> ThesisFigure:
+def cases_figure(robot: LumpedParameters) -> ThesisFigure:
+    """Return what (118) makes of a robot's p4 in several cases."""
     cases = {
         "exact": (robot, 0.0),
         "1 mrad of noise": (robot, 1e-3),
@@ -134,21 +125,19 @@ def _by_case(robot: LumpedParameters) -> ThesisFigure:
         "p2 left out": (replace(robot, p2=0.0), 0.0),
     }
     loops = [ClosedLoop.of(robot, *case) for case in cases.values()]
-    start = replace(robot, p3=1.1 * robot.p3, p4=0.8 * robot.p4)
+    start, names = replace(robot, p3=1.1 * robot.p3, p4=0.8 * robot.p4), np.array([*cases])
     fitted = np.array([loop.fitted(start).p4 for loop in loops]) / robot.p4
     balanced = np.array([loop.balanced(robot.p1).p4 for loop in loops]) / robot.p4
-    names, off = np.array([*cases]), float(np.abs(balanced - 1).max())
+    worst, off = (float(np.abs(shares - 1).max()) for shares in (fitted, balanced))
     found = ", ".join(f"{share:.2g}" for share in fitted[1:])
     claims = [
         near("exact controller, no noise: (118) finds a share of p4 of", 1, float(fitted[0])),
-        Claim(
-            f"so it does in the other cases (here {found})", float(np.abs(fitted - 1).max()) < CLOSE
-        ),
+        Claim(f"so it does in the other cases (here {found})", worst < CLOSE),
         Claim(f"the energy balance does in all (here within {100 * off:.1g} %)", off < CLOSE),
     ]
     curves = {
-        "(118)": Plotted("crosses", {"case": names, "share by (118)": fitted}),
-        "energy balance (114)": Plotted("circles", {"case": names, "share by balance": balanced}),
+        "(118)": ("crosses", {"case": names, "share by (118)": fitted}),
+        "energy balance (114)": ("circles", {"case": names, "share by balance": balanced}),
     }
     title, axes = "p4 by (118), and by the energy balance", ("case", "share of the true p4")
     about = (

@@ -1,14 +1,14 @@
-"""The thesis's method as its scripts compute it, including their mistakes.
+"""The thesis's method, with the mistakes of its scripts: gains, resonances, p1 to p3.
 
-It reproduces the published digits for comparison; use harmonic balance instead. docs/theory.md
-lists each mistake beside the corrected formula.
+It reproduces the published digits, and the formulas beside them, for comparison; use harmonic
+balance instead. docs/theory.md lists each mistake beside the corrected formula.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import ClassVar, Literal
 
@@ -34,9 +34,22 @@ UPPER_BOUNDS = (0.10326, 0.02, 4.08096)
 DECIMATION = 25
 """Every 25th sample gives Table 4; every 5th the input of Table 5."""
 
+Weight = Callable[[float, Samples], Samples]
+
+WEIGHTS: dict[str, Weight] = {
+    "(84) linear": lambda _, inertia: np.ones(inertia.size),
+    "(82) nonlinear": lambda p1, inertia: 1 / (p1 + inertia),
+    "(84) orthogonal distance": lambda p1, inertia: 1 / np.hypot(p1, inertia),
+}
+"""Weights of the equations Y (p1 + Z) = p3 + X of (84), given p1 and (n,) Z.
+
+Linear regression has none, although errors of Y in its regressor shrink p1; over p1 + Z they are
+those of (82). Distances (ODRPACK) take errors of Y and Z Y as independent, without the abscissae.
+"""
+
 _WINDOW = 30.0
 _STARTS = (0.03, 0.3, 0.9)  # shares of the upper bounds from which (102) is minimised
-_UNESTIMATED = ("coulomb", "delay", "p4")
+_INSIDE = (1e-9, 0.999)  # shares of them that are on no bound
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,23 +77,28 @@ class Thesis(Estimator):
         """Estimate from the sines of a data set (see `Estimator`)."""
         data.require_angles(self.method)
         found = fit_thesis(data.recorded, self.decimation)
-        return found.with_gain(best_gain(found.parameters, data))
+        values = np.nan_to_num(found.values, nan=best_gain(found.parameters, data))
+        return replace(found, values=values)
 
 
-@dataclass(frozen=True)
-class ScriptedAmplitude:
-    """The script's result of one log: the bin of the peak in rad/s, and the gain in dB."""
+def scripted_gain(
+    coarse: Samples, interval: float, summed: Samples, length: float, size: float
+) -> tuple[float, float]:
+    """Return the peak's bin in rad/s, and the gain in dB to a sum over length samples.
 
-    omega: float
-    gain_db: float
+    As scripted, the bins are those of a record one sample shorter; the centre is (min + max)/2.
+    """
+    omega, power = periodogram(coarse, interval)
+    centred = summed - (coarse.max() + coarse.min()) / 2
+    gain = math.sqrt(2 * np.sum(centred**2) / length) / size
+    return omega[power.argmax()] * coarse.size / (coarse.size - 1), 20 * math.log10(gain)
 
 
-def scripted_amplitude(log: Log, decimation: int = DECIMATION) -> ScriptedAmplitude:
-    """Dominant DFT bin and gain of a log, steps 5 to 8 of the thesis's second script.
+def scripted_amplitude(log: Log, decimation: int = DECIMATION) -> tuple[float, float]:
+    """Return `scripted_gain` of a log, steps 5 to 8 of the thesis's second script.
 
-    As scripted: repeated timestamps are kept; the bin frequencies are those of a record one sample
-    shorter; the centre is (min + max)/2; the gain sums the decimated samples with the undecimated
-    step (7 dB low at every 5th sample, 14 dB at every 25th) and is in dB.
+    Repeated timestamps are kept, and the gain sums the decimated samples with the undecimated step:
+    it is 7 dB low at every 5th sample, 14 dB at every 25th.
     """
     if log.excitation is None:
         raise InputError(log.source, "excitation", "none", "a sine, with omega and amplitude")
@@ -89,24 +107,53 @@ def scripted_amplitude(log: Log, decimation: int = DECIMATION) -> ScriptedAmplit
     angle = resample(log.time, log.angle, grid)[::decimation]
     steady = angle[-math.floor(_WINDOW / (decimation * step)) :]
     if steady.size < 2 * decimation:
-        raise InputError(
-            log.source, "time", f"{log.time[-1]:.3g} s", f"at least about {_WINDOW:g} s"
-        )
-    omega, power = periodogram(steady, decimation * step)
-    omega = omega * steady.size / (steady.size - 1)
-    centred = steady - (steady.max() + steady.min()) / 2
-    amplitude = math.sqrt(2 * np.sum(centred**2) * step / _WINDOW)
-    return ScriptedAmplitude(
-        omega=float(omega[np.argmax(power)]),
-        gain_db=20 * math.log10(amplitude / log.excitation.amplitude),
-    )
+        expected = f"at least about {_WINDOW:g} s"
+        raise InputError(log.source, "time", f"{log.time[-1]:.3g} s", expected)
+    size = log.excitation.amplitude
+    return scripted_gain(steady, decimation * step, steady, _WINDOW / step, size)
 
 
-def scripted_resonance(first: ScriptedAmplitude, second: ScriptedAmplitude) -> float:
-    """Resonance frequency in rad/s from the two largest gains (100), with the gains in dB."""
-    alpha = math.sqrt((second.gain_db / first.gain_db) ** 2 + 1)
-    beta = math.sqrt(2)
-    return math.sqrt((first.omega**2 * alpha + second.omega**2 * beta) / (alpha + beta))
+def largest(omega: Samples, gain: Samples) -> tuple[Samples, Samples]:
+    """Return the frequencies in rad/s of the two largest gains, and these, the top first (86)."""
+    if gain.size < 2:  # noqa: PLR2004
+        raise InputError("resonance", "gains", gain.size, "2 or more")
+    order = np.argsort(gain)[:-3:-1]
+    return omega[order], gain[order]
+
+
+def between(omega: Samples, gain: Samples, weight: Callable[[Samples], Samples]) -> float:
+    """Return the resonance in rad/s by (90): weights of the squares, each by the other's gain g.
+
+    Printed: sqrt(g^2 + A), A = |G(w_opt)|^2; right: sqrt(A - g^2); exact: sqrt(1/g^2 - 1/A).
+    """
+    w, g = largest(omega, gain)
+    shares = weight(g)[::-1]
+    return math.sqrt(float(shares @ w**2 / shares.sum()))
+
+
+def by_100(omega: Samples, gain: Samples) -> float:
+    """Return the resonance in rad/s by (100), which the scripts give the gains in dB."""
+    return between(omega, gain, lambda two: np.hypot(two, two[0]))
+
+
+def parabola(omega: Samples, gain: Samples, curvature: float) -> float:
+    """Return the resonance in rad/s by (89): |G|^2 = A - B (w^2 - w_opt^2)^2, B the curvature."""
+    w, g = largest(omega, gain)
+    x, y = w**2, g**2
+    return math.sqrt(max(x.mean() + (y[0] - y[1]) / (x[0] - x[1]) / (2 * curvature), 0.0))
+
+
+def regression(squares: Samples, masses: Sequence[AddedMass], weight: Weight) -> Samples:
+    """Return p1 in kg m^2, p3 in N m by (n,) squared resonances Y in rad^2/s^2 and `WEIGHTS`."""
+    inertia, moment = np.array([(m.inertia, m.gravity_moment) for m in masses]).T
+    rows = np.column_stack([-squares, np.ones(squares.size)])
+    start = np.linalg.lstsq(rows, squares * inertia - moment)[0]
+
+    def errors(values: Samples) -> Samples:
+        left = squares * (values[0] + inertia) - values[1] - moment
+        return np.asarray(left * weight(values[0], inertia))
+
+    return np.asarray(least_squares(errors, start, x_scale=np.abs(start), gtol=1e-14).x)
 
 
 def fit_resonances(
@@ -121,58 +168,36 @@ def fit_resonances(
     the (m, 3) Jacobian of the residuals there; `p2` in N m s/rad is fixed if given.
     """
     measured = np.square(list(resonances.values()))
-    bounds = np.asarray(upper, dtype=np.float64)
+    inertia, moment = np.array([(m.inertia, m.gravity_moment) for m in resonances]).T
+
+    def values(shares: Samples) -> Samples:
+        p1, damping, p3 = shares * upper
+        return np.array([p1, damping if p2 is None else p2, p3])
 
     def residuals(shares: Samples) -> Samples:
-        p1, damping, p3 = shares * bounds
-        if p2 is not None:
-            damping = p2
-        inertia = p1 + np.array([mass.inertia for mass in resonances])
-        moment = p3 + np.array([mass.gravity_moment for mass in resonances])
-        return np.asarray(moment / inertia - 0.5 * (damping / inertia) ** 2 - measured)
+        p1, damping, p3 = values(shares)
+        loaded = p1 + inertia
+        return np.asarray((p3 + moment) / loaded - 0.5 * (damping / loaded) ** 2 - measured)
 
-    fits = [
-        least_squares(residuals, start, bounds=(0, 1), xtol=1e-15, ftol=1e-15, gtol=1e-15)
-        for start in product(_STARTS, repeat=3)
-    ]
+    tight = {"bounds": (0, 1), "xtol": 1e-15, "ftol": 1e-15, "gtol": 1e-15}
+    fits = (least_squares(residuals, start, **tight) for start in product(_STARTS, repeat=3))
     best = min(fits, key=lambda fit: fit.cost)
-    values = best.x * bounds
-    if p2 is not None:
-        values[1] = p2
-    return values, best.jac / bounds
+    return values(best.x), best.jac / upper
 
 
 def fit_thesis(logs: Sequence[Log], decimation: int = DECIMATION) -> Estimate:
     """Resonance of each mass by (100), then p1, p2, p3 by (102), of raw logs; p4 is NaN."""
-    groups: dict[AddedMass, list[Log]] = {}
-    for log in logs:
-        groups.setdefault(log.added_mass, []).append(log)
     resonances = {}
-    for mass in sorted(groups):
-        if len(groups[mass]) < 2:  # noqa: PLR2004 - (100) takes the two largest gains
-            raise InputError(
-                groups[mass][0].source, "logs", f"only one log with {mass}", "two or more"
-            )
-        points = [scripted_amplitude(log, decimation) for log in groups[mass]]
-        second, first = sorted(points, key=lambda point: point.gain_db)[-2:]
-        resonances[mass] = scripted_resonance(first, second)
+    for mass in sorted({log.added_mass for log in logs}):
+        group = [log for log in logs if log.added_mass == mass]
+        if len(group) < 2:  # noqa: PLR2004 - (100) takes the two largest gains
+            raise InputError(group[0].source, "logs", f"only one log with {mass}", "two or more")
+        resonances[mass] = by_100(*np.array([scripted_amplitude(x, decimation) for x in group]).T)
     fitted, jacobian = fit_resonances(resonances)
-    values = np.array([*fitted, np.nan, 0.0, 0.0])
-    unknown = np.full(values.size, np.nan)
+    values, unknown = np.array([*fitted, np.nan, 0.0, 0.0]), np.full(len(PARAMETERS), np.nan)
     conditioning = Conditioning.of(jacobian, PARAMETERS[:3])
-    shares = fitted / UPPER_BOUNDS
-    on_bound = tuple(
-        name
-        for name, share in zip(PARAMETERS[:3], shares, strict=True)
-        if share > 0.999 or share < 1e-9  # noqa: PLR2004
-    )
-    findings = [
-        Finding(FindingKind.NOT_ESTIMATED, _UNESTIMATED),
-        Finding(FindingKind.NO_UNCERTAINTY, PARAMETERS[:3], number=len(resonances)),
-        *conditioning.findings,
-    ]
-    if on_bound:
-        findings.append(Finding(FindingKind.PULLED, on_bound))
+    shares = zip(PARAMETERS[:3], fitted / UPPER_BOUNDS, strict=True)
+    on_bound = tuple(name for name, share in shares if not _INSIDE[0] <= share <= _INSIDE[1])
     return Estimate(
         method="thesis",
         names=PARAMETERS,
@@ -182,6 +207,11 @@ def fit_thesis(logs: Sequence[Log], decimation: int = DECIMATION) -> Estimate:
         upper=unknown,
         condition=conditioning.number,
         on_bound=on_bound,
-        findings=tuple(findings),
+        findings=(
+            Finding(FindingKind.NOT_ESTIMATED, ("coulomb", "delay", "p4")),
+            Finding(FindingKind.NO_UNCERTAINTY, PARAMETERS[:3], number=len(resonances)),
+            *conditioning.findings,
+            *([Finding(FindingKind.PULLED, on_bound)] if on_bound else []),
+        ),
         resonances=resonances,
     )

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,17 +19,12 @@ from butterfly.logs.thesis_logs import found_folder
 from butterfly.model.control_bridge import transfer_function
 from butterfly.model.greybox import simulate
 from butterfly.model.linear import resonance_frequency
-from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
+from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 from butterfly.model.prior import Prior
 from butterfly.plant.rig import Rig
 from butterfly.signals.frequency_response import ResponsePoint, response_point
 from butterfly.thesis.claims import digits
-from butterfly.thesis.method import (
-    ScriptedAmplitude,
-    fit_resonances,
-    fit_thesis,
-    scripted_resonance,
-)
+from butterfly.thesis.method import by_100, fit_resonances, fit_thesis, scripted_gain
 
 COARSE = 4
 """Keep every n-th sample of the synthetic data, as the scripts do: 0.04 s."""
@@ -37,10 +33,13 @@ TABLE_1_PRINTED = ("3.8788 4.0671 4.4156 4.8812 5.4194", "3.7740 3.7705 4.0492 4
 TABLE_4_PRINTED = "4.1915 5.7650 6.2847"
 _WINDOW = 45.0  # s at the end of a record that the first script uses
 _START = 0.01  # rad, at which the Simulink model starts
-_TABLE_2_PRINTED = ("0.0033 0.0453", "0.0033 0.0100 0.0606")
+_TABLE_2 = (  # what is found, as printed, below which bounds, with which p2
+    ("Table 2, p1 p3", "0.0033 0.0453", (1.0, 1.0, 1.0), 0.001),
+    ("Table 2, p1 p2 p3", "0.0033 0.0100 0.0606", (0.0325, 0.01, 0.4905), None),
+)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Synthetic:
     """Data of Tables 1 and 2 and Figures 3 to 8: each sine with each added mass."""
 
@@ -53,9 +52,8 @@ class Synthetic:
 def synthetic_log(synthetic: Synthetic, added: AddedMass, sine: Sine, *, noise: bool) -> Log:
     """Simulate one response of the thesis's synthetic robot to a continuous sine, like Simulink."""
     clock = synthetic.rig.clock
-    step = clock.step
-    time = step * np.arange(clock.count(synthetic.duration) + 1, dtype=np.float64)
-    instants = np.column_stack([time[:-1], time[:-1] + step / 2, time[1:]])
+    time = clock.step * np.arange(clock.count(synthetic.duration) + 1, dtype=np.float64)
+    instants = np.column_stack([time[:-1], time[:-1] + clock.step / 2, time[1:]])
     loaded = synthetic.rig.robot.lumped.with_added_mass(added)
     angle, _ = simulate(loaded, time, sine.sample(instants), _START)
     source = synthetic.rig.encoder.band_limited
@@ -73,8 +71,7 @@ def synthetic_log(synthetic: Synthetic, added: AddedMass, sine: Sine, *, noise: 
     )
 
 
-@dataclass(frozen=True, kw_only=True)
-class Row:
+class Row(NamedTuple):
     """One line of the comparison."""
 
     what: str  # which figures
@@ -89,149 +86,81 @@ class Row:
         return self.published == self.obtained
 
 
-def reproduce(synthetic: Synthetic, root: Path | None = None) -> list[Row]:
-    """Compute Tables 1, 2, 4 and 5 and (63), (66) as in the thesis, and corrected.
-
-    Tables 4 and 5 need the 41 real logs (see `has_real_logs`).
-    """
-    scripted, right = _table_1(synthetic)
-    return [
-        *_linearisation(synthetic),
-        *_table_1_rows(synthetic, scripted, right),
-        *_table_2_rows(scripted, right),
-        *(_real_rows(root) if has_real_logs(root) else []),
-    ]
-
-
 def has_real_logs(root: Path | None) -> bool:
     """Whether the real logs are in `root`, BUTTERFLY_LOGS or the folder of `fetch`."""
     return root is not None or found_folder() is not None
 
 
-def scripted_point(log: Log) -> ScriptedAmplitude:
+def scripted_point(log: Log) -> tuple[float, float]:
     """Dominant DFT bin and gain in dB, as in the thesis's first script."""
     assert log.excitation is not None  # noqa: S101 - synthetic logs are sines
     step = log.mean_step
     coarse = log.angle[::COARSE][-math.floor(_WINDOW / (COARSE * step)) - 1 :]
-    fine = log.angle[-math.floor(_WINDOW / step) - 1 :] - (coarse.max() + coarse.min()) / 2
-    power = np.abs(np.fft.fft(coarse)[1 : coarse.size // 2]) ** 2
-    amplitude = math.sqrt(2 * step / _WINDOW * float(np.sum(fine**2)))
-    return ScriptedAmplitude(
-        omega=2 * math.pi * (int(np.argmax(power)) + 1) / ((coarse.size - 1) * COARSE * step),
-        gain_db=20 * math.log10(amplitude / log.excitation.amplitude),
-    )
+    fine = log.angle[-math.floor(_WINDOW / step) - 1 :]
+    return scripted_gain(coarse, COARSE * step, fine, _WINDOW / step, log.excitation.amplitude)
 
 
-def _scripted_resonance(points: Sequence[ScriptedAmplitude]) -> float:
+def scripted_resonance(points: Sequence[tuple[float, float]]) -> float:
     """(100) with the first script's mistake: an index into the array without its maximum."""
-    gains = [point.gain_db for point in points]
-    first = int(np.argmax(gains))
-    return scripted_resonance(points[first], points[int(np.argmax(np.delete(gains, first)))])
+    omega, gain = np.transpose(points)
+    first = gain.argmax()
+    two = [first, np.delete(gain, first).argmax()]
+    return by_100(omega[two], gain[two])
 
 
 def complex_resonance(points: Sequence[ResponsePoint]) -> float:
-    """Return the resonance (73) in rad/s from the complex responses of one loaded robot.
-
-    p1 is taken as 1, which makes the others a1, a0 and b0 of (72).
-    """
+    """Return the resonance (73) in rad/s from complex responses; p1 = 1 is as good as any."""
     bare = [replace(point, added_mass=NO_ADDED_MASS) for point in points]
-    found = Linear().of_points(bare, Prior.of({"p1": 1.0})).named
-    return resonance_frequency(LumpedParameters(p1=1.0, **found))
+    return resonance_frequency(Linear().of_points(bare, Prior.of({"p1": 1.0})).parameters)
 
 
-def _table_1(synthetic: Synthetic) -> tuple[dict[AddedMass, float], dict[AddedMass, float]]:
-    """Return the resonances by the script's (100), and by the complex fit of the same data."""
-    scripted, right = {}, {}
-    for added in synthetic.added_masses:
-        logs = [synthetic_log(synthetic, added, sine, noise=True) for sine in synthetic.sines]
-        scripted[added] = _scripted_resonance([scripted_point(log) for log in logs])
-        right[added] = complex_resonance([response_point(log) for log in logs])
-    return scripted, right
+def reproduce(synthetic: Synthetic, root: Path | None = None) -> list[Row]:
+    """Compute Tables 1, 2, 4 and 5 and (63), (66) as in the thesis, and corrected.
 
-
-def _linearisation(synthetic: Synthetic) -> list[Row]:
-    p = synthetic.rig.robot.lumped
+    Tables 4 and 5 need the 41 real logs (see `has_real_logs`).
+    """
+    p, masses, scripted, right = synthetic.rig.robot.lumped, synthetic.added_masses, {}, {}
     discrete = transfer_function(p).sample(COARSE * synthetic.rig.clock.step, "zoh")
     (_, a1, a0), (b1, b0) = discrete.den[0][0], discrete.num[0][0]
-    return [
-        Row(
-            what="(63) a1 a0 b0",
-            published="0.308 15.09 3076.9",
-            obtained=f"{p.p2 / p.p1:.3f} {p.p3 / p.p1:.2f} {p.p4 / p.p1:.1f}",
-        ),
-        Row(
-            what="(66) a1 a0 b1 b0",
-            published="-1.9638 0.9878 2.4465 2.4365",
-            obtained=digits([a1, a0, b1, b0]),
-        ),
+    continuous = f"{p.p2 / p.p1:.3f} {p.p3 / p.p1:.2f} {p.p4 / p.p1:.1f}"
+    once = [p.with_added_mass(m) for m in masses]
+    again = [replace(m, arm=masses[1].arm) for m in masses]
+    twice = [robot.with_added_mass(m) for robot, m in zip(once, again, strict=True)]
+    exact, doubled = (digits(map(resonance_frequency, robots)) for robots in (once, twice))
+    for mass in masses:
+        logs = [synthetic_log(synthetic, mass, sine, noise=True) for sine in synthetic.sines]
+        scripted[mass] = scripted_resonance([scripted_point(log) for log in logs])
+        right[mass] = complex_resonance([response_point(log) for log in logs])
+    found, better = digits(scripted.values()), digits(right.values())
+    wrong = "the thesis counts each added mass twice, once at the shortest arm"
+    mistakes = "mistakes: sign, gains in dB, index; corrected: complex fit of the same data"
+    rows = [
+        Row("(63) a1 a0 b0", "0.308 15.09 3076.9", continuous),
+        Row("(66) a1 a0 b1 b0", "-1.9638 0.9878 2.4465 2.4365", digits([a1, a0, b1, b0])),
+        Row("Table 1, column 3: (79)", TABLE_1_PRINTED[0], doubled, exact, wrong),
+        Row("Table 1, column 4: (100)", TABLE_1_PRINTED[1], found, better, mistakes),
     ]
-
-
-def _table_1_rows(
-    synthetic: Synthetic, scripted: dict[AddedMass, float], right: dict[AddedMass, float]
-) -> list[Row]:
-    p = synthetic.rig.robot.lumped
-    nearest = synthetic.added_masses[1].arm
-    twice = [
-        resonance_frequency(p.with_added_mass(m).with_added_mass(replace(m, arm=nearest)))
-        for m in synthetic.added_masses
-    ]
-    once = [resonance_frequency(p.with_added_mass(m)) for m in synthetic.added_masses]
-    return [
-        Row(
-            what="Table 1, column 3: (79)",
-            published=TABLE_1_PRINTED[0],
-            obtained=digits(twice),
-            corrected=digits(once),
-            note="the thesis counts each added mass twice, once at the shortest arm",
-        ),
-        Row(
-            what="Table 1, column 4: (100)",
-            published=TABLE_1_PRINTED[1],
-            obtained=digits(scripted.values()),
-            corrected=digits(right.values()),
-            note="mistakes: sign, gains in dB, index; corrected: complex fit of the same data",
-        ),
-    ]
-
-
-def _table_2_rows(scripted: dict[AddedMass, float], right: dict[AddedMass, float]) -> list[Row]:
-    rows = []
-    bounds = ((1.0, 1.0, 1.0), (0.0325, 0.01, 0.4905))
-    for printed, upper, p2 in zip(_TABLE_2_PRINTED, bounds, (0.001, None), strict=True):
-        found, better = (fit_resonances(values, upper, p2=p2)[0] for values in (scripted, right))
-        kept = [0, 2] if p2 else [0, 1, 2]
-        rows.append(
-            Row(
-                what=f"Table 2, {'p1 p3' if p2 else 'p1 p2 p3'}: (102)",
-                published=printed,
-                obtained=digits(found[kept]),
-                corrected=digits(better[kept]),
-                note="true: 0.0033 0.0010 0.0491; corrected: from the complex fit's resonances",
-            )
-        )
-    return rows
+    truth = "true: 0.0033 0.0010 0.0491; corrected: from the complex fit's resonances"
+    for what, printed, upper, p2 in _TABLE_2:
+        fits = (fit_resonances(each, upper, p2=p2)[0] for each in (scripted, right))
+        found, better = (digits(fit[:: 1 if p2 is None else 2]) for fit in fits)
+        rows.append(Row(f"{what}: (102)", printed, found, better, truth))
+    return rows + (_real_rows(root) if has_real_logs(root) else [])
 
 
 def _real_rows(root: Path | None) -> list[Row]:
     data = read_data_set(read_manifest(shipped("experiments/real-logs.yaml"), root))
     fine, coarse = fit_thesis(data.recorded, 5), fit_thesis(data.recorded, 25)
-    right = HarmonicBalance()(data).parameters
-    resonances = [resonance_frequency(right.with_added_mass(mass)) for mass in data.masses]
+    p = HarmonicBalance()(data).parameters
+    found = digits(coarse.resonances.values())
+    right = digits(resonance_frequency(p.with_added_mass(mass)) for mass in data.masses)
+    how = "corrected: linearisation by harmonic balance of the same logs"
+    stopped = (
+        "published: where the optimiser stopped; reproduced: the minimum, from step-5 data; "
+        "corrected: harmonic balance"
+    )
+    values = digits(fine.values[:3]), digits([p.p1, p.p2, p.p3])
     return [
-        Row(
-            what="Table 4: (100)",
-            published=TABLE_4_PRINTED,
-            obtained=digits(coarse.resonances.values()),
-            corrected=digits(resonances),
-            note="corrected: linearisation by harmonic balance of the same logs",
-        ),
-        Row(
-            what="Table 5, p1 p2 p3: (102)",
-            published="0.0028 0.0188 0.0583",
-            obtained=digits(fine.values[:3]),
-            corrected=digits([right.p1, right.p2, right.p3]),
-            note="published: where the optimiser stopped; reproduced: the minimum, from step-5 "
-            "data; corrected: harmonic balance",
-        ),
+        Row("Table 4: (100)", TABLE_4_PRINTED, found, right, how),
+        Row("Table 5, p1 p2 p3: (102)", "0.0028 0.0188 0.0583", *values, stopped),
     ]

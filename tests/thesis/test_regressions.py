@@ -9,15 +9,8 @@ from scipy.optimize import curve_fit, least_squares
 from butterfly.cli.experiments import thesis_robot
 from butterfly.errors import InputError
 from butterfly.model.parameters import AddedMass
-from butterfly.thesis.method import ScriptedAmplitude, scripted_resonance
-from butterfly.thesis.regressions import (
-    WEIGHTS,
-    between,
-    largest,
-    parabola,
-    regression,
-    regression_figures,
-)
+from butterfly.thesis.figures import regression_figure, resonance_figure
+from butterfly.thesis.method import WEIGHTS, between, by_100, largest, parabola, regression
 from butterfly.thesis.tables import TABLE_1_PRINTED, Row
 
 MASSES = [AddedMass(mass=0.05 * k, arm=0.1) for k in range(1, 6)]
@@ -48,11 +41,11 @@ def test_a_pendulum_s_resonance_is_exactly_between_the_gains_beside_it(w, at, da
     assert found == pytest.approx(w, rel=1e-6)
 
 
-def test_100_is_90_with_the_largest_gain_for_the_peak_as_the_script_has_it():
-    omega, gain = np.array([3.5, 4.0, 4.5]), np.array([33.0, 44.0, 30.0])
-    points = [ScriptedAmplitude(*each) for each in zip(omega, gain, strict=True)]
-    found = between(omega, gain, lambda g: np.sqrt(g**2 + gain.max() ** 2))
-    assert found == pytest.approx(scripted_resonance(points[1], points[0]), rel=1e-12)
+def test_100_weighs_each_square_with_the_other_gain_over_the_largest():
+    alpha, beta = np.sqrt((33 / 44) ** 2 + 1), np.sqrt(2)
+    right = np.sqrt((alpha * 4.0**2 + beta * 3.5**2) / (alpha + beta))
+    found = by_100(np.array([3.5, 4.0, 4.5]), np.array([33.0, 44.0, 30.0]))
+    assert found == pytest.approx(right, rel=1e-12)
 
 
 def test_the_largest_gains_come_in_their_order_and_two_are_needed():
@@ -100,10 +93,11 @@ def test_orthogonal_distances_are_those_with_the_true_abscissae_as_unknowns():
 def test_the_figures_say_what_is_biased_and_what_is_not():
     corrected = "3.8783 3.9740 4.2434 4.6491 5.1441"
     row = Row(what="", published=TABLE_1_PRINTED[1], obtained="", corrected=corrected)
-    resonance, p1 = regression_figures(thesis_robot(), row)
+    synthetic = thesis_robot()
+    resonance, p1 = resonance_figure(synthetic.rig.robot.lumped), regression_figure(synthetic, row)
     assert [claim.holds for claim in resonance.claims] == [True, False]
     assert all(claim.holds for claim in p1.claims)
     assert p1.marks["(100)"] == pytest.approx(0.166, abs=1e-3)
-    errors, biases = p1.curves["(84) linear"].columns.values()
+    errors, biases = p1.curves["(84) linear"][1].values()
     rise = np.diff(np.log(biases[:4])) / np.diff(np.log(errors[:4]))
     assert np.mean(rise) == pytest.approx(2, abs=0.3)  # as the square of the errors

@@ -8,7 +8,7 @@ from butterfly.logs import thesis_logs
 from butterfly.logs.log import Sine
 from butterfly.model.parameters import AddedMass
 from butterfly.plant.sensors import Clock
-from butterfly.thesis.tables import _scripted_resonance, reproduce, scripted_point, synthetic_log
+from butterfly.thesis.tables import reproduce, scripted_point, scripted_resonance, synthetic_log
 
 
 @pytest.mark.slow
@@ -31,7 +31,7 @@ def test_without_simulink_s_noise_table_1_has_the_digits_of_the_errata():
     found = []
     for added in robot.added_masses[:2]:
         logs = [synthetic_log(robot, added, s, noise=False) for s in robot.sines]
-        found.append(f"{_scripted_resonance([scripted_point(log) for log in logs]):.4f}")
+        found.append(f"{scripted_resonance([scripted_point(log) for log in logs]):.4f}")
     assert found == ["3.7739", "3.7704"]
 
 

@@ -308,11 +308,6 @@ class Estimate:
             owners += [("zero", mass) for mass in masses]
         return owners
 
-    def with_gain(self, p4: float) -> Estimate:
-        """Return the estimate with p4 set to a value found otherwise."""
-        values = np.where(np.array(self.names) == "p4", p4, self.values)
-        return replace(self, values=values)
-
     def with_findings(self, *more: Finding) -> Estimate:
         """Return the estimate with further findings."""
         return replace(self, findings=(*self.findings, *more))
