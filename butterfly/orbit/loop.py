@@ -19,14 +19,14 @@ from butterfly.logs.log import Log
 from butterfly.model.energy import Orbit
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.orbit.controller import Dithered, EnergyShaping, Target, VelocityEstimator, gain_for
-from butterfly.orbit.online import Watched
+from butterfly.orbit.online import Watched, WatchPlan, watch
 from butterfly.orbit.recalibration import (
     LoopEquations,
     Recalibration,
     RecalibrationOptions,
     recalibrate,
 )
-from butterfly.plant.motor import ControlLaw
+from butterfly.plant.motor import CommandPath, ControlLaw
 from butterfly.plant.sensors import FilteredDifference
 from butterfly.progress import Track, untracked
 
@@ -42,7 +42,7 @@ _HANGING = 1e-3  # rad, of a swing as long as that of a hand that begins where i
 _AROUND = (1.0, 0.8, 1.2)  # amplitudes over the orbit's, at which runs for its calibration start
 
 
-RunLaw = Callable[[ControlLaw, float, float, AddedMass], Log]
+RunLaw = Callable[..., Log]
 """Runs a control law on a robot, from rest at an angle in rad, for so many s, carrying a mass.
 
 `butterfly.plant.rig.Rig.run` does, its ``rng`` given; a robot that cannot be held at an angle may
@@ -71,6 +71,10 @@ class OrbitSchedule:
     amplitude_tolerance: float = 3.5e-3  # rad off, below which the loop ends; of a hand that turns
     speed_tolerance: float = 0.02  # over rad/s of its mean speed; it ends, too,
     parameter_tolerance: float = 1e-3  # when no parameter changes by more than this share
+    recalibration: RecalibrationOptions = RecalibrationOptions()
+    also: Target | None = None  # another orbit, calibrated on its own; estimates are compared
+    cross_check: tuple[float, ...] = ()  # amplitudes in rad; models of each, used at all
+    watch: WatchPlan | None = None  # a run at the end, in which changes are noticed
 
     def __post_init__(self) -> None:
         require_number(
@@ -112,9 +116,7 @@ class Round:
     gamma: float  # and gain
     logs: tuple[Log, ...]  # what it recorded, the nominal run first
     starts: int  # how many of them, from the first on, hold the target's orbit
-    reached: (
-        float  # size (see `Orbit.size`) that the nominal run came to; NaN if it moved otherwise
-    )
+    reached: float  # `Orbit.size` that the nominal run came to; NaN if it moved otherwise
     recalibration: Recalibration  # from the logs
 
     @property
@@ -147,7 +149,6 @@ def calibrate(
     believed: LumpedParameters,
     zero: float,
     schedule: OrbitSchedule,
-    options: RecalibrationOptions = RecalibrationOptions(),
     *,
     plants: tuple[RunLaw, RunLaw] | None = None,
     rng: np.random.Generator,
@@ -165,11 +166,21 @@ def calibrate(
     rounds: list[Round] = []
     ending = f"all {schedule.rounds} rounds are done"
     for _ in track(range(schedule.rounds), "Calibrating"):
-        last = _round(rig, loaded, zero, schedule, options, rng=rng)
+        logs = _runs(rig, loaded, zero, schedule, rng)
+        before = loaded[schedule.added_masses[0]]
+        orbit, found = schedule.target(before), recalibrate(logs, zero, schedule.recalibration)
+        turns, settled = orbit.direction != 0, _settled(logs[0])
+        last = Round(
+            believed=before,
+            orbit=orbit,
+            gamma=gain_for(orbit, schedule.multiplier),
+            logs=tuple(logs),
+            starts=len(schedule.starts),
+            reached=(mean_speed if turns else swing)(logs[0], zero, settled),
+            recalibration=found,
+        )
         rounds.append(last)
-        before, found = last.believed, last.recalibration
         loaded = {mass: found.loaded(mass, before.p1) for mass in schedule.added_masses}
-        turns = last.orbit.direction != 0
         if abs(last.error) <= (schedule.speed_tolerance if turns else schedule.amplitude_tolerance):
             ending = f"the {'speed' if turns else 'amplitude'} error is within its bound"
             break
@@ -179,38 +190,12 @@ def calibrate(
             break
     if plants is not None:
         found = rounds[-1].recalibration
-        names, tried = found.estimate.names, []
-        for plant in plants:
-            logs = _runs(plant, loaded, zero, schedule, np.random.default_rng(0))
-            tried.append(LoopEquations(logs, zero, options).fit(names)[0].values)
-        found = replace(found, estimate=found.estimate.resting_on(tried[1] - tried[0]))
+        of_plants = (_runs(p, loaded, zero, schedule, np.random.default_rng(0)) for p in plants)
+        equations = [LoopEquations(logs, zero, schedule.recalibration) for logs in of_plants]
+        rough, fine = (each.fit(found.estimate.names)[0].values for each in equations)
+        found = replace(found, estimate=found.estimate.resting_on(fine - rough))
         rounds[-1] = replace(rounds[-1], recalibration=found)
     return Calibration(rounds=tuple(rounds), ending=ending)
-
-
-def _round(
-    rig: RunLaw,
-    loaded: dict[AddedMass, LumpedParameters],
-    zero: float,
-    schedule: OrbitSchedule,
-    options: RecalibrationOptions,
-    *,
-    rng: np.random.Generator,
-) -> Round:
-    """Run the controller with what is believed; re-calibrate."""
-    logs = _runs(rig, loaded, zero, schedule, rng)
-    believed = loaded[schedule.added_masses[0]]
-    nominal, first = schedule.target(believed), logs[0]
-    measured = mean_speed if nominal.direction else swing
-    return Round(
-        believed=believed,
-        orbit=nominal,
-        gamma=gain_for(nominal, schedule.multiplier),
-        logs=tuple(logs),
-        starts=len(schedule.starts),
-        reached=measured(first, zero, _settled(first)),
-        recalibration=recalibrate(logs, zero, options),
-    )
 
 
 def _runs(
@@ -235,11 +220,9 @@ def _runs(
 
 def _largest_change(before: LumpedParameters, after: LumpedParameters) -> float:
     """Largest relative change of p2, p3, p4 over p1, and of Coulomb torque over p1."""
-    pairs: list[tuple[float, float]] = [
-        (getattr(before, name) / before.p1, getattr(after, name) / after.p1)
-        for name in ("p2", "p3", "p4", "coulomb")
-    ]
-    return max(abs(new - old) / max(abs(new), abs(old), 1e-12) for old, new in pairs)
+    old, new = (np.array([p.p2, p.p3, p.p4, p.coulomb]) / p.p1 for p in (before, after))
+    larger = np.maximum(np.maximum(np.abs(new), np.abs(old)), 1e-12)
+    return float(np.max(np.abs(new - old) / larger))
 
 
 def swing(log: Log, zero: float, since: float) -> float:
@@ -302,7 +285,7 @@ class OrbitStudy:
     also: Calibration | None  # another one, on its own
     amplitudes: tuple[float, ...]  # (n,) in rad, of the orbits of the next
     cross: Samples  # (n, n) rms in rad of the row's model at the column's orbit
-    watched: Watched | None = None  # a run at the end that was watched for changes
+    watched: Watched | None  # a run at the end that was watched for changes
 
 
 def study_orbit(
@@ -310,26 +293,21 @@ def study_orbit(
     believed: LumpedParameters,
     zero: float,
     schedule: OrbitSchedule,
-    options: RecalibrationOptions,
     *,
-    also: Target | None = None,
-    amplitudes: tuple[float, ...] = (),
     small_swings: Estimate | None = None,
     plants: tuple[RunLaw, RunLaw] | None = None,
+    path: CommandPath = CommandPath(),
     rng: np.random.Generator,
     name: str = "orbit",
     description: str = "",
     track: Track = untracked,
 ) -> OrbitStudy:
-    """Calibrate, compare free runs, and use models of orbits of ``amplitudes`` crosswise.
+    """Calibrate, compare free runs, and do what else is planned; a watched run takes the ``path``.
 
-    Another calibration of the same robot, next to the orbit ``also``, shares nothing with the first
-    but what was believed.
+    The other calibration shares nothing with the first but what was believed.
     """
-    calibration = calibrate(
-        rig, believed, zero, schedule, options, plants=plants, rng=rng, track=track
-    )
-    carried = schedule.added_masses[0]
+    calibration = calibrate(rig, believed, zero, schedule, plants=plants, rng=rng, track=track)
+    carried, amplitudes = schedule.added_masses[0], schedule.cross_check
     final = calibration.parameters
 
     def run(orbit: Orbit, start: float, dither: float) -> Log:
@@ -340,39 +318,50 @@ def study_orbit(
     nominal = last.orbit.of_same_size(final)
     beside = schedule.starts[0] if nominal.direction else _BESIDE * nominal.upper
     held_out = run(nominal, beside, _DITHER)
-    runs = {
-        name: beside_orbit(held_out, model, zero, nominal)
-        for name, model in (("generic", generic), ("re-calibrated", final))
-    }
-    run_of_found = runs["re-calibrated"]
-    followed = [
-        Finding(FindingKind.FOLLOWED, number=1 - run_of_found.fit / 100),
-        *judge_fit(np.array([run_of_found.followed])),
-    ]
+    before, after = (beside_orbit(held_out, model, zero, nominal) for model in (generic, final))
+    followed = Finding(FindingKind.FOLLOWED, number=1 - after.fit / 100)
+    judged = judge_fit(np.array([after.followed]))
     fresh, models_at = [], []
     for amplitude in track(amplitudes, "Cross-checking orbits"):
         orbit = Orbit.of_amplitude(final, amplitude)
         fresh.append(run(orbit, _BESIDE * amplitude, _DITHER))
         logs = [run(orbit, share * amplitude, _DITHER) for share in _AROUND]
-        models_at.append(recalibrate(logs, zero, options).loaded(carried, final.p1))
-    other = None
-    if also is not None:
-        plan = replace(schedule, target=also)
-        other = calibrate(rig, believed, zero, plan, options, plants=plants, rng=rng, track=track)
+        found = recalibrate(logs, zero, schedule.recalibration)
+        models_at.append(found.loaded(carried, final.p1))
+    other = watched = None
+    if schedule.also is not None:
+        plan = replace(schedule, target=schedule.also)
+        other = calibrate(rig, believed, zero, plan, plants=plants, rng=rng, track=track)
+    if (seen := schedule.watch) is not None:
+        orbit = schedule.target(final)
+        changed = {} if seen.change is None else {"change": seen.change}
+        watched = watch(
+            lambda law: rig(law, orbit.upper, seen.duration, carried, **changed),
+            schedule.law(orbit, zero),
+            schedule.target,
+            orbit,
+            seen,
+            zero=zero,
+            multiplier=schedule.multiplier,
+            options=schedule.recalibration,
+            path=path,
+            rng=rng,
+        )
     return OrbitStudy(
         name=name,
         description=description,
         zero=zero,
         calibration=calibration,
         held_out=held_out,
-        estimate=last.recalibration.estimate.with_findings(*followed),
+        estimate=last.recalibration.estimate.with_findings(followed, *judged),
         small_swings=small_swings,
-        errors={name: run.rms for name, run in runs.items()},
+        errors={"generic": before.rms, "re-calibrated": after.rms},
         also=other,
         amplitudes=amplitudes,
         cross=np.array(
             [[beside_orbit(log, model, zero).rms for log in fresh] for model in models_at]
         ).reshape(len(amplitudes), len(amplitudes)),
+        watched=watched,
     )
 
 
