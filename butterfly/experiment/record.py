@@ -125,11 +125,6 @@ class RoundsRecord:
     target_rad_s: float | None = None  # mean speed of an orbit that turns over
     speeds_rad_s: tuple[float | None, ...] = ()  # of the rounds; None where it did not turn over
 
-    @property
-    def reached(self) -> tuple[float | None, ...]:
-        """Amplitudes of the rounds in rad, or mean speeds in rad/s."""
-        return self.amplitudes_rad or self.speeds_rad_s
-
     @staticmethod
     def fields_of(calibration: Calibration) -> dict[str, Any]:
         """Return the fields that a calibration has."""
@@ -190,12 +185,6 @@ class OrbitRecord(RoundsRecord):
                 rms_rad=tuple(tuple(row) for row in study.cross.tolist()),
             ),
         )
-
-    def numbers(self) -> dict[str, Any]:
-        """Return the values besides the verdict, for programs."""
-        adapter = TypeAdapter(OrbitRecord)
-        numbers: dict[str, Any] = adapter.dump_python(self, mode="json", exclude={"verdict"})
-        return numbers
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -88,41 +88,33 @@ class Orbit:
             raise InputError("orbit", "direction", direction, "1 or -1")
         turn = np.linspace(-math.pi, math.pi, _GRID)
         lowest = turn[np.argmin(potential(parameters, turn))]
-        angles = lowest + 1.5 * np.linspace(-math.pi, math.pi, _GRID)
+        angles = lowest + 1.5 * turn
         levels = potential(parameters, angles)
+        about: dict[str, Any] = {"parameters": parameters, "energy": target}
         bottom = _GRID // 2
         wall = min(float(levels[:bottom].max()), float(levels[bottom:].max()))
         floor = float(levels.min(initial=levels[bottom], where=np.abs(angles - lowest) < math.pi))
         rest, least = _turning(parameters)
         if target > floor and target >= max(least, wall):
-            return cls(
-                parameters=parameters,
-                energy=target,
-                lower=rest - math.pi,
-                upper=rest + math.pi,
-                direction=direction,
-            )
+            return cls(**about, lower=rest - math.pi, upper=rest + math.pi, direction=direction)
         most = wall - _NEAREST * (wall - floor)
         if not floor < target <= most:
-            why = ""
-            if target > most:
-                why = f", or an error of {_NEAREST:.1%} in the model decides which of them it is"
+            why = f", or an error of {_NEAREST:.1%} in the model decides which of them it is"
             raise InputError(
                 "orbit",
                 "energy",
                 f"{target:.6g} J",
                 f"between {floor:.6g} J (at rest) and {most:.6g} J (of a swing), or at least "
-                f"{least:.6g} J (where the joint turns over){why}",
+                f"{least:.6g} J (where the joint turns over){why if target > most else ''}",
             )
-
-        def excess(angle: float) -> float:
-            return float(potential(parameters, angle)) - target
-
-        below = np.flatnonzero(levels[:bottom] > target)[-1]
-        above = bottom + np.flatnonzero(levels[bottom:] > target)[0]
-        lower = brentq(excess, angles[below], angles[below + 1], xtol=1e-15)
-        upper = brentq(excess, angles[above - 1], angles[above], xtol=1e-15)
-        return cls(parameters=parameters, energy=target, lower=lower, upper=upper)
+        above = np.flatnonzero(levels > target)
+        lower, upper = (
+            brentq(
+                lambda x: float(potential(parameters, x)) - target, *angles[k : k + 2], xtol=1e-15
+            )
+            for k in (above[above < bottom][-1], above[above >= bottom][0] - 1)
+        )
+        return cls(**about, lower=lower, upper=upper)
 
     @classmethod
     def of_amplitude(cls, parameters: LumpedParameters, amplitude: float) -> Orbit:
@@ -173,10 +165,7 @@ class Orbit:
 
     @property
     def start(self) -> tuple[float, float]:
-        """Angle in rad and velocity in rad/s where the nominal motion begins.
-
-        That is at `upper`, or at rest's angle if it turns over.
-        """
+        """Angle in rad and velocity in rad/s where it begins: `upper`, or rest if it turns over."""
         if not self.direction:
             return self.upper, 0.0
         middle = 0.5 * (self.lower + self.upper)
@@ -224,8 +213,7 @@ class Orbit:
 
     def _speed(self, angle: Any) -> Any:  # noqa: ANN401
         """Speed in rad/s on the orbit at angles in rad."""
-        p = self.conserving
-        return np.sqrt(2 * (self.energy - potential(p, angle)) / p.p1)
+        return np.sqrt(2 * (self.energy - potential(self.conserving, angle)) / self.parameters.p1)
 
     def _over_angle(self, integrand: Callable[[Samples], Samples]) -> float:
         """Integrate a function of the speed over the angle, for a period.

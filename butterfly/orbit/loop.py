@@ -77,22 +77,12 @@ class OrbitSchedule:
     watch: WatchPlan | None = None  # a run at the end, in which changes are noticed
 
     def __post_init__(self) -> None:
-        require_number(
-            "OrbitSchedule",
-            dither=self.dither,
-            kick=self.kick,
-            amplitude_tolerance=self.amplitude_tolerance,
-            speed_tolerance=self.speed_tolerance,
-            parameter_tolerance=self.parameter_tolerance,
-        )
-        require_number(
-            "OrbitSchedule",
-            positive=True,
-            duration=self.duration,
-            rounds=self.rounds,
-            starts=len(self.starts),
-            added_masses=len(self.added_masses),
-        )
+        tolerances = ("amplitude_tolerance", "speed_tolerance", "parameter_tolerance")
+        for name in ("dither", "kick", *tolerances):
+            require_number("OrbitSchedule", **{name: getattr(self, name)})
+        counts = {"starts": len(self.starts), "added_masses": len(self.added_masses)}
+        lengths = {"duration": self.duration, "rounds": self.rounds}
+        require_number("OrbitSchedule", positive=True, **lengths, **counts)
         if not 0 < self.multiplier < 1:
             raise InputError("OrbitSchedule", "multiplier", self.multiplier, "between 0 and 1")
 
@@ -310,22 +300,22 @@ def study_orbit(
     carried, amplitudes = schedule.added_masses[0], schedule.cross_check
     final = calibration.parameters
 
-    def run(orbit: Orbit, start: float, dither: float) -> Log:
-        law = Dithered(schedule.law(orbit, zero), dither, 2 * np.pi / orbit.period, rng)
+    def run(orbit: Orbit, start: float) -> Log:
+        law = Dithered(schedule.law(orbit, zero), _DITHER, 2 * np.pi / orbit.period, rng)
         return rig(law, start, schedule.duration, carried)
 
     last, generic = calibration.rounds[-1], calibration.rounds[0].believed
     nominal = last.orbit.of_same_size(final)
     beside = schedule.starts[0] if nominal.direction else _BESIDE * nominal.upper
-    held_out = run(nominal, beside, _DITHER)
+    held_out = run(nominal, beside)
     before, after = (beside_orbit(held_out, model, zero, nominal) for model in (generic, final))
     followed = Finding(FindingKind.FOLLOWED, number=1 - after.fit / 100)
     judged = judge_fit(np.array([after.followed]))
     fresh, models_at = [], []
     for amplitude in track(amplitudes, "Cross-checking orbits"):
         orbit = Orbit.of_amplitude(final, amplitude)
-        fresh.append(run(orbit, _BESIDE * amplitude, _DITHER))
-        logs = [run(orbit, share * amplitude, _DITHER) for share in _AROUND]
+        fresh.append(run(orbit, _BESIDE * amplitude))
+        logs = [run(orbit, share * amplitude) for share in _AROUND]
         found = recalibrate(logs, zero, schedule.recalibration)
         models_at.append(found.loaded(carried, final.p1))
     other = watched = None
@@ -373,12 +363,12 @@ def beside_orbit(
     Of an ``orbit`` that turns over from where the log is settled on it: how fast a hand goes over
     the top that it hardly reaches cannot be foretold.
     """
+    setting = Setting(parameters=loaded, zero=zero)
     if orbit is not None and orbit.direction:
         ends = _settled(log) + np.array([0, PERIODS]) * orbit.period
-        first, last = np.searchsorted(log.time, ends)
-        cut = replace(log.piece(int(first), int(last)), added_mass=NO_ADDED_MASS)
-        return FreeRun.of(cut, Setting(parameters=loaded, zero=zero))
-    start = max(abs(float(log.angle[0]) - zero), _HANGING)
-    period = Orbit.of_amplitude(replace(loaded, p3_offset=0.0, bias=0.0), start).period
-    cut = replace(log.take(log.time - log.time[0] <= PERIODS * period), added_mass=NO_ADDED_MASS)
-    return FreeRun.of(cut, Setting(parameters=loaded, zero=zero, velocity=0.0))
+        cut = log.piece(*np.searchsorted(log.time, ends).tolist())
+    else:
+        start, setting = max(abs(log.angle[0] - zero), _HANGING), replace(setting, velocity=0.0)
+        period = Orbit.of_amplitude(replace(loaded, p3_offset=0.0, bias=0.0), start).period
+        cut = log.take(log.time - log.time[0] <= PERIODS * period)
+    return FreeRun.of(replace(cut, added_mass=NO_ADDED_MASS), setting)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from plotly.graph_objects import Figure
+from pydantic import TypeAdapter
 
 from butterfly.arrays import Samples
 from butterfly.experiment.record import OrbitRecord
@@ -95,9 +96,9 @@ def orbit_page(study: OrbitStudy, truth: LumpedParameters | None = None) -> Page
 def orbit_document(study: OrbitStudy, truth: LumpedParameters | None) -> dict[str, Any]:
     """Return a study of an orbit for programs (see `orbit_page`)."""
     verdict, last = estimate_verdict(study.estimate), study.calibration.rounds[-1]
-    fitted, log = last.recalibration, last.logs[0]
+    fitted, log, record = last.recalibration, last.logs[0], OrbitRecord.of(study)
     content = {
-        **OrbitRecord.of(study).numbers(),
+        **TypeAdapter(OrbitRecord).dump_python(record, mode="json", exclude={"verdict"}),
         "rounds_ending": study.calibration.ending,
         "data": {
             "name": study.name,
