@@ -118,8 +118,8 @@ class CrossRecord:
 class RoundsRecord:
     """The rounds of a calibration next to an orbit."""
 
-    target_rad: float | None  # amplitude that was wanted; None of an orbit that turns over
-    amplitudes_rad: tuple[float | None, ...]  # of the rounds; None where the hand turned over
+    target_rad: float | None = None  # amplitude that was wanted; None if it is to turn over
+    amplitudes_rad: tuple[float | None, ...] = ()  # of the rounds; None where the hand turned over
     ending: str  # why the rounds ended, in words
     absolute: bool  # whether the parameters are, or ratios to p1
     target_rad_s: float | None = None  # mean speed of an orbit that turns over
@@ -130,15 +130,11 @@ class RoundsRecord:
         """Return the fields that a calibration has."""
         last = calibration.rounds[-1]
         reached = tuple(or_none(each.reached) for each in calibration.rounds)
-        turns = bool(last.orbit.direction)
-        return {
-            "target_rad": None if turns else last.wanted,
-            "amplitudes_rad": () if turns else reached,
-            "ending": calibration.ending,
-            "absolute": not last.recalibration.estimate.ratios,
-            "target_rad_s": last.wanted if turns else None,
-            "speeds_rad_s": reached if turns else (),
-        }
+        sizes = {"target_rad": last.orbit.size, "amplitudes_rad": reached}
+        if last.orbit.direction:
+            sizes = {"target_rad_s": last.orbit.size, "speeds_rad_s": reached}
+        absolute = not last.recalibration.estimate.ratios
+        return sizes | {"ending": calibration.ending, "absolute": absolute}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -21,11 +21,7 @@ _NEAREST = 1e-3  # of the energy from rest to the top: so small an error decides
 _ASIDE = 1e-20  # rad, of an imaginary step
 
 
-def potential(
-    p: LumpedParameters,
-    angle: Any,  # noqa: ANN401
-    rows: Iterable[Term] = CONSERVATIVE,
-) -> Any:  # noqa: ANN401
+def potential(p: LumpedParameters, angle: Any, rows: Iterable[Term] = CONSERVATIVE) -> Any:  # noqa: ANN401
     """Potential energy in J of the loaded joint relative to angle 0, of `rows` with a potential."""
     total = 0.0 * angle
     for row in rows:
@@ -51,14 +47,9 @@ def stiffness(p: LumpedParameters, angle: float) -> float:
     return float(np.imag(torque_of(p, beside, CONSERVATIVE)) / _ASIDE)
 
 
-def energy(
-    p: LumpedParameters,
-    angle: Any,  # noqa: ANN401
-    velocity: Any,  # noqa: ANN401
-    rows: Iterable[Term] = CONSERVATIVE,
-) -> Any:  # noqa: ANN401
+def energy(p: LumpedParameters, angle: Any, velocity: Any) -> Any:  # noqa: ANN401
     """E = p1 thd^2/2 + `potential` (105), in J; of numbers, or of arrays."""
-    return 0.5 * p.p1 * velocity**2 + potential(p, angle, rows)
+    return 0.5 * p.p1 * velocity**2 + potential(p, angle)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,14 +90,15 @@ class Orbit:
             return cls(**about, lower=rest - math.pi, upper=rest + math.pi, direction=direction)
         most = wall - _NEAREST * (wall - floor)
         if not floor < target <= most:
-            why = f", or an error of {_NEAREST:.1%} in the model decides which of them it is"
-            raise InputError(
-                "orbit",
-                "energy",
-                f"{target:.6g} J",
+            expected = (
                 f"between {floor:.6g} J (at rest) and {most:.6g} J (of a swing), or at least "
-                f"{least:.6g} J (where the joint turns over){why if target > most else ''}",
+                f"{least:.6g} J (where the joint turns over)"
             )
+            if target > most:
+                expected += (
+                    f", or an error of {_NEAREST:.1%} in the model decides which of them it is"
+                )
+            raise InputError("orbit", "energy", f"{target:.6g} J", expected)
         above = np.flatnonzero(levels > target)
         lower, upper = (
             brentq(
@@ -136,13 +128,11 @@ class Orbit:
             most = least + parameters.p1 * speed**2
             return cls.of_energy(parameters, brentq(missing, least, most, xtol=1e-15), direction)
         slowest = cls.of_energy(parameters, least).mean_speed
-        raise InputError(
-            "orbit",
-            "speed",
-            f"{speed:.6g} rad/s",
+        expected = (
             f"more than {slowest:.6g} rad/s either way: slower, an error of {_NEAREST:.1%} in the "
-            "model decides whether the joint turns over",
+            "model decides whether the joint turns over"
         )
+        raise InputError("orbit", "speed", f"{speed:.6g} rad/s", expected)
 
     @classmethod
     def of_state(cls, parameters: LumpedParameters, angle: float, velocity: float) -> Orbit:

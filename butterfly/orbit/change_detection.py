@@ -83,13 +83,8 @@ class ChangeDetector:
         half_width: float = HALF_WIDTH,
     ) -> None:
         least, most = reference
-        require_number(
-            "ChangeDetector",
-            positive=True,
-            window=window,
-            false_alarms_every=false_alarms_every,
-            half_width=half_width,
-        )
+        require_number("ChangeDetector", positive=True, window=window, half_width=half_width)
+        require_number("ChangeDetector", positive=True, false_alarms_every=false_alarms_every)
         length = SEGMENT * SPACING * half_width
         if not _FEWEST * length <= least <= most < math.inf:
             expected = f"two times in s, the shorter first and {_FEWEST * length:g} or more"

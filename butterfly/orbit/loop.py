@@ -18,8 +18,9 @@ from butterfly.identification.plausibility import judge_fit
 from butterfly.logs.log import Log
 from butterfly.model.energy import Orbit
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
+from butterfly.orbit.change_detection import ChangeDetector
 from butterfly.orbit.controller import Dithered, EnergyShaping, Target, VelocityEstimator, gain_for
-from butterfly.orbit.online import Watched, WatchPlan, watch
+from butterfly.orbit.online import OnlineRecalibration, SelfTuning, Watched, WatchPlan
 from butterfly.orbit.recalibration import (
     LoopEquations,
     Recalibration,
@@ -80,9 +81,13 @@ class OrbitSchedule:
         tolerances = ("amplitude_tolerance", "speed_tolerance", "parameter_tolerance")
         for name in ("dither", "kick", *tolerances):
             require_number("OrbitSchedule", **{name: getattr(self, name)})
-        counts = {"starts": len(self.starts), "added_masses": len(self.added_masses)}
-        lengths = {"duration": self.duration, "rounds": self.rounds}
-        require_number("OrbitSchedule", positive=True, **lengths, **counts)
+        require_number("OrbitSchedule", positive=True, duration=self.duration, rounds=self.rounds)
+        require_number(
+            "OrbitSchedule",
+            positive=True,
+            starts=len(self.starts),
+            added_masses=len(self.added_masses),
+        )
         if not 0 < self.multiplier < 1:
             raise InputError("OrbitSchedule", "multiplier", self.multiplier, "between 0 and 1")
 
@@ -110,14 +115,9 @@ class Round:
     recalibration: Recalibration  # from the logs
 
     @property
-    def wanted(self) -> float:
-        """Size of the target (see `Orbit.size`)."""
-        return self.orbit.size
-
-    @property
     def error(self) -> float:
-        """What was reached less what was wanted."""
-        return self.reached - self.wanted
+        """What was reached less the size of the target."""
+        return self.reached - self.orbit.size
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -322,21 +322,8 @@ def study_orbit(
     if schedule.also is not None:
         plan = replace(schedule, target=schedule.also)
         other = calibrate(rig, believed, zero, plan, plants=plants, rng=rng, track=track)
-    if (seen := schedule.watch) is not None:
-        orbit = schedule.target(final)
-        changed = {} if seen.change is None else {"change": seen.change}
-        watched = watch(
-            lambda law: rig(law, orbit.upper, seen.duration, carried, **changed),
-            schedule.law(orbit, zero),
-            schedule.target,
-            orbit,
-            seen,
-            zero=zero,
-            multiplier=schedule.multiplier,
-            options=schedule.recalibration,
-            path=path,
-            rng=rng,
-        )
+    if schedule.watch is not None:
+        watched = watch(rig, schedule.watch, final, zero, schedule, path=path, rng=rng)
     return OrbitStudy(
         name=name,
         description=description,
@@ -353,6 +340,36 @@ def study_orbit(
         ).reshape(len(amplitudes), len(amplitudes)),
         watched=watched,
     )
+
+
+def watch(
+    rig: RunLaw,
+    plan: WatchPlan,
+    model: LumpedParameters,
+    zero: float,
+    schedule: OrbitSchedule,
+    *,
+    path: CommandPath = CommandPath(),
+    rng: np.random.Generator,
+) -> Watched:
+    """Hold the orbit of a loaded model, self-tuning and dithered, and watch the innovations."""
+    orbit, options = schedule.target(model), schedule.recalibration
+    every, width = plan.false_alarms_every, options.half_width
+    detector = ChangeDetector(false_alarms_every=every, half_width=width)
+    law = schedule.law(orbit, zero)
+    tuned = SelfTuning(
+        law,
+        OnlineRecalibration(zero, memory=plan.memory, options=options, detector=detector),
+        schedule.target,
+        multiplier=schedule.multiplier,
+        inertia=model.p1,
+        every=plan.every,
+        commands=Dithered(law, plan.dither, 2 * math.pi / orbit.period, rng),
+        path=path,
+    )
+    changed = {} if plan.change is None else {"change": plan.change}
+    log = rig(tuned, orbit.upper, plan.duration, schedule.added_masses[0], **changed)
+    return Watched(log=log, orbit=orbit, detector=detector, change=plan.change)
 
 
 def beside_orbit(

@@ -65,12 +65,9 @@ def loop_margins(orbit: Orbit, gamma: float, *, lag: float = 0.0) -> Margins:
 
     multiplier = transverse.multiplier(gamma, now)
     if not holds(1.0, 0.0):
-        raise InputError(
-            "loop_margins",
-            "loop",
-            f"Floquet multiplier {multiplier:.3g} with {now:.3g} s of lag",
-            "a stable orbit; reduce the lag or change gamma",
-        )
+        found = f"Floquet multiplier {multiplier:.3g} with {now:.3g} s of lag"
+        expected = "a stable orbit; reduce the lag or change gamma"
+        raise InputError("loop_margins", "loop", found, expected)
     factors = np.geomspace(_RATIO, _LARGEST, round(math.log(_LARGEST, _RATIO)))
     delays = orbit.period * np.arange(1, _PARTS + 1) / _PARTS
     low, high = (

@@ -28,23 +28,14 @@ from butterfly.logs.log import Lead, Log
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.model.terms import TERMS, DriveTerms, FrictionTerms, offered
 
-METHOD = "re-calibration"
-
-CANDIDATES = offered(METHOD)
+CANDIDATES = offered("re-calibration")
 """Terms that can be estimated besides p1..p4."""
 
-BASE = ("p1", "p2", "p3", "p4")
-"""Always estimated."""
+BASE = ("p1", "p2", "p3", "p4")  # always estimated
+LEAST = {"p4": 0.0}  # bounds besides those of the table of terms: the input drives forwards
+SEGMENT = 10  # test functions in a row, which share noise; such stretches count as independent
 
-LEAST = {"p4": 0.0}
-"""Bounds besides those of the table of terms: the input drives forwards."""
-
-FOLDS = 5
-"""Parts that are held out in turn when terms are chosen."""
-
-SEGMENT = 10
-"""Test functions in a row, which share noise; such stretches count as independent."""
-
+_FOLDS = 5  # parts that are held out in turn when terms are chosen
 _COMPRESSION_ROUNDS = 5  # about the compression, which alone is not linear
 _FEWEST_RUNS = 3  # to leave one out
 
@@ -127,7 +118,7 @@ def recalibrate(
     base = BASE if len(masses) > 1 else BASE[1:]
     loop = LoopEquations(logs, zero, options)
     solution, regression, run = loop.fit((*base, *options.candidates))
-    if np.unique(regression.cluster).size <= 2 * FOLDS:
+    if np.unique(regression.cluster).size <= 2 * _FOLDS:
         moving = run.size * options.half_width / 2
         raise IdentifiabilityError(
             f"{moving:.3g} s of motion are too short to re-calibrate; record longer runs"
@@ -173,7 +164,7 @@ def estimate_of(
 
 def chosen_terms(equations: CellEquations, base: tuple[str, ...]) -> tuple[str, ...]:
     """Return the base and those of all terms that help to predict stretches that were held out."""
-    folds = np.arange(equations.log.size) % FOLDS
+    folds = np.arange(equations.log.size) % _FOLDS
     nested = Submodels(equations=equations, folds=folds)
     rows = tuple(name for name in equations.names if name not in base)
     return choose(LinearModel(models=(nested,), optional=rows)).names

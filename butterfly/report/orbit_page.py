@@ -82,7 +82,7 @@ def orbit_page(study: OrbitStudy, truth: LumpedParameters | None = None) -> Page
         description=study.description,
         kind="orbit re-calibration",
         facts=[
-            Fact(f"{name} reached", reached, f"of {degrees_said(last.wanted)}{unit}"),
+            Fact(f"{name} reached", reached, f"of {degrees_said(last.orbit.size)}{unit}"),
             Fact("rounds", str(len(study.calibration.rounds)), "numbered from 0"),
             Fact("error of a free run near it", f"{after}°", f"rms; before, {before}°"),
         ],
@@ -97,14 +97,11 @@ def orbit_document(study: OrbitStudy, truth: LumpedParameters | None) -> dict[st
     """Return a study of an orbit for programs (see `orbit_page`)."""
     verdict, last = estimate_verdict(study.estimate), study.calibration.rounds[-1]
     fitted, log, record = last.recalibration, last.logs[0], OrbitRecord.of(study)
+    about = {"name": study.name, "description": study.description}
     content = {
         **TypeAdapter(OrbitRecord).dump_python(record, mode="json", exclude={"verdict"}),
         "rounds_ending": study.calibration.ending,
-        "data": {
-            "name": study.name,
-            "description": study.description,
-            "input": str(log.input_kind),
-        },
+        "data": about | {"input": str(log.input_kind)},
         **estimate_numbers(study.estimate),
         "ratios_to_p1": [name for name in fitted.estimate.names if fitted.is_ratio(name)],
         "carried": str(log.added_mass),
@@ -179,7 +176,7 @@ def _also_sentences(study: OrbitStudy, also: Calibration) -> list[str]:
 def _also_section(study: OrbitStudy, also: Calibration) -> Section:
     """Put the estimates of both orbits beside each other."""
     rounds = (study.calibration.rounds[-1], also.rounds[-1])
-    headers = [f"{degrees_said(each.wanted)}{_named(each.orbit)[1]}" for each in rounds]
+    headers = [f"{degrees_said(each.orbit.size)}{_named(each.orbit)[1]}" for each in rounds]
     found = rounds[0].recalibration
     values = [each.recalibration.estimate.named for each in rounds]
     record = OrbitRecord.of(study).also
@@ -233,7 +230,7 @@ def _rounds_section(calibration: Calibration) -> Section:
     counts, reached = list(range(len(rounds))), [math.degrees(each.reached) for each in rounds]
     marker, line = {"color": PALETTE[0], "size": 9}, {"color": PALETTE[5], "dash": "dash"}
     figure.add_scatter(x=counts, y=reached, mode="lines+markers", marker=marker, name="reached")
-    wanted = [math.degrees(rounds[-1].wanted)] * len(rounds)
+    wanted = [math.degrees(rounds[-1].orbit.size)] * len(rounds)
     figure.add_scatter(x=counts, y=wanted, mode="lines", line=line, name="target")
     return Section(
         title=f"{name.capitalize()} per round",

@@ -17,12 +17,23 @@ _SWINGS = 5  # periods over which an amplitude is measured
 
 
 def watch_sentences(watched: Watched) -> list[str]:
-    """Say what was noticed, a sentence for each alarm."""
+    """Say for each alarm when the robot changed, which parameters it may have been, by how much."""
+    change, sentences = watched.change, []
+    for alarm in watched.detector.alarms:
+        noticed = f"noticed at {alarm.time:.1f} s"
+        if change is not None and alarm.time >= change.at:
+            noticed += f", {(alarm.time - change.at) / watched.orbit.period:.2g} periods after it"
+        what = " or ".join(f"{each.name} by {_change_said(each)}" for each in alarm.possible)
+        if not alarm.causes:
+            what = "needs more motion to be told"
+        elif not what:
+            moved = [each for each in alarm.ratios if not each.lower <= each.before <= each.upper]
+            said = ", ".join(f"{each.name}/p1 by {_change_said(each)}" for each in moved)
+            what = f"several parameters: {said}"
+        since = "The robot changed between {:.1f} and {:.1f} s".format(*alarm.since)
+        sentences.append(f"{since}, {noticed}. What changed: {what}.")
     minutes = float(np.ptp(watched.log.time)) / 60
-    alarms = watched.detector.alarms
-    return [_alarm_said(watched, alarm) for alarm in alarms] or [
-        f"Watched for {minutes:.3g} min: the robot did not change."
-    ]
+    return sentences or [f"Watched for {minutes:.3g} min: the robot did not change."]
 
 
 def watch_section(watched: Watched, zero: float) -> Section:
@@ -39,24 +50,6 @@ def watch_section(watched: Watched, zero: float) -> Section:
         "controller is retuned all the time.",
         tables=tuple(map(_causes_table, watched.detector.alarms)),
         figures={"watched": _figure(watched, zero)},
-    )
-
-
-def _alarm_said(watched: Watched, alarm: Alarm) -> str:
-    """Say when the robot changed, which parameters it may have been, and by how much."""
-    noticed, change = f"noticed at {alarm.time:.1f} s", watched.change
-    if change is not None and alarm.time >= change.at:
-        noticed += f", {(alarm.time - change.at) / watched.orbit.period:.2g} periods after it"
-    what = " or ".join(f"{each.name} by {_change_said(each)}" for each in alarm.possible)
-    if not alarm.causes:
-        what = "needs more motion to be told"
-    elif not what:
-        moved = [each for each in alarm.ratios if not each.lower <= each.before <= each.upper]
-        said = ", ".join(f"{each.name}/p1 by {_change_said(each)}" for each in moved)
-        what = f"several parameters: {said}"
-    begin, end = alarm.since
-    return (
-        f"The robot changed between {begin:.1f} and {end:.1f} s, {noticed}. What changed: {what}."
     )
 
 
@@ -86,21 +79,18 @@ def _causes_table(alarm: Alarm) -> PageTable:
 
 def _figure(watched: Watched, zero: float) -> Figure:
     """Statistic with threshold and alarms; amplitude with the target."""
-    figure, orbit, log = (
-        panels("time in s", ("statistic", "amplitude in °"), 520),
-        watched.orbit,
-        watched.log,
-    )
+    figure = panels("time in s", ("statistic", "amplitude in °"), 520)
+    orbit, log, dashed = watched.orbit, watched.log, {"color": GREY, "dash": "dash"}
     time, statistic = np.array(watched.detector.history).reshape(-1, 2).T
     step, ends = _SWINGS * orbit.period, [float(log.time[0]), float(log.time[-1])]
     begins = np.arange(ends[0], ends[1] - step, step)
     parts = [log.take((log.time >= begin) & (log.time < begin + step)) for begin in begins]
     reached = [math.degrees(swing(part, zero, part.time[0])) for part in parts]
     wanted, threshold = math.degrees(orbit.upper - orbit.lower) / 2, watched.detector.threshold
-    line, dashed = {"color": PALETTE[0]}, {"color": GREY, "dash": "dash"}
-    add(figure, 1, time, statistic, name="statistic", mode="markers", marker={"color": PALETTE[0]})
+    blue = {"color": PALETTE[0]}
+    add(figure, 1, time, statistic, name="statistic", mode="markers", marker=blue)
     add(figure, 1, ends, [threshold] * 2, name="threshold", line=dashed)
-    add(figure, 2, begins + step / 2, reached, name="amplitude", line=line)
+    add(figure, 2, begins + step / 2, reached, name="amplitude", line=blue)
     add(figure, 2, ends, [wanted] * 2, name="target", line=dashed)
     for alarm in watched.detector.alarms:
         figure.add_vline(x=alarm.time, line={"color": PALETTE[5], "width": 1})
