@@ -107,14 +107,6 @@ class EstimateRecord:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CrossRecord:
-    """Models of orbits, applied to each other: amplitudes in rad, rms errors in rad by row."""
-
-    amplitudes_rad: tuple[float, ...]
-    rms_rad: tuple[tuple[float, ...], ...]
-
-
-@dataclass(frozen=True, kw_only=True)
 class RoundsRecord:
     """The rounds of a calibration next to an orbit."""
 
@@ -157,7 +149,8 @@ class OrbitRecord(RoundsRecord):
     """A held orbit, and re-calibration next to it."""
 
     free_run_rms_rad: dict[str, float]  # errors of the models' free runs, by model
-    cross_orbit: CrossRecord
+    # models of orbits, applied to each other: amplitudes_rad, and rms_rad by row
+    cross_orbit: dict[str, tuple[float | tuple[float, ...], ...]]
     verdict: str | None = None  # on the parameters; None in records of older programs
     also: AlsoRecord | None = None
     alarms: tuple[Alarm, ...] | None = None  # changes that were noticed; None if none was watched
@@ -176,10 +169,10 @@ class OrbitRecord(RoundsRecord):
             verdict=study.estimate.level.verdict,
             free_run_rms_rad=study.errors,
             alarms=None if (seen := study.watched) is None else tuple(seen.detector.alarms),
-            cross_orbit=CrossRecord(
-                amplitudes_rad=study.amplitudes,
-                rms_rad=tuple(tuple(row) for row in study.cross.tolist()),
-            ),
+            cross_orbit={
+                "amplitudes_rad": study.amplitudes,
+                "rms_rad": tuple(tuple(row) for row in study.cross.tolist()),
+            },
         )
 
 

@@ -38,11 +38,8 @@ def pull(p: LumpedParameters, angle: float) -> float:
 
 
 def stiffness(p: LumpedParameters, angle: float) -> float:
-    """Curvature in N m/rad of the potential at an angle in rad.
-
-    The imaginary part of the slope at a complex angle next to the real one, which is exact to
-    rounding (Squire & Trapp, SIAM Review 40, 1998).
-    """
+    """Curvature in N m/rad of the potential at an angle in rad."""
+    # by an imaginary step, exact to rounding (Squire & Trapp, SIAM Review 40, 1998)
     beside = p.motion(angle + 1j * _ASIDE, 0.0)
     return float(np.imag(torque_of(p, beside, CONSERVATIVE)) / _ASIDE)
 
@@ -206,11 +203,9 @@ class Orbit:
         return np.sqrt(2 * (self.energy - potential(self.conserving, angle)) / self.parameters.p1)
 
     def _over_angle(self, integrand: Callable[[Samples], Samples]) -> float:
-        """Integrate a function of the speed over the angle, for a period.
-
-        Of a swing over the phase, which straightens the square-root ends. So the integrand is
-        periodic and smooth: the midpoint rule converges exponentially.
-        """
+        """Integrate a function of the speed over the angle, for a period."""
+        # of a swing over the phase, which straightens the square-root ends: so the integrand is
+        # periodic and smooth, and the midpoint rule converges exponentially
         middle, reach = 0.5 * (self.lower + self.upper), 0.5 * (self.upper - self.lower)
         step = math.pi / _POINTS
         if self.direction:

@@ -93,13 +93,8 @@ class OrbitSchedule:
 
     def law(self, orbit: Orbit, zero: float) -> EnergyShaping:
         """Return a fresh controller for an orbit, its encoder reading ``zero`` rad at angle 0."""
-        return EnergyShaping(
-            orbit,
-            gain_for(orbit, self.multiplier),
-            zero=zero,
-            velocity=self.velocity(orbit.parameters, zero),
-            kick=self.kick,
-        )
+        gamma, velocity = gain_for(orbit, self.multiplier), self.velocity(orbit.parameters, zero)
+        return EnergyShaping(orbit, gamma, zero=zero, velocity=velocity, kick=self.kick)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -174,8 +169,10 @@ def calibrate(
         if abs(last.error) <= (schedule.speed_tolerance if turns else schedule.amplitude_tolerance):
             ending = f"the {'speed' if turns else 'amplitude'} error is within its bound"
             break
-        change = _largest_change(before, loaded[schedule.added_masses[0]])
-        if change <= schedule.parameter_tolerance:
+        after = loaded[schedule.added_masses[0]]
+        old, new = (np.array([p.p2, p.p3, p.p4, p.coulomb]) / p.p1 for p in (before, after))
+        larger = np.maximum(np.maximum(np.abs(new), np.abs(old)), 1e-12)
+        if np.max(np.abs(new - old) / larger) <= schedule.parameter_tolerance:
             ending = "the parameters have converged"
             break
     if plants is not None:
@@ -206,13 +203,6 @@ def _runs(
                 law = Dithered(law, schedule.dither, 2 * math.pi / orbit.period, rng)
             logs.append(rig(law, start, schedule.duration, added))
     return logs
-
-
-def _largest_change(before: LumpedParameters, after: LumpedParameters) -> float:
-    """Largest relative change of p2, p3, p4 over p1, and of Coulomb torque over p1."""
-    old, new = (np.array([p.p2, p.p3, p.p4, p.coulomb]) / p.p1 for p in (before, after))
-    larger = np.maximum(np.maximum(np.abs(new), np.abs(old)), 1e-12)
-    return float(np.max(np.abs(new - old) / larger))
 
 
 def swing(log: Log, zero: float, since: float) -> float:

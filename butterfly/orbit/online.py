@@ -57,8 +57,7 @@ class OnlineRecalibration:
         require_number("OnlineRecalibration", positive=True, memory=memory)
         if "compression" in terms:
             raise InputError("OnlineRecalibration", "terms", "compression", "terms linear in u")
-        self._zero = zero
-        self._options, self._detector = options, detector
+        self._zero, self._options, self._detector = zero, options, detector
         self._names = (*BASE[1:], *terms)
         self._keep = math.exp(-SPACING * options.half_width / memory)
         longest = math.ceil(_FORGOTTEN / -math.log(self._keep))

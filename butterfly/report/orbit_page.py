@@ -11,7 +11,7 @@ from plotly.graph_objects import Figure
 from pydantic import TypeAdapter
 
 from butterfly.arrays import Samples
-from butterfly.experiment.record import OrbitRecord
+from butterfly.experiment.record import AlsoRecord, OrbitRecord
 from butterfly.identification.parameter import lumped_numbers
 from butterfly.model.energy import Orbit, energy
 from butterfly.model.parameters import LumpedParameters
@@ -56,8 +56,9 @@ def orbit_page(study: OrbitStudy, truth: LumpedParameters | None = None) -> Page
             tables=(PageTable(headers=("model", "rms error in °"), rows=errors),),
         ),
     ]
-    if study.also is not None:
-        sections.append(_also_section(study, study.also))
+    record = OrbitRecord.of(study).also
+    if study.also is not None and record is not None:
+        sections.append(_also_section(study, study.also, record))
     if study.amplitudes:
         labels = [f"{math.degrees(each):.3g}°" for each in study.amplitudes]
         how = {"texttemplate": "%{z:.3g}", "colorscale": "Cividis"}
@@ -116,16 +117,15 @@ def orbit_document(study: OrbitStudy, truth: LumpedParameters | None) -> dict[st
         content,
         verdict=verdict,
         summary=(*verdict.lines, *_sentences(study)),
-        units={
-            **dict.fromkeys(("free_run_rms_rad", "amplitudes_rad", "target_rad"), "rad"),
-            **dict.fromkeys(("speeds_rad_s", "target_rad_s"), "rad/s"),
-        },
+        units=dict.fromkeys(("free_run_rms_rad", "amplitudes_rad", "target_rad"), "rad")
+        | dict.fromkeys(("speeds_rad_s", "target_rad_s"), "rad/s"),
     )
 
 
 def _sentences(study: OrbitStudy) -> list[str]:
     """Say in plain words what was found, but for the verdict."""
     generic, found = study.errors["generic"], study.errors["re-calibrated"]
+    record = OrbitRecord.of(study).also
     recalibration, begun = study.calibration.rounds[-1].recalibration, study.small_swings
     return [
         *([] if study.watched is None else watch_sentences(study.watched)),
@@ -137,7 +137,7 @@ def _sentences(study: OrbitStudy) -> list[str]:
         f"terms that did not help on held-out data: {', '.join(recalibration.rejected) or 'none'}.",
         *estimate_notes(study.estimate),
         *([] if begun is None else [f"Initial model: {estimate_verdict(begun).lines[0]}"]),
-        *([] if study.also is None else _also_sentences(study, study.also)),
+        *([] if study.also is None or record is None else _also_sentences(study.also, record)),
     ]
 
 
@@ -162,10 +162,8 @@ def _reached_sentence(calibration: Calibration) -> str:
     )
 
 
-def _also_sentences(study: OrbitStudy, also: Calibration) -> list[str]:
+def _also_sentences(also: Calibration, record: AlsoRecord) -> list[str]:
     """Say what the other orbit came to, and whether both say the same."""
-    record = OrbitRecord.of(study).also
-    assert record is not None  # noqa: S101 - as there is another
     agreeing = [name for name in record.differences if name not in record.differing]
     said = f"Both orbits agree within their 95 % intervals on {', '.join(agreeing) or 'nothing'}"
     if record.differing:
@@ -173,14 +171,12 @@ def _also_sentences(study: OrbitStudy, also: Calibration) -> list[str]:
     return [f"Another orbit: {_reached_sentence(also)}", f"{said}."]
 
 
-def _also_section(study: OrbitStudy, also: Calibration) -> Section:
+def _also_section(study: OrbitStudy, also: Calibration, record: AlsoRecord) -> Section:
     """Put the estimates of both orbits beside each other."""
     rounds = (study.calibration.rounds[-1], also.rounds[-1])
     headers = [f"{degrees_said(each.orbit.size)}{_named(each.orbit)[1]}" for each in rounds]
     found = rounds[0].recalibration
     values = [each.recalibration.estimate.named for each in rounds]
-    record = OrbitRecord.of(study).also
-    assert record is not None  # noqa: S101 - as there is another
     rows = [
         (
             f"{name}/p1" if found.is_ratio(name) else name,
@@ -196,7 +192,7 @@ def _also_section(study: OrbitStudy, also: Calibration) -> Section:
     )
     return Section(
         title="Two orbits, one robot",
-        text="\n".join([text, *_also_sentences(study, also)]),
+        text="\n".join([text, *_also_sentences(also, record)]),
         tables=(PageTable(headers=("", *headers, "difference", "agree"), rows=rows),),
     )
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from plotly.graph_objects import Figure
 
 from butterfly.orbit.change_detection import Alarm, Cause
 from butterfly.orbit.loop import swing
@@ -42,14 +41,30 @@ def watch_section(watched: Watched, zero: float) -> Section:
     if change is not None:
         factors = ", ".join(f"{name} times {each:g}" for name, each in change.factors.items())
         told = f"The simulated robot changed at {change.at:g} s: {factors}."
+    figure = panels("time in s", ("statistic", "amplitude in °"), 520)
+    orbit, log, detector = watched.orbit, watched.log, watched.detector
+    blue, dashed = {"color": PALETTE[0]}, {"color": GREY, "dash": "dash"}
+    time, statistic = np.array(detector.history).reshape(-1, 2).T
+    step, ends = _SWINGS * orbit.period, [float(log.time[0]), float(log.time[-1])]
+    begins = np.arange(ends[0], ends[1] - step, step)
+    parts = [log.take((log.time >= begin) & (log.time < begin + step)) for begin in begins]
+    reached = [math.degrees(swing(part, zero, part.time[0])) for part in parts]
+    wanted, threshold = math.degrees(orbit.upper - orbit.lower) / 2, detector.threshold
+    add(figure, 1, time, statistic, name="statistic", mode="markers", marker=blue)
+    add(figure, 1, ends, [threshold] * 2, name="threshold", line=dashed)
+    add(figure, 2, begins + step / 2, reached, name="amplitude", line=blue)
+    add(figure, 2, ends, [wanted] * 2, name="target", line=dashed)
+    for alarm in detector.alarms:
+        figure.add_vline(x=alarm.time, line={"color": PALETTE[5], "width": 1})
+    figure.update_yaxes(log_ticks(1, 2, 5), row=1)
     return Section(
         title="Watched for changes",
         text=f"{told}\nStatistic: the largest change of a parameter since any instant, in standard "
         "errors, about a reference period; none before and after an alarm, while the reference is "
         f"made. Vertical lines: alarms. Amplitude: over {_SWINGS} periods, with the dither; the "
         "controller is retuned all the time.",
-        tables=tuple(map(_causes_table, watched.detector.alarms)),
-        figures={"watched": _figure(watched, zero)},
+        tables=tuple(map(_causes_table, detector.alarms)),
+        figures={"watched": figure},
     )
 
 
@@ -75,23 +90,3 @@ def _causes_table(alarm: Alarm) -> PageTable:
         caption=f"Alarm at {alarm.time:.1f} s. Whether a parameter alone explains the change, and "
         "what it then came to (p1 in units of p1 before); below, all ratios together.",
     )
-
-
-def _figure(watched: Watched, zero: float) -> Figure:
-    """Statistic with threshold and alarms; amplitude with the target."""
-    figure = panels("time in s", ("statistic", "amplitude in °"), 520)
-    orbit, log, dashed = watched.orbit, watched.log, {"color": GREY, "dash": "dash"}
-    time, statistic = np.array(watched.detector.history).reshape(-1, 2).T
-    step, ends = _SWINGS * orbit.period, [float(log.time[0]), float(log.time[-1])]
-    begins = np.arange(ends[0], ends[1] - step, step)
-    parts = [log.take((log.time >= begin) & (log.time < begin + step)) for begin in begins]
-    reached = [math.degrees(swing(part, zero, part.time[0])) for part in parts]
-    wanted, threshold = math.degrees(orbit.upper - orbit.lower) / 2, watched.detector.threshold
-    blue = {"color": PALETTE[0]}
-    add(figure, 1, time, statistic, name="statistic", mode="markers", marker=blue)
-    add(figure, 1, ends, [threshold] * 2, name="threshold", line=dashed)
-    add(figure, 2, begins + step / 2, reached, name="amplitude", line=blue)
-    add(figure, 2, ends, [wanted] * 2, name="target", line=dashed)
-    for alarm in watched.detector.alarms:
-        figure.add_vline(x=alarm.time, line={"color": PALETTE[5], "width": 1})
-    return figure.update_yaxes(log_ticks(1, 2, 5), row=1)
