@@ -47,7 +47,7 @@ RunLaw = Callable[..., Log]
 """Runs a control law on a robot, from rest at an angle in rad, for so many s, carrying a mass.
 
 `butterfly.plant.rig.Rig.run` does, its ``rng`` given; a robot that cannot be held at an angle may
-start from where it hangs."""
+start from where it hangs. A planned ``change`` of the robot is passed on to it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +74,7 @@ class OrbitSchedule:
     parameter_tolerance: float = 1e-3  # when no parameter changes by more than this share
     recalibration: RecalibrationOptions = RecalibrationOptions()
     also: Target | None = None  # another orbit, calibrated on its own; estimates are compared
-    cross_check: tuple[float, ...] = ()  # amplitudes in rad; models of each, used at all
+    cross_check: tuple[float, ...] = ()  # amplitudes in rad; each one's model is tried at all
     watch: WatchPlan | None = None  # a run at the end, in which changes are noticed
 
     def __post_init__(self) -> None:

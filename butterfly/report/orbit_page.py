@@ -265,7 +265,8 @@ def _parameters_table(study: OrbitStudy, truth: LumpedParameters | None) -> Page
 def _motion_figures(study: OrbitStudy) -> dict[str, Figure]:
     """Draw a run of the first and of the last round, its invariant as a share of E*."""
     rounds, model = study.calibration.rounds, study.calibration.parameters
-    held = rounds[-1].orbit.of_same_size(model)
+    orbit = rounds[-1].orbit
+    held = orbit.of_same_size(model)
     model = held.conserving
     depth = held.energy - energy(model, 0.0, 0.0)
     plane = panel("angle in °", "velocity in °/s", 520)
@@ -282,8 +283,7 @@ def _motion_figures(study: OrbitStudy) -> dict[str, Figure]:
         time = np.convolve(log.time, np.ones(width) / width, mode="valid")
         velocity = np.gradient(angle, time)
         some = slice(None, None, max(1, round(_EVERY / float(np.mean(np.diff(time))))))
-        shown = np.degrees(_within_a_turn(rounds[-1].orbit, angle[some], velocity[some]))
-        x, y = shown.astype(np.float32)
+        x, y = np.degrees(_within_a_turn(orbit, angle[some], velocity[some])).astype(np.float32)
         line = {"color": colour, "width": 1}
         plane.add_scatter(x=x, y=y, mode="lines", line=line, name=f"round {number}")
         values = (energy(model, angle, velocity) - held.energy) / depth
@@ -295,7 +295,6 @@ def _motion_figures(study: OrbitStudy) -> dict[str, Figure]:
             line = {"color": colour, "width": 1.2, "dash": dash}
             curve = {"x": time[some].astype(np.float32), "y": y[some].astype(np.float32)}
             invariant.add_scatter(**curve, mode="lines", line=line, name=f"round {number}, {what}")
-    orbit = rounds[-1].orbit
     x, y = np.degrees(_within_a_turn(orbit, *orbit.solution(np.linspace(0, orbit.period, 200))))
     dashed = {"color": PALETTE[5], "width": 2, "dash": "dash"}
     plane.add_scatter(x=x, y=y, line=dashed, name="orbit")
