@@ -38,7 +38,6 @@ from butterfly.identification.validate import cross_validate
 from butterfly.logs.log import Log
 from butterfly.model.prior import Prior
 from butterfly.orbit.loop import OrbitStudy, study_orbit
-from butterfly.orbit.online import watch
 from butterfly.progress import Track, budget, current_search, untracked
 from butterfly.result import versions
 from butterfly.signals.excitations import Table
@@ -173,44 +172,19 @@ class RunResult:
             of_mass = data.equilibria
             zero = of_mass.get(control.added_masses[0], float(np.mean(list(of_mass.values()))))
         rng, rig = np.random.default_rng(experiment.orbit_seed), experiment.plant.rig
-        study = study_orbit(
+        return study_orbit(
             partial(rig.run, rng=rng),
             believed,
             zero,
             control,
-            control.recalibration,
-            also=control.also,
-            amplitudes=control.cross_check,
             small_swings=small_swings,
             plants=rig.rough_and_fine(experiment.orbit_seed),
+            path=rig.path,
             rng=rng,
             name=experiment.name,
             description=experiment.description,
             track=self._track,
         )
-        if (plan := control.watch) is None:
-            return study
-        orbit = control.target(study.calibration.parameters)
-        watched = watch(
-            partial(
-                rig.run,
-                start=orbit.upper,
-                duration=plan.duration,
-                added=control.added_masses[0],
-                rng=rng,
-                change=plan.change,
-            ),
-            control.law(orbit, zero),
-            control.target,
-            orbit,
-            plan,
-            zero=zero,
-            multiplier=control.multiplier,
-            options=control.recalibration,
-            path=experiment.plant.path,
-            rng=rng,
-        )
-        return replace(study, watched=watched)
 
     def _identify(self, data: DataSet, spec: Estimator) -> None:
         """Add the estimate of an estimator, or its error."""

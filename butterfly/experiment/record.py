@@ -107,43 +107,26 @@ class EstimateRecord:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CrossRecord:
-    """Models of orbits, applied to each other: amplitudes in rad, rms errors in rad by row."""
-
-    amplitudes_rad: tuple[float, ...]
-    rms_rad: tuple[tuple[float, ...], ...]
-
-
-@dataclass(frozen=True, kw_only=True)
 class RoundsRecord:
     """The rounds of a calibration next to an orbit."""
 
-    target_rad: float | None  # amplitude that was wanted; None of an orbit that turns over
-    amplitudes_rad: tuple[float | None, ...]  # of the rounds; None where the hand turned over
+    target_rad: float | None = None  # amplitude that was wanted; None if it is to turn over
+    amplitudes_rad: tuple[float | None, ...] = ()  # of the rounds; None where the hand turned over
     ending: str  # why the rounds ended, in words
     absolute: bool  # whether the parameters are, or ratios to p1
     target_rad_s: float | None = None  # mean speed of an orbit that turns over
     speeds_rad_s: tuple[float | None, ...] = ()  # of the rounds; None where it did not turn over
-
-    @property
-    def reached(self) -> tuple[float | None, ...]:
-        """Amplitudes of the rounds in rad, or mean speeds in rad/s."""
-        return self.amplitudes_rad or self.speeds_rad_s
 
     @staticmethod
     def fields_of(calibration: Calibration) -> dict[str, Any]:
         """Return the fields that a calibration has."""
         last = calibration.rounds[-1]
         reached = tuple(or_none(each.reached) for each in calibration.rounds)
-        turns = bool(last.orbit.direction)
-        return {
-            "target_rad": None if turns else last.wanted,
-            "amplitudes_rad": () if turns else reached,
-            "ending": calibration.ending,
-            "absolute": not last.recalibration.estimate.ratios,
-            "target_rad_s": last.wanted if turns else None,
-            "speeds_rad_s": reached if turns else (),
-        }
+        sizes = {"target_rad": last.orbit.size, "amplitudes_rad": reached}
+        if last.orbit.direction:
+            sizes = {"target_rad_s": last.orbit.size, "speeds_rad_s": reached}
+        absolute = not last.recalibration.estimate.ratios
+        return sizes | {"ending": calibration.ending, "absolute": absolute}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -166,7 +149,8 @@ class OrbitRecord(RoundsRecord):
     """A held orbit, and re-calibration next to it."""
 
     free_run_rms_rad: dict[str, float]  # errors of the models' free runs, by model
-    cross_orbit: CrossRecord
+    # models of orbits, applied to each other: amplitudes_rad, and rms_rad by row
+    cross_orbit: dict[str, tuple[float | tuple[float, ...], ...]]
     verdict: str | None = None  # on the parameters; None in records of older programs
     also: AlsoRecord | None = None
     alarms: tuple[Alarm, ...] | None = None  # changes that were noticed; None if none was watched
@@ -185,17 +169,11 @@ class OrbitRecord(RoundsRecord):
             verdict=study.estimate.level.verdict,
             free_run_rms_rad=study.errors,
             alarms=None if (seen := study.watched) is None else tuple(seen.detector.alarms),
-            cross_orbit=CrossRecord(
-                amplitudes_rad=study.amplitudes,
-                rms_rad=tuple(tuple(row) for row in study.cross.tolist()),
-            ),
+            cross_orbit={
+                "amplitudes_rad": study.amplitudes,
+                "rms_rad": tuple(tuple(row) for row in study.cross.tolist()),
+            },
         )
-
-    def numbers(self) -> dict[str, Any]:
-        """Return the values besides the verdict, for programs."""
-        adapter = TypeAdapter(OrbitRecord)
-        numbers: dict[str, Any] = adapter.dump_python(self, mode="json", exclude={"verdict"})
-        return numbers
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -35,8 +35,6 @@ from butterfly.model.servo import Output, ServoLoop
 from butterfly.model.terms import IDEAL, LoopTerms
 from butterfly.orbit.controller import Observer, VelocityEstimator
 from butterfly.orbit.loop import OrbitSchedule
-from butterfly.orbit.online import WatchPlan
-from butterfly.orbit.recalibration import RecalibrationOptions
 from butterfly.plant.firmware import Spans
 from butterfly.plant.motor import CommandPath
 from butterfly.plant.rig import Rig, Simulator
@@ -249,10 +247,7 @@ class ControlSpec(OrbitSchedule):
     target: TargetSpec
     velocity: VelocitySpec = _DIFFERENCE
     believed: LumpedParameters | None = None  # of the bare hand; identified if not given
-    recalibration: RecalibrationOptions = RecalibrationOptions()
-    cross_check: tuple[float, ...] = ()  # amplitudes in rad (see `study_orbit`)
-    also: TargetSpec | None = None  # another orbit, calibrated on its own; estimates are compared
-    watch: WatchPlan | None = None  # a run at the end, in which changes are noticed
+    also: TargetSpec | None = None
 
 
 class ValidationSpec(StrictModel):

@@ -76,7 +76,7 @@ _RUN: dict[str, _OfRun] = {
     "logs": (_COUNT, lambda record: record.logs if record else None),
     "verdict": (_TEXT, lambda record: record.verdict if record else None),
     "unconverged": (_COUNT, lambda record: record.unconverged if record else None),
-    "orbit_rounds": _of_orbit(lambda orbit: len(orbit.reached), _COUNT),
+    "orbit_rounds": _of_orbit(lambda o: len(o.amplitudes_rad or o.speeds_rad_s), _COUNT),
     "orbit_target": _of_orbit(lambda orbit: orbit.target_rad),
     "orbit_amplitude": _of_orbit(lambda orbit: next(iter(orbit.amplitudes_rad[-1:]), None)),
     "orbit_target_speed": _of_orbit(lambda orbit: orbit.target_rad_s),

@@ -21,11 +21,7 @@ _NEAREST = 1e-3  # of the energy from rest to the top: so small an error decides
 _ASIDE = 1e-20  # rad, of an imaginary step
 
 
-def potential(
-    p: LumpedParameters,
-    angle: Any,  # noqa: ANN401
-    rows: Iterable[Term] = CONSERVATIVE,
-) -> Any:  # noqa: ANN401
+def potential(p: LumpedParameters, angle: Any, rows: Iterable[Term] = CONSERVATIVE) -> Any:  # noqa: ANN401
     """Potential energy in J of the loaded joint relative to angle 0, of `rows` with a potential."""
     total = 0.0 * angle
     for row in rows:
@@ -42,23 +38,15 @@ def pull(p: LumpedParameters, angle: float) -> float:
 
 
 def stiffness(p: LumpedParameters, angle: float) -> float:
-    """Curvature in N m/rad of the potential at an angle in rad.
-
-    The imaginary part of the slope at a complex angle next to the real one, which is exact to
-    rounding (Squire & Trapp, SIAM Review 40, 1998).
-    """
+    """Curvature in N m/rad of the potential at an angle in rad."""
+    # by an imaginary step, exact to rounding (Squire & Trapp, SIAM Review 40, 1998)
     beside = p.motion(angle + 1j * _ASIDE, 0.0)
     return float(np.imag(torque_of(p, beside, CONSERVATIVE)) / _ASIDE)
 
 
-def energy(
-    p: LumpedParameters,
-    angle: Any,  # noqa: ANN401
-    velocity: Any,  # noqa: ANN401
-    rows: Iterable[Term] = CONSERVATIVE,
-) -> Any:  # noqa: ANN401
+def energy(p: LumpedParameters, angle: Any, velocity: Any) -> Any:  # noqa: ANN401
     """E = p1 thd^2/2 + `potential` (105), in J; of numbers, or of arrays."""
-    return 0.5 * p.p1 * velocity**2 + potential(p, angle, rows)
+    return 0.5 * p.p1 * velocity**2 + potential(p, angle)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,41 +76,34 @@ class Orbit:
             raise InputError("orbit", "direction", direction, "1 or -1")
         turn = np.linspace(-math.pi, math.pi, _GRID)
         lowest = turn[np.argmin(potential(parameters, turn))]
-        angles = lowest + 1.5 * np.linspace(-math.pi, math.pi, _GRID)
+        angles = lowest + 1.5 * turn
         levels = potential(parameters, angles)
+        about: dict[str, Any] = {"parameters": parameters, "energy": target}
         bottom = _GRID // 2
         wall = min(float(levels[:bottom].max()), float(levels[bottom:].max()))
         floor = float(levels.min(initial=levels[bottom], where=np.abs(angles - lowest) < math.pi))
         rest, least = _turning(parameters)
         if target > floor and target >= max(least, wall):
-            return cls(
-                parameters=parameters,
-                energy=target,
-                lower=rest - math.pi,
-                upper=rest + math.pi,
-                direction=direction,
-            )
+            return cls(**about, lower=rest - math.pi, upper=rest + math.pi, direction=direction)
         most = wall - _NEAREST * (wall - floor)
         if not floor < target <= most:
-            why = ""
-            if target > most:
-                why = f", or an error of {_NEAREST:.1%} in the model decides which of them it is"
-            raise InputError(
-                "orbit",
-                "energy",
-                f"{target:.6g} J",
+            expected = (
                 f"between {floor:.6g} J (at rest) and {most:.6g} J (of a swing), or at least "
-                f"{least:.6g} J (where the joint turns over){why}",
+                f"{least:.6g} J (where the joint turns over)"
             )
-
-        def excess(angle: float) -> float:
-            return float(potential(parameters, angle)) - target
-
-        below = np.flatnonzero(levels[:bottom] > target)[-1]
-        above = bottom + np.flatnonzero(levels[bottom:] > target)[0]
-        lower = brentq(excess, angles[below], angles[below + 1], xtol=1e-15)
-        upper = brentq(excess, angles[above - 1], angles[above], xtol=1e-15)
-        return cls(parameters=parameters, energy=target, lower=lower, upper=upper)
+            if target > most:
+                expected += (
+                    f", or an error of {_NEAREST:.1%} in the model decides which of them it is"
+                )
+            raise InputError("orbit", "energy", f"{target:.6g} J", expected)
+        above = np.flatnonzero(levels > target)
+        lower, upper = (
+            brentq(
+                lambda x: float(potential(parameters, x)) - target, *angles[k : k + 2], xtol=1e-15
+            )
+            for k in (above[above < bottom][-1], above[above >= bottom][0] - 1)
+        )
+        return cls(**about, lower=lower, upper=upper)
 
     @classmethod
     def of_amplitude(cls, parameters: LumpedParameters, amplitude: float) -> Orbit:
@@ -144,13 +125,11 @@ class Orbit:
             most = least + parameters.p1 * speed**2
             return cls.of_energy(parameters, brentq(missing, least, most, xtol=1e-15), direction)
         slowest = cls.of_energy(parameters, least).mean_speed
-        raise InputError(
-            "orbit",
-            "speed",
-            f"{speed:.6g} rad/s",
+        expected = (
             f"more than {slowest:.6g} rad/s either way: slower, an error of {_NEAREST:.1%} in the "
-            "model decides whether the joint turns over",
+            "model decides whether the joint turns over"
         )
+        raise InputError("orbit", "speed", f"{speed:.6g} rad/s", expected)
 
     @classmethod
     def of_state(cls, parameters: LumpedParameters, angle: float, velocity: float) -> Orbit:
@@ -173,10 +152,7 @@ class Orbit:
 
     @property
     def start(self) -> tuple[float, float]:
-        """Angle in rad and velocity in rad/s where the nominal motion begins.
-
-        That is at `upper`, or at rest's angle if it turns over.
-        """
+        """Angle in rad and velocity in rad/s where it begins: `upper`, or rest if it turns over."""
         if not self.direction:
             return self.upper, 0.0
         middle = 0.5 * (self.lower + self.upper)
@@ -224,15 +200,12 @@ class Orbit:
 
     def _speed(self, angle: Any) -> Any:  # noqa: ANN401
         """Speed in rad/s on the orbit at angles in rad."""
-        p = self.conserving
-        return np.sqrt(2 * (self.energy - potential(p, angle)) / p.p1)
+        return np.sqrt(2 * (self.energy - potential(self.conserving, angle)) / self.parameters.p1)
 
     def _over_angle(self, integrand: Callable[[Samples], Samples]) -> float:
-        """Integrate a function of the speed over the angle, for a period.
-
-        Of a swing over the phase, which straightens the square-root ends. So the integrand is
-        periodic and smooth: the midpoint rule converges exponentially.
-        """
+        """Integrate a function of the speed over the angle, for a period."""
+        # of a swing over the phase, which straightens the square-root ends: so the integrand is
+        # periodic and smooth, and the midpoint rule converges exponentially
         middle, reach = 0.5 * (self.lower + self.upper), 0.5 * (self.upper - self.lower)
         step = math.pi / _POINTS
         if self.direction:

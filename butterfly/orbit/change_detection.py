@@ -83,20 +83,14 @@ class ChangeDetector:
         half_width: float = HALF_WIDTH,
     ) -> None:
         least, most = reference
-        require_number(
-            "ChangeDetector",
-            positive=True,
-            window=window,
-            false_alarms_every=false_alarms_every,
-            half_width=half_width,
-        )
+        require_number("ChangeDetector", positive=True, window=window, half_width=half_width)
+        require_number("ChangeDetector", positive=True, false_alarms_every=false_alarms_every)
         length = SEGMENT * SPACING * half_width
         if not _FEWEST * length <= least <= most < math.inf:
             expected = f"two times in s, the shorter first and {_FEWEST * length:g} or more"
             raise InputError("ChangeDetector", "reference", reference, expected)
-        self._least, self._most, self._window = (
-            math.ceil(each / length) for each in (least, most, window)
-        )
+        counts = (math.ceil(each / length) for each in (least, most, window))
+        self._least, self._most, self._window = counts
         self._rate, self._half_width = length / false_alarms_every, half_width
         self._names: tuple[str, ...] = ()
         self._rows: list[tuple[float, list[float]]] = []  # of the next stretch

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
@@ -11,7 +11,7 @@ import numpy as np
 from butterfly.errors import InputError, require_number
 from butterfly.model.energy import Orbit, potential
 from butterfly.model.parameters import LumpedParameters
-from butterfly.model.terms import CONSERVATIVE, DISSIPATIVE, TERMS, Term, made_up, torque_of
+from butterfly.model.terms import CONSERVATIVE, DISSIPATIVE, TERMS, made_up, torque_of
 from butterfly.plant.motor import ControlLaw, Reading
 from butterfly.plant.sensors import FilteredDifference
 
@@ -56,8 +56,7 @@ class Observer:
         self, parameters: LumpedParameters, zero: float = 0.0, bandwidth: float = 60.0
     ) -> None:
         require_number("Observer", positive=True, bandwidth=bandwidth)
-        self._p = parameters
-        self._zero = zero
+        self._p, self._zero = parameters, zero
         self._gains = (2 * bandwidth, bandwidth**2)
         self._time: float | None = None
         self._angle = self._velocity = 0.0
@@ -104,25 +103,26 @@ class EnergyShaping:
         velocity: VelocityEstimator | None = None,
         kick: float = 0.0,
     ) -> None:
-        self._zero = zero
         self._velocity = velocity or FilteredDifference()
-        self._kick = kick
-        self._command = 0.0
+        self._zero, self._kick, self._command = zero, kick, 0.0
         self.retune(orbit, gamma)
 
     def retune(self, orbit: Orbit, gamma: float) -> None:
         """Hold another orbit, of other believed parameters, from the next reading on."""
         if not (math.isfinite(gamma) and gamma > 0):
             raise InputError("EnergyShaping", "gamma", gamma, "a positive number")
-        p = orbit.parameters
-        self._p = p
+        self._p = p = orbit.parameters
         self._target, self._direction = orbit.energy, orbit.direction
-        self._backwards = _short_of_top(orbit)
+        levels = potential(orbit.conserving, np.linspace(orbit.lower, orbit.upper, _ANGLES))
+        lowest, top = float(levels.min()), float(levels.max())
+        self._backwards = lowest + (top - lowest) ** 2 / (orbit.energy - lowest)  # short of the top
         self._gain = math.copysign(gamma, p.p4)
-        # Looking for the terms that a hand has takes longer than what is left of the law.
-        self._stored = _present(orbit.conserving, CONSERVATIVE)
         lost = (*_FRICTION, TERMS["bias"]) if orbit.direction else _FRICTION
-        self._braked = _present(p, lost)
+        # Looking for the terms that a hand has takes longer than what is left of the law.
+        self._stored, self._braked = (
+            tuple(row for row in rows if getattr(of, row.name))
+            for of, rows in ((orbit.conserving, CONSERVATIVE), (p, lost))
+        )
 
     def __call__(self, reading: Reading) -> float:
         """Return the command for one reading."""
@@ -165,15 +165,3 @@ class Dithered:
         self._square = fade * self._square + (1 - fade) * command**2
         sines = float(np.sin(self._omega * reading.time + self._phase).sum())
         return command + self._share * math.sqrt(2 * self._square / _SINES) * sines
-
-
-def _short_of_top(orbit: Orbit) -> float:
-    """Return the energy in J to hold while the hand moves against the direction of an orbit."""
-    levels = potential(orbit.conserving, np.linspace(orbit.lower, orbit.upper, _ANGLES))
-    lowest = float(levels.min())
-    return lowest + (float(levels.max()) - lowest) ** 2 / (orbit.energy - lowest)
-
-
-def _present(parameters: LumpedParameters, rows: Iterable[Term]) -> tuple[Term, ...]:
-    """Return the rows of which a hand has something."""
-    return tuple(row for row in rows if getattr(parameters, row.name))

@@ -18,15 +18,16 @@ from butterfly.identification.plausibility import judge_fit
 from butterfly.logs.log import Log
 from butterfly.model.energy import Orbit
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
+from butterfly.orbit.change_detection import ChangeDetector
 from butterfly.orbit.controller import Dithered, EnergyShaping, Target, VelocityEstimator, gain_for
-from butterfly.orbit.online import Watched
+from butterfly.orbit.online import OnlineRecalibration, SelfTuning, Watched, WatchPlan
 from butterfly.orbit.recalibration import (
     LoopEquations,
     Recalibration,
     RecalibrationOptions,
     recalibrate,
 )
-from butterfly.plant.motor import ControlLaw
+from butterfly.plant.motor import CommandPath, ControlLaw
 from butterfly.plant.sensors import FilteredDifference
 from butterfly.progress import Track, untracked
 
@@ -42,11 +43,11 @@ _HANGING = 1e-3  # rad, of a swing as long as that of a hand that begins where i
 _AROUND = (1.0, 0.8, 1.2)  # amplitudes over the orbit's, at which runs for its calibration start
 
 
-RunLaw = Callable[[ControlLaw, float, float, AddedMass], Log]
+RunLaw = Callable[..., Log]
 """Runs a control law on a robot, from rest at an angle in rad, for so many s, carrying a mass.
 
 `butterfly.plant.rig.Rig.run` does, its ``rng`` given; a robot that cannot be held at an angle may
-start from where it hangs."""
+start from where it hangs. A planned ``change`` of the robot is passed on to it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,21 +72,19 @@ class OrbitSchedule:
     amplitude_tolerance: float = 3.5e-3  # rad off, below which the loop ends; of a hand that turns
     speed_tolerance: float = 0.02  # over rad/s of its mean speed; it ends, too,
     parameter_tolerance: float = 1e-3  # when no parameter changes by more than this share
+    recalibration: RecalibrationOptions = RecalibrationOptions()
+    also: Target | None = None  # another orbit, calibrated on its own; estimates are compared
+    cross_check: tuple[float, ...] = ()  # amplitudes in rad; each one's model is tried at all
+    watch: WatchPlan | None = None  # a run at the end, in which changes are noticed
 
     def __post_init__(self) -> None:
-        require_number(
-            "OrbitSchedule",
-            dither=self.dither,
-            kick=self.kick,
-            amplitude_tolerance=self.amplitude_tolerance,
-            speed_tolerance=self.speed_tolerance,
-            parameter_tolerance=self.parameter_tolerance,
-        )
+        tolerances = ("amplitude_tolerance", "speed_tolerance", "parameter_tolerance")
+        for name in ("dither", "kick", *tolerances):
+            require_number("OrbitSchedule", **{name: getattr(self, name)})
+        require_number("OrbitSchedule", positive=True, duration=self.duration, rounds=self.rounds)
         require_number(
             "OrbitSchedule",
             positive=True,
-            duration=self.duration,
-            rounds=self.rounds,
             starts=len(self.starts),
             added_masses=len(self.added_masses),
         )
@@ -94,13 +93,8 @@ class OrbitSchedule:
 
     def law(self, orbit: Orbit, zero: float) -> EnergyShaping:
         """Return a fresh controller for an orbit, its encoder reading ``zero`` rad at angle 0."""
-        return EnergyShaping(
-            orbit,
-            gain_for(orbit, self.multiplier),
-            zero=zero,
-            velocity=self.velocity(orbit.parameters, zero),
-            kick=self.kick,
-        )
+        gamma, velocity = gain_for(orbit, self.multiplier), self.velocity(orbit.parameters, zero)
+        return EnergyShaping(orbit, gamma, zero=zero, velocity=velocity, kick=self.kick)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -112,20 +106,13 @@ class Round:
     gamma: float  # and gain
     logs: tuple[Log, ...]  # what it recorded, the nominal run first
     starts: int  # how many of them, from the first on, hold the target's orbit
-    reached: (
-        float  # size (see `Orbit.size`) that the nominal run came to; NaN if it moved otherwise
-    )
+    reached: float  # `Orbit.size` that the nominal run came to; NaN if it moved otherwise
     recalibration: Recalibration  # from the logs
 
     @property
-    def wanted(self) -> float:
-        """Size of the target (see `Orbit.size`)."""
-        return self.orbit.size
-
-    @property
     def error(self) -> float:
-        """What was reached less what was wanted."""
-        return self.reached - self.wanted
+        """What was reached less the size of the target."""
+        return self.reached - self.orbit.size
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -147,7 +134,6 @@ def calibrate(
     believed: LumpedParameters,
     zero: float,
     schedule: OrbitSchedule,
-    options: RecalibrationOptions = RecalibrationOptions(),
     *,
     plants: tuple[RunLaw, RunLaw] | None = None,
     rng: np.random.Generator,
@@ -165,52 +151,38 @@ def calibrate(
     rounds: list[Round] = []
     ending = f"all {schedule.rounds} rounds are done"
     for _ in track(range(schedule.rounds), "Calibrating"):
-        last = _round(rig, loaded, zero, schedule, options, rng=rng)
+        logs = _runs(rig, loaded, zero, schedule, rng)
+        before = loaded[schedule.added_masses[0]]
+        orbit, found = schedule.target(before), recalibrate(logs, zero, schedule.recalibration)
+        turns, settled = orbit.direction != 0, _settled(logs[0])
+        last = Round(
+            believed=before,
+            orbit=orbit,
+            gamma=gain_for(orbit, schedule.multiplier),
+            logs=tuple(logs),
+            starts=len(schedule.starts),
+            reached=(mean_speed if turns else swing)(logs[0], zero, settled),
+            recalibration=found,
+        )
         rounds.append(last)
-        before, found = last.believed, last.recalibration
         loaded = {mass: found.loaded(mass, before.p1) for mass in schedule.added_masses}
-        turns = last.orbit.direction != 0
         if abs(last.error) <= (schedule.speed_tolerance if turns else schedule.amplitude_tolerance):
             ending = f"the {'speed' if turns else 'amplitude'} error is within its bound"
             break
-        change = _largest_change(before, loaded[schedule.added_masses[0]])
-        if change <= schedule.parameter_tolerance:
+        after = loaded[schedule.added_masses[0]]
+        old, new = (np.array([p.p2, p.p3, p.p4, p.coulomb]) / p.p1 for p in (before, after))
+        larger = np.maximum(np.maximum(np.abs(new), np.abs(old)), 1e-12)
+        if np.max(np.abs(new - old) / larger) <= schedule.parameter_tolerance:
             ending = "the parameters have converged"
             break
     if plants is not None:
         found = rounds[-1].recalibration
-        names, tried = found.estimate.names, []
-        for plant in plants:
-            logs = _runs(plant, loaded, zero, schedule, np.random.default_rng(0))
-            tried.append(LoopEquations(logs, zero, options).fit(names)[0].values)
-        found = replace(found, estimate=found.estimate.resting_on(tried[1] - tried[0]))
+        of_plants = (_runs(p, loaded, zero, schedule, np.random.default_rng(0)) for p in plants)
+        equations = [LoopEquations(logs, zero, schedule.recalibration) for logs in of_plants]
+        rough, fine = (each.fit(found.estimate.names)[0].values for each in equations)
+        found = replace(found, estimate=found.estimate.resting_on(fine - rough))
         rounds[-1] = replace(rounds[-1], recalibration=found)
     return Calibration(rounds=tuple(rounds), ending=ending)
-
-
-def _round(
-    rig: RunLaw,
-    loaded: dict[AddedMass, LumpedParameters],
-    zero: float,
-    schedule: OrbitSchedule,
-    options: RecalibrationOptions,
-    *,
-    rng: np.random.Generator,
-) -> Round:
-    """Run the controller with what is believed; re-calibrate."""
-    logs = _runs(rig, loaded, zero, schedule, rng)
-    believed = loaded[schedule.added_masses[0]]
-    nominal, first = schedule.target(believed), logs[0]
-    measured = mean_speed if nominal.direction else swing
-    return Round(
-        believed=believed,
-        orbit=nominal,
-        gamma=gain_for(nominal, schedule.multiplier),
-        logs=tuple(logs),
-        starts=len(schedule.starts),
-        reached=measured(first, zero, _settled(first)),
-        recalibration=recalibrate(logs, zero, options),
-    )
 
 
 def _runs(
@@ -231,15 +203,6 @@ def _runs(
                 law = Dithered(law, schedule.dither, 2 * math.pi / orbit.period, rng)
             logs.append(rig(law, start, schedule.duration, added))
     return logs
-
-
-def _largest_change(before: LumpedParameters, after: LumpedParameters) -> float:
-    """Largest relative change of p2, p3, p4 over p1, and of Coulomb torque over p1."""
-    pairs: list[tuple[float, float]] = [
-        (getattr(before, name) / before.p1, getattr(after, name) / after.p1)
-        for name in ("p2", "p3", "p4", "coulomb")
-    ]
-    return max(abs(new - old) / max(abs(new), abs(old), 1e-12) for old, new in pairs)
 
 
 def swing(log: Log, zero: float, since: float) -> float:
@@ -302,7 +265,7 @@ class OrbitStudy:
     also: Calibration | None  # another one, on its own
     amplitudes: tuple[float, ...]  # (n,) in rad, of the orbits of the next
     cross: Samples  # (n, n) rms in rad of the row's model at the column's orbit
-    watched: Watched | None = None  # a run at the end that was watched for changes
+    watched: Watched | None  # a run at the end that was watched for changes
 
 
 def study_orbit(
@@ -310,70 +273,93 @@ def study_orbit(
     believed: LumpedParameters,
     zero: float,
     schedule: OrbitSchedule,
-    options: RecalibrationOptions,
     *,
-    also: Target | None = None,
-    amplitudes: tuple[float, ...] = (),
     small_swings: Estimate | None = None,
     plants: tuple[RunLaw, RunLaw] | None = None,
+    path: CommandPath = CommandPath(),
     rng: np.random.Generator,
     name: str = "orbit",
     description: str = "",
     track: Track = untracked,
 ) -> OrbitStudy:
-    """Calibrate, compare free runs, and use models of orbits of ``amplitudes`` crosswise.
+    """Calibrate, compare free runs, and do what else is planned; a watched run takes the ``path``.
 
-    Another calibration of the same robot, next to the orbit ``also``, shares nothing with the first
-    but what was believed.
+    The other calibration shares nothing with the first but what was believed.
     """
-    calibration = calibrate(
-        rig, believed, zero, schedule, options, plants=plants, rng=rng, track=track
-    )
-    carried = schedule.added_masses[0]
+    calibration = calibrate(rig, believed, zero, schedule, plants=plants, rng=rng, track=track)
+    carried, amplitudes = schedule.added_masses[0], schedule.cross_check
     final = calibration.parameters
 
-    def run(orbit: Orbit, start: float, dither: float) -> Log:
-        law = Dithered(schedule.law(orbit, zero), dither, 2 * np.pi / orbit.period, rng)
+    def run(orbit: Orbit, start: float) -> Log:
+        law = Dithered(schedule.law(orbit, zero), _DITHER, 2 * np.pi / orbit.period, rng)
         return rig(law, start, schedule.duration, carried)
 
     last, generic = calibration.rounds[-1], calibration.rounds[0].believed
     nominal = last.orbit.of_same_size(final)
     beside = schedule.starts[0] if nominal.direction else _BESIDE * nominal.upper
-    held_out = run(nominal, beside, _DITHER)
-    runs = {
-        name: beside_orbit(held_out, model, zero, nominal)
-        for name, model in (("generic", generic), ("re-calibrated", final))
-    }
-    run_of_found = runs["re-calibrated"]
-    followed = [
-        Finding(FindingKind.FOLLOWED, number=1 - run_of_found.fit / 100),
-        *judge_fit(np.array([run_of_found.followed])),
-    ]
+    held_out = run(nominal, beside)
+    before, after = (beside_orbit(held_out, model, zero, nominal) for model in (generic, final))
+    followed = Finding(FindingKind.FOLLOWED, number=1 - after.fit / 100)
+    judged = judge_fit(np.array([after.followed]))
     fresh, models_at = [], []
     for amplitude in track(amplitudes, "Cross-checking orbits"):
         orbit = Orbit.of_amplitude(final, amplitude)
-        fresh.append(run(orbit, _BESIDE * amplitude, _DITHER))
-        logs = [run(orbit, share * amplitude, _DITHER) for share in _AROUND]
-        models_at.append(recalibrate(logs, zero, options).loaded(carried, final.p1))
-    other = None
-    if also is not None:
-        plan = replace(schedule, target=also)
-        other = calibrate(rig, believed, zero, plan, options, plants=plants, rng=rng, track=track)
+        fresh.append(run(orbit, _BESIDE * amplitude))
+        logs = [run(orbit, share * amplitude) for share in _AROUND]
+        found = recalibrate(logs, zero, schedule.recalibration)
+        models_at.append(found.loaded(carried, final.p1))
+    other = watched = None
+    if schedule.also is not None:
+        plan = replace(schedule, target=schedule.also)
+        other = calibrate(rig, believed, zero, plan, plants=plants, rng=rng, track=track)
+    if schedule.watch is not None:
+        watched = watch(rig, schedule.watch, final, zero, schedule, path=path, rng=rng)
     return OrbitStudy(
         name=name,
         description=description,
         zero=zero,
         calibration=calibration,
         held_out=held_out,
-        estimate=last.recalibration.estimate.with_findings(*followed),
+        estimate=last.recalibration.estimate.with_findings(followed, *judged),
         small_swings=small_swings,
-        errors={name: run.rms for name, run in runs.items()},
+        errors={"generic": before.rms, "re-calibrated": after.rms},
         also=other,
         amplitudes=amplitudes,
         cross=np.array(
             [[beside_orbit(log, model, zero).rms for log in fresh] for model in models_at]
         ).reshape(len(amplitudes), len(amplitudes)),
+        watched=watched,
     )
+
+
+def watch(
+    rig: RunLaw,
+    plan: WatchPlan,
+    model: LumpedParameters,
+    zero: float,
+    schedule: OrbitSchedule,
+    *,
+    path: CommandPath = CommandPath(),
+    rng: np.random.Generator,
+) -> Watched:
+    """Hold the orbit of a loaded model, self-tuning and dithered, and watch the innovations."""
+    orbit, options = schedule.target(model), schedule.recalibration
+    every, width = plan.false_alarms_every, options.half_width
+    detector = ChangeDetector(false_alarms_every=every, half_width=width)
+    law = schedule.law(orbit, zero)
+    tuned = SelfTuning(
+        law,
+        OnlineRecalibration(zero, memory=plan.memory, options=options, detector=detector),
+        schedule.target,
+        multiplier=schedule.multiplier,
+        inertia=model.p1,
+        every=plan.every,
+        commands=Dithered(law, plan.dither, 2 * math.pi / orbit.period, rng),
+        path=path,
+    )
+    changed = {} if plan.change is None else {"change": plan.change}
+    log = rig(tuned, orbit.upper, plan.duration, schedule.added_masses[0], **changed)
+    return Watched(log=log, orbit=orbit, detector=detector, change=plan.change)
 
 
 def beside_orbit(
@@ -384,12 +370,12 @@ def beside_orbit(
     Of an ``orbit`` that turns over from where the log is settled on it: how fast a hand goes over
     the top that it hardly reaches cannot be foretold.
     """
+    setting = Setting(parameters=loaded, zero=zero)
     if orbit is not None and orbit.direction:
         ends = _settled(log) + np.array([0, PERIODS]) * orbit.period
-        first, last = np.searchsorted(log.time, ends)
-        cut = replace(log.piece(int(first), int(last)), added_mass=NO_ADDED_MASS)
-        return FreeRun.of(cut, Setting(parameters=loaded, zero=zero))
-    start = max(abs(float(log.angle[0]) - zero), _HANGING)
-    period = Orbit.of_amplitude(replace(loaded, p3_offset=0.0, bias=0.0), start).period
-    cut = replace(log.take(log.time - log.time[0] <= PERIODS * period), added_mass=NO_ADDED_MASS)
-    return FreeRun.of(cut, Setting(parameters=loaded, zero=zero, velocity=0.0))
+        cut = log.piece(*np.searchsorted(log.time, ends).tolist())
+    else:
+        start, setting = max(abs(log.angle[0] - zero), _HANGING), replace(setting, velocity=0.0)
+        period = Orbit.of_amplitude(replace(loaded, p3_offset=0.0, bias=0.0), start).period
+        cut = log.take(log.time - log.time[0] <= PERIODS * period)
+    return FreeRun.of(replace(cut, added_mass=NO_ADDED_MASS), setting)

@@ -57,7 +57,7 @@ def loop_margins(orbit: Orbit, gamma: float, *, lag: float = 0.0) -> Margins:
     require_number("loop_margins", positive=True, gamma=gamma)
     p = orbit.parameters
     now = max(p.delay, 0.0) + p.time_constant + lag
-    transverse, smaller = _Transverse.of(orbit), _Smaller.below(orbit)
+    transverse, smaller = _Transverse(orbit), _Smaller(orbit)
 
     def holds(factor: float, more: float) -> bool:
         strength, delay = factor * gamma, now + more
@@ -65,43 +65,33 @@ def loop_margins(orbit: Orbit, gamma: float, *, lag: float = 0.0) -> Margins:
 
     multiplier = transverse.multiplier(gamma, now)
     if not holds(1.0, 0.0):
-        raise InputError(
-            "loop_margins",
-            "loop",
-            f"Floquet multiplier {multiplier:.3g} with {now:.3g} s of lag",
-            "a stable orbit; reduce the lag or change gamma",
-        )
+        found = f"Floquet multiplier {multiplier:.3g} with {now:.3g} s of lag"
+        expected = "a stable orbit; reduce the lag or change gamma"
+        raise InputError("loop_margins", "loop", found, expected)
     factors = np.geomspace(_RATIO, _LARGEST, round(math.log(_LARGEST, _RATIO)))
     delays = orbit.period * np.arange(1, _PARTS + 1) / _PARTS
-    return Margins(
-        gain=(
-            _edge(lambda factor: holds(factor, 0.0), 1.0, 1 / factors, 0.0),
-            _edge(lambda factor: holds(factor, 0.0), 1.0, factors, math.inf),
-        ),
-        delay=_edge(lambda more: holds(1.0, more), 0.0, delays, math.inf),
-        multiplier=multiplier,
+    low, high = (
+        _edge(lambda factor: holds(factor, 0.0), 1.0, others, none)
+        for others, none in ((1 / factors, 0.0), (factors, math.inf))
     )
+    late = _edge(lambda more: holds(1.0, more), 0.0, delays, math.inf)
+    return Margins(gain=(low, high), delay=late, multiplier=multiplier)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class _Transverse:
     """The loop's linearisation along its orbit, at the Gauss nodes of the period's steps."""
 
-    step: float  # s
-    flow: tuple[float, float]  # velocity and acceleration where the period begins
-    fall: Samples  # (2 steps,) curvature of the potential over p1, in 1/s^2
-    feedback: Samples  # (2 steps, 2) acceleration per angle and velocity, gamma 1
-
-    @classmethod
-    def of(cls, orbit: Orbit) -> _Transverse:
-        p, step = orbit.conserving, orbit.period / _STEPS
-        begin, speed = orbit.start
-        angle, velocity = orbit.solution(((np.arange(_STEPS)[:, None] + _NODES) * step).ravel())
+    def __init__(self, orbit: Orbit) -> None:
+        p, self._step = orbit.conserving, orbit.period / _STEPS
+        times = ((np.arange(_STEPS)[:, None] + _NODES) * self._step).ravel()
+        angle, velocity = orbit.solution(times)
         pulls, slopes = (np.array([f(p, x) for x in angle.tolist()]) for f in (pull, stiffness))
         change = np.stack([-pulls, p.p1 * velocity], axis=1)
-        feedback = -abs(p.p4) / p.p1 * velocity[:, None] * change
-        flow = (speed, pull(p, begin) / p.p1)
-        return cls(step=step, flow=flow, fall=slopes / p.p1, feedback=feedback)
+        begin, speed = orbit.start
+        self._flow = speed, pull(p, begin) / p.p1  # velocity and acceleration at first
+        self._fall = slopes / p.p1  # (2 steps,) in 1/s^2
+        # (2 steps, 2) acceleration per angle and velocity, gamma 1
+        self._feedback = -abs(p.p4) / p.p1 * velocity[:, None] * change
 
     def multiplier(self, gamma: float, delay: float) -> float:
         """Return the size of the largest nontrivial Floquet multiplier of the late loop.
@@ -116,10 +106,10 @@ class _Transverse:
         states do not take part, keeps its size: across it the monodromy matrix has the other
         multipliers.
         """
-        feedback, size = gamma * self.feedback, 2 + _ORDER * (delay > 0)
-        rates = np.zeros((self.fall.size, size, size))
+        feedback, size = gamma * self._feedback, 2 + _ORDER * (delay > 0)
+        rates = np.zeros((self._fall.size, size, size))
         rates[:, 0, 1] = 1.0
-        rates[:, 1, 0] = -self.fall
+        rates[:, 1, 0] = -self._fall
         if delay > 0:
             late = DelayStates.of(delay, _ORDER)
             rates[:, 2:, 2:] = late.a
@@ -128,66 +118,47 @@ class _Transverse:
             feedback = late.feedthrough * feedback
         rates[:, 1, :2] += feedback
         first, second = rates[::2], rates[1::2]
-        mean = 0.5 * self.step * (first + second)
-        twist = self.step**2 * math.sqrt(3) / 12 * (second @ first - first @ second)
+        mean = 0.5 * self._step * (first + second)
+        twist = self._step**2 * math.sqrt(3) / 12 * (second @ first - first @ second)
         monodromy = np.eye(size)
         for part in _exponential(mean + twist):
             monodromy = part @ monodromy
-        across = np.linalg.svd([[*self.flow, *np.zeros(size - 2)]])[2][1:]
+        across = np.linalg.svd([[*self._flow, *np.zeros(size - 2)]])[2][1:]
         return float(np.abs(np.linalg.eigvals(across @ monodromy @ across.T)).max())
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class _Smaller:
     """Orbits of the same kind and less energy, and what the loop does to them in a period."""
 
-    inertia: float  # kg m^2
-    slows: bool  # whether a command in phase with the angle slows them, as it does no turn
-    p4: float  # N m per unit of input
-    periods: Samples  # (n,) s
-    missing: Samples  # (n,) J that they are short of
-    velocity: Samples  # (n, samples) rad/s over a period each
-    friction: Samples  # (n, samples) N m
-
-    @classmethod
-    def below(cls, orbit: Orbit) -> _Smaller:
-        p, shares = orbit.parameters, np.sin(np.pi * (np.arange(_LEVELS) + 0.5) / _LEVELS / 2) ** 2
-        missing = _DEEPEST * (orbit.energy - orbit.least) * shares
-        energies = (orbit.energy - missing).tolist()
+    def __init__(self, orbit: Orbit) -> None:
+        self._orbit, p = orbit, orbit.parameters
+        shares = np.sin(np.pi * (np.arange(_LEVELS) + 0.5) / _LEVELS / 2) ** 2
+        self._missing = _DEEPEST * (orbit.energy - orbit.least) * shares  # (n,) J short of it
+        energies = (orbit.energy - self._missing).tolist()
         orbits = [Orbit.of_energy(p, each, orbit.direction or 1) for each in energies]
-        motions = [each.solution(np.arange(_SAMPLES) / _SAMPLES * each.period) for each in orbits]
-        return cls(
-            inertia=p.p1,
-            slows=not orbit.direction,
-            p4=abs(p.p4),
-            periods=np.array([each.period for each in orbits]),
-            missing=missing,
-            velocity=np.array([velocity for _, velocity in motions]),
-            friction=np.array(
-                [
-                    [
-                        made_up(p, p.motion(*state), DISSIPATIVE)
-                        for state in zip(angle.tolist(), velocity.tolist(), strict=True)
-                    ]
-                    for angle, velocity in motions
-                ]
-            ),
-        )
+        self._periods = np.array([each.period for each in orbits])
+        times = np.arange(_SAMPLES) / _SAMPLES
+        motions = np.array([each.solution(times * each.period) for each in orbits])
+        angle, self._velocity = motions[:, 0], motions[:, 1]  # (n, samples)
+        # a term's basis need not take arrays
+        states = np.stack([angle, self._velocity], axis=-1).reshape(-1, 2).tolist()
+        friction = [made_up(p, p.motion(*state), DISSIPATIVE) for state in states]
+        self._friction = np.reshape(friction, angle.shape)
 
     def carry(self, gamma: float, delay: float) -> bool:
         """Say whether any gains energy, at w^2 + w strength/p1 sin(w delay) = (2 pi/T)^2."""
-        command = self.friction + self.p4 * gamma * self.missing[:, None] * self.velocity
-        strength = np.mean(command * self.velocity, axis=1) / np.mean(self.velocity**2, axis=1)
-        strength *= self.slows
-        free = 2 * np.pi / self.periods
+        p, velocity, free = self._orbit.parameters, self._velocity, 2 * np.pi / self._periods
+        command = self._friction + abs(p.p4) * gamma * self._missing[:, None] * velocity
+        strength = np.mean(command * velocity, axis=1) / np.mean(velocity**2, axis=1)
+        strength *= not self._orbit.direction  # a turn is not slowed
         low, high = np.zeros_like(free), free
         for _ in range(_HALVINGS):
             omega = 0.5 * (low + high)
-            slow = omega**2 + omega * strength / self.inertia * np.sin(omega * delay) < free**2
+            slow = omega**2 + omega * strength / p.p1 * np.sin(omega * delay) < free**2
             low, high = np.where(slow, omega, low), np.where(slow, high, omega)
         turns = np.arange(_SAMPLES // 2 + 1) * (high * delay / (2 * np.pi))[:, None]
         late = np.fft.irfft(np.fft.rfft(command) * np.exp(-2j * np.pi * turns), _SAMPLES)
-        return bool((np.mean((late - self.friction) * self.velocity, axis=1) > 0).any())
+        return bool((np.mean((late - self._friction) * velocity, axis=1) > 0).any())
 
 
 def _exponential(exponents: Samples) -> Samples:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.model.energy import Orbit
 from butterfly.model.parameters import LumpedParameters
 from butterfly.orbit.change_detection import ChangeDetector
-from butterfly.orbit.controller import Dithered, EnergyShaping, Target, gain_for
+from butterfly.orbit.controller import EnergyShaping, Target, gain_for
 from butterfly.orbit.recalibration import (
     BASE,
     LEAST,
@@ -58,8 +57,7 @@ class OnlineRecalibration:
         require_number("OnlineRecalibration", positive=True, memory=memory)
         if "compression" in terms:
             raise InputError("OnlineRecalibration", "terms", "compression", "terms linear in u")
-        self._zero = zero
-        self._options, self._detector = options, detector
+        self._zero, self._options, self._detector = zero, options, detector
         self._names = (*BASE[1:], *terms)
         self._keep = math.exp(-SPACING * options.half_width / memory)
         longest = math.ceil(_FORGOTTEN / -math.log(self._keep))
@@ -73,8 +71,7 @@ class OnlineRecalibration:
             self._samples.clear()
         self._samples.append((reading.time, command, reading.angle - self._zero))
         needed = 2 * (self._options.half_width + self._options.delay)
-        enough = len(self._samples) >= _FEWEST
-        if not enough or reading.time - self._samples[_MARGIN][0] < needed:
+        if len(self._samples) < _FEWEST or reading.time - self._samples[_MARGIN][0] < needed:
             return False
         added = self._add_row()
         start = self._samples[0][0] + SPACING * self._options.half_width
@@ -121,13 +118,11 @@ class OnlineRecalibration:
 
     def estimate(self) -> Estimate:
         """Return the current ratios to p1, and how far to trust them."""
-        if len(self._rows) <= 2 * SEGMENT:
-            moving = len(self._rows) * SPACING * self._options.half_width
-            raise IdentifiabilityError(
-                f"{moving:.3g} s of motion are too short for standard errors"
-            )
-        regression = self._regression()
-        run = np.zeros(len(self._rows), dtype=np.intp)
+        count = len(self._rows)
+        if count <= 2 * SEGMENT:
+            moving = f"{count * SPACING * self._options.half_width:.3g} s of motion"
+            raise IdentifiabilityError(f"{moving} are too short for standard errors")
+        regression, run = self._regression(), np.zeros(count, dtype=np.intp)
         return estimate_of(regression, run, regression.solve(), "on-line", FindingKind.RATIOS)
 
     def _regression(self) -> Regression:
@@ -144,6 +139,7 @@ class OnlineRecalibration:
         )
 
 
+@dataclass(eq=False)
 class SelfTuning:
     """An energy-shaping law that replaces its beliefs by on-line estimates as it runs.
 
@@ -152,34 +148,30 @@ class SelfTuning:
     (`Dithered` about the law) belongs into ``commands``; the ``path`` saturates and rounds them.
     """
 
-    def __init__(
-        self,
-        law: EnergyShaping,
-        online: OnlineRecalibration,
-        target: Target,
-        *,
-        multiplier: float,
-        inertia: float,
-        every: float,
-        commands: ControlLaw | None = None,
-        path: CommandPath = CommandPath(),
-    ) -> None:
-        require_number("SelfTuning", positive=True, every=every, inertia=inertia)
-        self._law, self._online, self._target = law, online, target
-        self._commands, self._path = commands or law, path
-        self._multiplier, self._inertia, self._every = multiplier, inertia, every
-        self._next = every
+    law: EnergyShaping
+    online: OnlineRecalibration
+    target: Target
+    _: KW_ONLY
+    multiplier: float
+    inertia: float
+    every: float
+    commands: ControlLaw | None = None
+    path: CommandPath = CommandPath()
+
+    def __post_init__(self) -> None:
+        require_number("SelfTuning", positive=True, every=self.every, inertia=self.inertia)
+        self._next = self.every
 
     def __call__(self, reading: Reading) -> float:
         """Return the command for one reading."""
-        if reading.time >= self._next and self._online.is_ready:
-            self._next = reading.time + self._every
-            believed = self._online.parameters(self._inertia)
+        if reading.time >= self._next and self.online.is_ready:
+            self._next = reading.time + self.every
+            believed = self.online.parameters(self.inertia)
             if believed.p3 > 0 and believed.p4 > 0:
-                orbit = self._target(believed)
-                self._law.retune(orbit, gain_for(orbit, self._multiplier))
-        command = self._commands(reading)
-        self._online.observe(reading, self._path.shape(command))
+                orbit = self.target(believed)
+                self.law.retune(orbit, gain_for(orbit, self.multiplier))
+        command = (self.commands or self.law)(reading)
+        self.online.observe(reading, self.path.shape(command))
         return command
 
 
@@ -208,32 +200,3 @@ class Watched:
     orbit: Orbit  # that was to be held at first
     detector: ChangeDetector  # with what it noticed
     change: RobotChange | None  # what was to be noticed
-
-
-def watch(
-    run: Callable[[ControlLaw], Log],
-    law: EnergyShaping,
-    target: Target,
-    orbit: Orbit,
-    plan: WatchPlan,
-    *,
-    zero: float,
-    multiplier: float,
-    options: RecalibrationOptions,
-    path: CommandPath = CommandPath(),
-    rng: np.random.Generator,
-) -> Watched:
-    """Run a law about its ``orbit``, self-tuning and dithered, and watch its innovations."""
-    every, width = plan.false_alarms_every, options.half_width
-    detector = ChangeDetector(false_alarms_every=every, half_width=width)
-    tuned = SelfTuning(
-        law,
-        OnlineRecalibration(zero, memory=plan.memory, options=options, detector=detector),
-        target,
-        multiplier=multiplier,
-        inertia=orbit.parameters.p1,
-        every=plan.every,
-        commands=Dithered(law, plan.dither, 2 * math.pi / orbit.period, rng),
-        path=path,
-    )
-    return Watched(log=run(tuned), orbit=orbit, detector=detector, change=plan.change)

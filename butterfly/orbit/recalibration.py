@@ -28,23 +28,14 @@ from butterfly.logs.log import Lead, Log
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.model.terms import TERMS, DriveTerms, FrictionTerms, offered
 
-METHOD = "re-calibration"
-
-CANDIDATES = offered(METHOD)
+CANDIDATES = offered("re-calibration")
 """Terms that can be estimated besides p1..p4."""
 
-BASE = ("p1", "p2", "p3", "p4")
-"""Always estimated."""
+BASE = ("p1", "p2", "p3", "p4")  # always estimated
+LEAST = {"p4": 0.0}  # bounds besides those of the table of terms: the input drives forwards
+SEGMENT = 10  # test functions in a row, which share noise; such stretches count as independent
 
-LEAST = {"p4": 0.0}
-"""Bounds besides those of the table of terms: the input drives forwards."""
-
-FOLDS = 5
-"""Parts that are held out in turn when terms are chosen."""
-
-SEGMENT = 10
-"""Test functions in a row, which share noise; such stretches count as independent."""
-
+_FOLDS = 5  # parts that are held out in turn when terms are chosen
 _COMPRESSION_ROUNDS = 5  # about the compression, which alone is not linear
 _FEWEST_RUNS = 3  # to leave one out
 
@@ -127,11 +118,9 @@ def recalibrate(
     base = BASE if len(masses) > 1 else BASE[1:]
     loop = LoopEquations(logs, zero, options)
     solution, regression, run = loop.fit((*base, *options.candidates))
-    if np.unique(regression.cluster).size <= 2 * FOLDS:
-        moving = run.size * options.half_width / 2
-        raise IdentifiabilityError(
-            f"{moving:.3g} s of motion are too short to re-calibrate; record longer runs"
-        )
+    if np.unique(regression.cluster).size <= 2 * _FOLDS:
+        moving = f"{run.size * options.half_width / 2:.3g} s of motion"
+        raise IdentifiabilityError(f"{moving} are too short to re-calibrate; record longer runs")
     names = chosen_terms(CellEquations.of(regression, solution), base)
     solution, regression, run = loop.fit(names)
     conditioning = Conditioning.of(regression.rows, names)
@@ -173,10 +162,10 @@ def estimate_of(
 
 def chosen_terms(equations: CellEquations, base: tuple[str, ...]) -> tuple[str, ...]:
     """Return the base and those of all terms that help to predict stretches that were held out."""
-    folds = np.arange(equations.log.size) % FOLDS
-    nested = Submodels(equations=equations, folds=folds)
+    folds = np.arange(equations.log.size) % _FOLDS
     rows = tuple(name for name in equations.names if name not in base)
-    return choose(LinearModel(models=(nested,), optional=rows)).names
+    nested = LinearModel(models=(Submodels(equations=equations, folds=folds),), optional=rows)
+    return choose(nested).names
 
 
 class LoopEquations:
@@ -188,37 +177,31 @@ class LoopEquations:
 
     def fit(self, names: tuple[str, ...]) -> tuple[Solution, Regression, NDArray[np.intp]]:
         """Return the solution, the equations in clusters of stretches, and each row's run."""
-        regression, run = self._equations(names, 0.0)
-        solution = regression.solve()
-        for _ in range(_COMPRESSION_ROUNDS if "compression" in names else 0):
-            about = float(solution.values[names.index("compression")])
-            regression, run = self._equations(names, about)
-            solution = regression.solve()
-        return solution, regression, run
-
-    def _equations(
-        self, names: tuple[str, ...], about: float
-    ) -> tuple[Regression, NDArray[np.intp]]:
-        rows, targets, clusters, runs, count = [], [], [], [], 0
-        needed = {*names, "p1", "p3"}
-        for number, (log, averaging) in enumerate(zip(self._logs, self._averagings, strict=True)):
+        about, needed = 0.0, {*names, "p1", "p3"}
+        for _ in range(1 + _COMPRESSION_ROUNDS if "compression" in names else 1):
+            rows, targets, clusters, runs, count = [], [], [], [], 0
             drive = DriveTerms(compression=about)
-            signals = averaging.signals(needed, delay=self._delay, drive=drive)
-            moving = signals.moving
-            mean = {name: column[moving] for name, column in signals.mean.items()}
-            added = log.added_mass
-            known = added.inertia * mean["p1"] + added.gravity_moment * mean["p3"]
-            rows.append(np.column_stack([mean[name] for name in names]))
-            targets.append(-known if "p1" in names else -mean["p1"])
-            clusters.append(count + np.arange(known.size) // SEGMENT)
-            runs.append(np.full(known.size, number))
-            count += -(-known.size // SEGMENT)
-        regression = Regression(
-            names=names,
-            rows=np.concatenate(rows),
-            target=np.concatenate(targets),
-            cluster=np.concatenate(clusters),
-            about={"compression": about},
-            least=LEAST,
-        )
-        return regression, np.concatenate(runs)
+            for number, (log, averaging) in enumerate(
+                zip(self._logs, self._averagings, strict=True)
+            ):
+                signals = averaging.signals(needed, delay=self._delay, drive=drive)
+                mean = {name: column[signals.moving] for name, column in signals.mean.items()}
+                added = log.added_mass
+                known = added.inertia * mean["p1"] + added.gravity_moment * mean["p3"]
+                rows.append(np.column_stack([mean[name] for name in names]))
+                targets.append(-known if "p1" in names else -mean["p1"])
+                clusters.append(count + np.arange(known.size) // SEGMENT)
+                runs.append(np.full(known.size, number))
+                count += -(-known.size // SEGMENT)
+            regression = Regression(
+                names=names,
+                rows=np.concatenate(rows),
+                target=np.concatenate(targets),
+                cluster=np.concatenate(clusters),
+                about={"compression": about},
+                least=LEAST,
+            )
+            solution = regression.solve()
+            if "compression" in names:
+                about = float(solution.values[names.index("compression")])
+        return solution, regression, np.concatenate(runs)

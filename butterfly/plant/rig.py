@@ -54,8 +54,7 @@ class SimulatedMotor:
         servo: Servo | None = None,
         later: tuple[float, Callable[[float, float], Joint]] | None = None,
     ) -> None:
-        self._joint, self._servo, self._clock = joint, servo, clock
-        self._later = later
+        self._joint, self._servo, self._clock, self._later = joint, servo, clock, later
         self._path, self._is_open = path, path == CommandPath() and not clock.regimes
         self._encoder = encoder
         self._rng = rng or np.random.default_rng(0)

@@ -20,7 +20,9 @@ def shrinking(rows: Sequence[dict[str, Any]], names: Sequence[str]) -> Figure:
         x, y = zip(*points, strict=True) if points else ((), ())
         style = {"line": {"color": colour}, "marker": {"color": colour, "symbol": symbol}}
         figure.add_scatter(x=x, y=y, mode="lines+markers", name=name, **style)
-    return figure.add_hline(y=1.0, line={"color": GREY, "dash": "dash", "width": 1})
+    ends = [0.0, max(row["robot time in s"] for row in rows)]
+    line = {"color": GREY, "dash": "dash"}
+    return figure.add_scatter(x=ends, y=[1.0, 1.0], mode="lines", name="goal", line=line)
 
 
 def played(rows: Sequence[dict[str, Any]]) -> Figure:
@@ -29,13 +31,9 @@ def played(rows: Sequence[dict[str, Any]]) -> Figure:
     masses = list(dict.fromkeys(row["added mass"] for row in rows))
     for number, mass in enumerate(masses):
         some = [k for k, row in enumerate(rows) if row["added mass"] == mass]
-        lengths = [rows[k]["length in s"] for k in some]
-        figure.add_bar(
-            x=lengths,
-            y=some,
-            base=[rows[k]["robot time in s"] - rows[k]["length in s"] for k in some],
-            orientation="h",
-            name=mass,
-            marker={"color": look(number)[0]},
-        )
+        ends = [(rows[k]["robot time in s"], rows[k]["length in s"]) for k in some]
+        x = [each for end, length in ends for each in (end - length, end, None)]
+        y = [each for k in some for each in (k, k, None)]
+        line = {"color": look(number)[0], "width": 8}
+        figure.add_scatter(x=x, y=y, mode="lines", name=mass, line=line)
     return figure

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from plotly.graph_objects import Figure
 
 from butterfly.orbit.change_detection import Alarm, Cause
 from butterfly.orbit.loop import swing
@@ -17,12 +16,24 @@ _SWINGS = 5  # periods over which an amplitude is measured
 
 
 def watch_sentences(watched: Watched) -> list[str]:
-    """Say what was noticed, a sentence for each alarm."""
+    """Say for each alarm when the robot changed, which parameters it may have been, by how much."""
+    change, sentences = watched.change, []
+    for alarm in watched.detector.alarms:
+        noticed = f"noticed at {alarm.time:.1f} s"
+        if change is not None and alarm.time >= change.at:
+            noticed += f", {(alarm.time - change.at) / watched.orbit.period:.2g} periods after it"
+        what = " or ".join(f"{each.name} by {_change_said(each)}" for each in alarm.possible)
+        told = f": {what}, if one parameter alone."
+        if not alarm.causes:
+            told = "; what changed needs more motion to be told."
+        elif not what:
+            moved = [each for each in alarm.ratios if not each.lower <= each.before <= each.upper]
+            said = ", ".join(f"{each.name}/p1 by {_change_said(each)}" for each in moved)
+            told = f": several parameters, {said}."
+        since = "The robot changed between {:.1f} and {:.1f} s".format(*alarm.since)
+        sentences.append(f"{since}, {noticed}{told}")
     minutes = float(np.ptp(watched.log.time)) / 60
-    alarms = watched.detector.alarms
-    return [_alarm_said(watched, alarm) for alarm in alarms] or [
-        f"Watched for {minutes:.3g} min: the robot did not change."
-    ]
+    return sentences or [f"Watched for {minutes:.3g} min: the robot did not change."]
 
 
 def watch_section(watched: Watched, zero: float) -> Section:
@@ -31,32 +42,31 @@ def watch_section(watched: Watched, zero: float) -> Section:
     if change is not None:
         factors = ", ".join(f"{name} times {each:g}" for name, each in change.factors.items())
         told = f"The simulated robot changed at {change.at:g} s: {factors}."
+    figure = panels("time in s", ("statistic", "amplitude in °"), 520)
+    orbit, log, detector = watched.orbit, watched.log, watched.detector
+    blue, dashed = {"color": PALETTE[0]}, {"color": GREY, "dash": "dash"}
+    time, statistic = np.array(detector.history).reshape(-1, 2).T
+    step, ends = _SWINGS * orbit.period, [float(log.time[0]), float(log.time[-1])]
+    begins = np.arange(ends[0], ends[1] - step, step)
+    parts = [log.take((log.time >= begin) & (log.time < begin + step)) for begin in begins]
+    reached = [math.degrees(swing(part, zero, part.time[0])) for part in parts]
+    wanted, threshold = math.degrees(orbit.upper - orbit.lower) / 2, detector.threshold
+    add(figure, 1, time, statistic, name="statistic", mode="markers", marker=blue)
+    add(figure, 1, ends, [threshold] * 2, name="threshold", line=dashed)
+    add(figure, 2, begins + step / 2, reached, name="amplitude", line=blue)
+    add(figure, 2, ends, [wanted] * 2, name="target", line=dashed)
+    for alarm in detector.alarms:
+        figure.add_vline(x=alarm.time, line={"color": PALETTE[5], "width": 1})
+    figure.update_yaxes(log_ticks(1, 2, 5), row=1)
     return Section(
         title="Watched for changes",
         text=f"{told}\nStatistic: the largest change of a parameter since any instant, in standard "
         "errors, about a reference period; none before and after an alarm, while the reference is "
         f"made. Vertical lines: alarms. Amplitude: over {_SWINGS} periods, with the dither; the "
         "controller is retuned all the time.",
-        tables=tuple(map(_causes_table, watched.detector.alarms)),
-        figures={"watched": _figure(watched, zero)},
+        tables=tuple(map(_causes_table, detector.alarms)),
+        figures={"watched": figure},
     )
-
-
-def _alarm_said(watched: Watched, alarm: Alarm) -> str:
-    """Say when the robot changed, which parameters it may have been, and by how much."""
-    noticed, change = f"noticed at {alarm.time:.1f} s", watched.change
-    if change is not None and alarm.time >= change.at:
-        noticed += f", {(alarm.time - change.at) / watched.orbit.period:.2g} periods after it"
-    begin, end = alarm.since
-    when = f"The robot changed between {begin:.1f} and {end:.1f} s, {noticed}"
-    what = " or ".join(f"{each.name} by {_change_said(each)}" for each in alarm.possible)
-    if not alarm.causes:
-        return f"{when}; what changed needs more motion to be told."
-    if not what:
-        moved = [each for each in alarm.ratios if not each.lower <= each.before <= each.upper]
-        said = ", ".join(f"{each.name}/p1 by {_change_said(each)}" for each in moved)
-        return f"{when}: several parameters, {said}."
-    return f"{when}: {what}, if one parameter alone."
 
 
 def _change_said(cause: Cause) -> str:
@@ -81,26 +91,3 @@ def _causes_table(alarm: Alarm) -> PageTable:
         caption=f"Alarm at {alarm.time:.1f} s. Whether a parameter alone explains the change, and "
         "what it then came to (p1 in units of p1 before); below, all ratios together.",
     )
-
-
-def _figure(watched: Watched, zero: float) -> Figure:
-    """Statistic with threshold and alarms; amplitude with the target."""
-    figure, orbit, log = (
-        panels("time in s", ("statistic", "amplitude in °"), 520),
-        watched.orbit,
-        watched.log,
-    )
-    time, statistic = np.array(watched.detector.history).reshape(-1, 2).T
-    step, ends = _SWINGS * orbit.period, [float(log.time[0]), float(log.time[-1])]
-    begins = np.arange(ends[0], ends[1] - step, step)
-    parts = [log.take((log.time >= begin) & (log.time < begin + step)) for begin in begins]
-    reached = [math.degrees(swing(part, zero, part.time[0])) for part in parts]
-    wanted, threshold = math.degrees(orbit.upper - orbit.lower) / 2, watched.detector.threshold
-    line, dashed = {"color": PALETTE[0]}, {"color": GREY, "dash": "dash"}
-    add(figure, 1, time, statistic, name="statistic", mode="markers", marker={"color": PALETTE[0]})
-    add(figure, 1, ends, [threshold] * 2, name="threshold", line=dashed)
-    add(figure, 2, begins + step / 2, reached, name="amplitude", line=line)
-    add(figure, 2, ends, [wanted] * 2, name="target", line=dashed)
-    for alarm in watched.detector.alarms:
-        figure.add_vline(x=alarm.time, line={"color": PALETTE[5], "width": 1})
-    return figure.update_yaxes(log_ticks(1, 2, 5), row=1)

@@ -90,8 +90,8 @@ def _effect(name):
     spec, amplitudes, told = setting.EFFECTS[name]
     rng = np.random.default_rng(0)
     rig, small = partial(spec.rig.run, rng=rng), setting.generic(spec, amplitudes)
-    options = RecalibrationOptions(**told)
-    study = study_orbit(rig, small, 0.0, setting.sixty_degrees(), options, rng=rng)
+    plan = setting.sixty_degrees(recalibration=RecalibrationOptions(**told))
+    study = study_orbit(rig, small, 0.0, plan, rng=rng)
     rounds = study.calibration.rounds
     swings = [round(math.degrees(each.reached), 2) for each in rounds]
     errors = map(math.degrees, study.errors.values())

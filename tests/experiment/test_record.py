@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from butterfly.experiment.record import (
-    CrossRecord,
     EstimateRecord,
     OrbitRecord,
     RunRecord,
@@ -35,7 +34,7 @@ ORBIT = OrbitRecord(
     ending="two rounds were made",
     absolute=False,
     free_run_rms_rad={"generic": 0.1, "re-calibrated": 0.01},
-    cross_orbit=CrossRecord(amplitudes_rad=(1.0,), rms_rad=((0.1,),)),
+    cross_orbit={"amplitudes_rad": (1.0,), "rms_rad": ((0.1,),)},
 )
 
 numbers = st.integers() | st.floats(allow_nan=False, allow_infinity=False)

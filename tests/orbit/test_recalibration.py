@@ -119,8 +119,8 @@ def test_the_recalibrated_model_predicts_a_hundred_times_better():
     spec, amplitudes, told = setting.EFFECTS["gain compression"]
     rng = np.random.default_rng(1)
     small = setting.generic(spec, amplitudes, simulator=Simulator.GREY_BOX)
-    plan, options = setting.sixty_degrees(), RecalibrationOptions(**told)
-    study = study_orbit(setting.grey_rig(spec, rng), small, 0.0, plan, options, rng=rng)
+    plan = setting.sixty_degrees(recalibration=RecalibrationOptions(**told))
+    study = study_orbit(setting.grey_rig(spec, rng), small, 0.0, plan, rng=rng)
     assert study.errors["generic"] > 100 * study.errors["re-calibrated"]
     assert study.cross.shape == (0, 0)
 

@@ -26,9 +26,9 @@ def study():
     def rig(law, start, duration, added):  # noqa: ARG001 - all runs begin where the hand hangs
         return held(law, 0.0, duration, added)
 
-    plan = sixty_degrees(starts=(0.0, 0.0), duration=30.0, kick=2e-3, dither=0.3, rounds=2)
     options = RecalibrationOptions(candidates=("coulomb",))
-    return study_orbit(rig, wrong(TRUE, rng), 0.0, plan, options, rng=rng)
+    plan = sixty_degrees(starts=(0.0, 0.0), kick=2e-3, dither=0.3, rounds=2, recalibration=options)
+    return study_orbit(rig, wrong(TRUE, rng), 0.0, plan, rng=rng)
 
 
 def test_an_orbit_is_studied_from_runs_that_begin_hanging(study):

@@ -13,14 +13,13 @@ from butterfly.experiment.source import Source
 from butterfly.files import shipped
 from butterfly.model.energy import Orbit
 from butterfly.orbit.controller import Dithered, EnergyShaping, gain_for
-from butterfly.orbit.loop import swing
-from butterfly.orbit.online import OnlineRecalibration, SelfTuning, WatchPlan, watch
-from butterfly.orbit.recalibration import RecalibrationOptions
+from butterfly.orbit.loop import swing, watch
+from butterfly.orbit.online import OnlineRecalibration, SelfTuning, WatchPlan
 from butterfly.plant.rig import Simulator
 from butterfly.plant.robot import RobotChange
 from butterfly.report.orbit_page import orbit_page
 from butterfly.report.orbit_watch import watch_section, watch_sentences
-from tests.orbit.setting import NO_ADDED_MASS, SIXTY, plant
+from tests.orbit.setting import NO_ADDED_MASS, SIXTY, plant, sixty_degrees
 
 SPEC = plant({"coulomb": 4e-4}, step=5e-3).model_copy(update={"simulator": Simulator.GREY_BOX})
 ORBIT = Orbit.of_amplitude(SPEC.robot.lumped, SIXTY)
@@ -38,13 +37,8 @@ def law():
 
 def watched(change, duration=110.0, seed=0, **plan):
     rng = np.random.default_rng(seed)
-    plan = WatchPlan(duration=duration, change=change, **plan)
-
-    def run(law):
-        return SPEC.rig.run(law, SIXTY, plan.duration, NO_ADDED_MASS, rng=rng, change=change)
-
-    how = {"zero": 0.0, "multiplier": 0.5, "options": RecalibrationOptions(), "rng": rng}
-    return watch(run, law(), target, ORBIT, plan, **how)
+    rig, plan = partial(SPEC.rig.run, rng=rng), WatchPlan(duration=duration, change=change, **plan)
+    return watch(rig, plan, SPEC.robot.lumped, 0.0, sixty_degrees(), rng=rng)
 
 
 @pytest.mark.parametrize(

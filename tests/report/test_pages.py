@@ -22,7 +22,6 @@ from butterfly.identification.findings import Ending
 from butterfly.identification.free_run import FitSummary
 from butterfly.model.prior import Prior
 from butterfly.orbit.loop import study_orbit
-from butterfly.orbit.recalibration import RecalibrationOptions
 from butterfly.report.orbit_page import orbit_page
 from butterfly.report.page import write_page
 from butterfly.report.sweep_page import sweep_page
@@ -58,9 +57,8 @@ def _orbit_page():
     rng = np.random.default_rng(0)
     rig = grey_rig(ROUGH, rng)
     believed = wrong(ROUGH.robot.lumped, rng)
-    plan = sixty_degrees(duration=12.0, starts=(0.6, 1.5))
-    options = RecalibrationOptions()
-    study = study_orbit(rig, believed, 0.0, plan, options, amplitudes=(0.8, 1.0), rng=rng)
+    plan = sixty_degrees(duration=12.0, starts=(0.6, 1.5), cross_check=(0.8, 1.0))
+    study = study_orbit(rig, believed, 0.0, plan, rng=rng)
     return orbit_page(study, ROUGH.robot.lumped)
 
 
