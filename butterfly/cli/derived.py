@@ -24,8 +24,15 @@ from cyclopts import Parameter
 from docstring_parser import parse
 
 import butterfly as bf
-from butterfly.cli.app import source_of
-from butterfly.cli.options import OUT, THE_DATA, WRITTEN, parse_floats, parse_names, parse_numbers
+from butterfly.cli.options import (
+    OUT,
+    THE_DATA,
+    WRITTEN,
+    parse_floats,
+    parse_names,
+    parse_numbers,
+    source_of,
+)
 from butterfly.cli.output import ExitCode, show_progress
 from butterfly.cli.written import FOLDER
 from butterfly.progress import untracked
