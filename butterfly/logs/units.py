@@ -209,7 +209,8 @@ def _unit_and_place(
         named = [] if words.silent else units_spelt(field, words.text.strip("[](){} "))
         fit = [unit for unit in named if quantity_of(unit) in fitting]
         sure = words.how is Said.AS_UNIT
-        if _is_letter_of_prose(words) and named != fits[:1]:
+        letter = words.how is Said.IN_PROSE and re.fullmatch(r"\W*[a-zA-Z]\W*", words.text)
+        if letter and named != fits[:1]:
             continue
         if len(named) == 1 and fit:
             known.setdefault(named[0], words.place)
@@ -230,10 +231,6 @@ def _unit_and_place(
         expected = f"one unit, or a factor, which overrides both: --units {field}={factor:.9g}"
         raise InputError(source, where, f"the units {both} of {field}", expected)
     return next(iter(known.items()), (fits[0], ASSUMED))
-
-
-def _is_letter_of_prose(words: Words) -> bool:
-    return words.how is Said.IN_PROSE and re.fullmatch(r"\W*[a-zA-Z]\W*", words.text) is not None
 
 
 # Names of columns: angle [deg], angle_deg, angleDeg, angle:deg.
@@ -330,21 +327,22 @@ def _factor_and_name(name: str, unit: object, source: object) -> tuple[float, st
         try:
             factor = float(text)
         except ValueError:
-            spelt = [each for each in units_spelt(name, text) if _is_of(name, each)]
+            counts = {each for each in units_meant(text) if each.startswith("counts/")}
+            own = UNITS[name].keys() | (counts if name == "angle" else set())
+            spelt = [each for each in units_spelt(name, text) if each in own]
             if len(spelt) > 1:
                 raise InputError(source, f"units.{name}", unit, " or ".join(spelt)) from None
             known = "".join(spelt)
             factor = factor_of(known) if known else 0.0
         factor = -factor if minus else factor
     if not factor or not math.isfinite(factor):
-        raise InputError(source, f"units.{name}", unit, _expected(name))
+        more = ["counts/4096 (counts per turn)"] if name == "angle" else []
+        minus = ", with a minus if it counts the other way" if name in _TURNABLE else ""
+        expected = f"one of {', '.join([*UNITS[name], *more])}, or a factor{minus}"
+        raise InputError(source, f"units.{name}", unit, expected)
     if factor < 0.0:
         _require_turnable(source, name, unit)
     return factor, known
-
-
-def _is_of(name: str, unit: str) -> bool:
-    return name == "angle" if unit.startswith("counts/") else unit in UNITS[name]
 
 
 def _require_turnable(source: object, name: str, unit: object) -> None:
@@ -352,9 +350,3 @@ def _require_turnable(source: object, name: str, unit: object) -> None:
         raise InputError(
             source, f"units.{name}", unit, f"no minus: only {', '.join(_TURNABLE)} can be negated"
         )
-
-
-def _expected(name: str) -> str:
-    more = ["counts/4096 (counts per turn)"] if name == "angle" else []
-    minus = ", with a minus if it counts the other way" if name in _TURNABLE else ""
-    return f"one of {', '.join([*UNITS[name], *more])}, or a factor{minus}"
