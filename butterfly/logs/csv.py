@@ -28,7 +28,7 @@ from butterfly.logs.text_table import (
     require_narrow,
 )
 from butterfly.logs.unit_words import units_meant
-from butterfly.logs.units import AS_IS, UNITS, Heading, Units, words_in
+from butterfly.logs.units import UNITS, Heading, Units, words_in
 
 _TABS = {".tsv"}  # endings of files that are written with tabs
 _LONGEST_LINE = 1 << 20  # bytes of a first line that are looked at
@@ -38,25 +38,20 @@ _BY_NUMBER = (
 )
 
 
-def read_csv(
-    path: Path,
-    columns: ColumnMap | None = None,
-    units: Units = AS_IS,
-    **properties: Any,  # noqa: ANN401 - the fields of Log that a file cannot know
-) -> Log:
+def read_csv(path: Path, columns: ColumnMap | None, units: Units, about: dict[str, Any]) -> Log:
     """Read a table of numbers, delimited by commas, semicolons, tabs or blanks (see `read_log`).
 
     Comment lines (``#``, ``%``, ``//``) are skipped; an incomplete last line is dropped and
     counted. The row below the names may hold units. Without a map, a numeric column ``velocity`` is
     read too.
     """
-    wanted = checked_map(path, columns or DEFAULT_COLUMNS, properties)
+    wanted = checked_map(path, columns or DEFAULT_COLUMNS, about)
     table = _table(
         path,
-        lambda names: chosen_columns(path, names, columns, properties)[0].values(),
+        lambda names: chosen_columns(path, names, columns, about)[0].values(),
         by_number=all(str(each).isdecimal() for each in wanted.values()),
     )
-    return log_of_text(path, table, columns, units, properties)
+    return log_of_text(path, table, columns, units, about)
 
 
 def log_of_text(

@@ -42,7 +42,7 @@ def read_log(
     before = _state(path)
     if "at" in properties and FORMATS[path.suffix.lower()] not in {"json", "mat", "npz", "excel"}:
         raise InputError(path, "at", properties["at"], "JSON, .mat, .npz or .xlsx of several logs")
-    log = read(path, columns, units, **{"name": path.name} | properties)
+    log = read(path, columns, units, {"name": path.name} | properties)
     if _state(path) != before:
         raise InputError(path, "content", "a file that changed while being read", "a complete one")
     return log
