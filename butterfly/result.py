@@ -66,11 +66,7 @@ def document(
     summary: Sequence[str] = (),
     units: Mapping[str, str] | None = None,
 ) -> dict[str, Any]:
-    """Return a result as a document for programs, ready for JSON.
-
-    ``units`` are those of quantities whose key or column does not name it, by dotted key. None
-    means unknown.
-    """
+    """Return a result ready for JSON; ``units``: those that no key or column names, by dotted key."""
     found: dict[str, Any] = finite(
         {
             "schema": f"butterfly.{kind}",

@@ -100,11 +100,7 @@ def read_experiment(path: str | PathLike[str]) -> Experiment:
 
 
 def keep_experiment(source: Source, folder: Path) -> list[str]:
-    """Write a merged experiment and its signals; return the names of the files.
-
-    Read again, its runs have the same addresses. A sweep must be planned before, so its signals are
-    known. InputError if a file would overwrite one that was read.
-    """
+    """Write a planned experiment and its signals, over none that was read; return their names."""
     contents = {EXPERIMENT: (HEAD + yaml_text(source.content)).encode()}
     names = [named.path.as_posix() for named in source.digests]
     contents |= {name: source.files[name].read_bytes() for name in names}

@@ -39,12 +39,7 @@ _BY_NUMBER = (
 
 
 def read_csv(path: Path, columns: ColumnMap | None, units: Units, about: dict[str, Any]) -> Log:
-    """Read a table of numbers, delimited by commas, semicolons, tabs or blanks (see `read_log`).
-
-    Comment lines (``#``, ``%``, ``//``) are skipped; an incomplete last line is dropped and
-    counted. The row below the names may hold units. Without a map, a numeric column ``velocity`` is
-    read too.
-    """
+    """Read a log (see `read_log`) from a table of numbers of any delimiter, with comments and units."""
     wanted = checked_map(path, columns or DEFAULT_COLUMNS, about)
     table = _table(
         path,
@@ -114,10 +109,7 @@ def holds_table(path: Path, width: int = 3) -> bool:
 def _table(
     path: Path, wanted: Callable[[Sequence[str]], Iterable[int]], *, by_number: bool = False
 ) -> TextColumns:
-    """Read a file with pyarrow, which is fast, if it finds the wanted columns.
-
-    ``wanted`` returns their numbers from the names of all.
-    """
+    """Read a file with pyarrow, which is fast, if it finds the columns ``wanted`` of the names."""
     require_file(path, "an existing file")
     with path.open("rb") as file:
         require_narrow(path, 1, file.readline(_LONGEST_LINE).decode("latin-1"))

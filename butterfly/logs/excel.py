@@ -20,10 +20,7 @@ _EXTRA = "the extra excel (pip install 'butterfly-testbed[excel]'), or its table
 
 
 def read_excel(path: Path, columns: ColumnMap | None, units: Units, about: dict[str, Any]) -> Log:
-    """Read a log (see `read_log`) from a sheet: ``at``, or the only one with these columns.
-
-    A line in an error is a row of the sheet. Formulas have the values that were saved.
-    """
+    """Read a log (see `read_log`) from a sheet: ``at``, or the only one with these columns."""
     texts, at = _texts(path), about.pop("at", None)
     tables, fitting, fault = {}, [], InputError(path, "content", "no sheet", "a table")
     for name, text in {at: part_at(path, texts, at, at)}.items() if at else texts.items():

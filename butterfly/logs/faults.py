@@ -81,10 +81,7 @@ def restarts(time: Samples) -> list[int]:
 
 @np.errstate(over="ignore", invalid="ignore")  # of absurd timestamps
 def cut_by_thousand(time: Samples) -> int | None:
-    """Return the number of the sample from which time is divided by 1000: 1.000 after 999.
-
-    The steps from there on are divided too. None if there is none.
-    """
+    """Return the sample from which time and its steps are divided by 1000: 1.000 after 999."""
     steps = np.diff(time)
     falls = 1 + np.flatnonzero(steps[1:-1] < 0)
     before, after = steps[falls - 1], steps[falls + 1]
@@ -104,11 +101,7 @@ def repeated(time: Samples, kept: Mask) -> Mask:
 
 
 def _longest(time: Samples) -> Mask:
-    """Return a longest strictly increasing subsequence.
-
-    A timestamp above all earlier and below all later ones belongs to every longest subsequence; the
-    others are sorted into piles (patience sorting, O(n log n)).
-    """
+    """Return a longest strictly increasing subsequence: patience sorting of what is in dispute."""
     if np.all(time[1:] >= time[:-1]):
         return np.diff(time, prepend=-np.inf) > 0
     highest = np.maximum.accumulate(time)
@@ -122,11 +115,7 @@ def _longest(time: Samples) -> Mask:
 
 
 def _piled(values: Samples) -> list[int]:
-    """Return the numbers of a longest strictly increasing subsequence of (n,) values.
-
-    Sorted from the last value, to prefer among equally long ones the one that keeps what came
-    first and drops what fell behind.
-    """
+    """Return the numbers of a longest increasing subsequence, which prefers what came first."""
     tops: list[float] = []
     on_top: list[int] = []
     below = [-1] * values.size
@@ -165,11 +154,7 @@ def _restart(time: Samples, kept: Mask) -> int | None:
 
 
 def saturated(values: Samples) -> int:
-    """Count samples in flat runs at either extreme that an input reaches at speed, repeatedly.
-
-    A smooth, rounded signal rests on its top for at most 2/(sqrt 2 - 1) times as long as on the
-    step below; a switched signal jumps there.
-    """
+    """Count samples in flat runs at either extreme that an input reaches at speed, repeatedly."""
     resolution = resolution_of(values)
     lengths: list[int] = []
     rests = 0
@@ -203,11 +188,7 @@ def _runs_on(drop: Samples, length: int, resolution: float) -> bool:
 
 
 def clipped(angle: Samples) -> int:
-    """Count samples in flat runs at either extreme that the angle enters and leaves at speed.
-
-    Each side is checked: a joint that sticks at its turning point may leave it abruptly, but
-    arrives at zero speed.
-    """
+    """Count samples in flat runs at either extreme that the angle enters and leaves at speed."""
     resolution, count = resolution_of(angle), 0
     for level in (angle.min(), angle.max()):
         drop = np.abs(angle - level)

@@ -25,10 +25,7 @@ _RECORDS = re.compile(r"\{[^\n]*\}\s*\n\s*\{")  # one a line
 
 
 def read_json(path: Path, columns: ColumnMap | None, units: Units, about: dict[str, Any]) -> Log:
-    """Read a log (see `read_log`), or that ``at`` a place; of WPILib's SysId as it is.
-
-    Nested columns have names such as ``joint.position.0``.
-    """
+    """Read a log (see `read_log`), or that ``at`` a place; of WPILib's SysId as it is."""
     (content, cut), at = _content(path), about.pop("at", None)
     above = content if isinstance(content, dict) else {}
     if at is not None:

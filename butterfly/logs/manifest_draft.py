@@ -111,10 +111,7 @@ def of_logs(
 
 
 def with_columns(manifest: Manifest) -> Manifest:
-    """Return a manifest that can read its first log, if need be by the first three columns.
-
-    They are those that usual words or units in their names say, else time, input and angle.
-    """
+    """Return a manifest that can read its first log: by usual names, else by the first columns."""
     if manifest.columns is not None:
         return manifest
     try:
@@ -143,20 +140,14 @@ def _read(manifest: Manifest) -> Log | None:
 
 
 def open_questions(manifest: Manifest, given: Collection[str], *, named: bool) -> dict[str, str]:
-    """Return the questions on what a draft assumes, by the key that was not given.
-
-    ``named``: whether the file names give masses and sines.
-    """
+    """Return the questions on a draft, by key that was not given; files ``named`` tell sines."""
     by_name = manifest.columns is None or {*map(type, manifest.columns.values())} == {str}
     settled = {*given, "columns" * by_name, "logs" * named}
     return {key: text for key, text in _QUESTIONS.items() if key not in settled}
 
 
 def draft_text(manifest: Manifest, questions: Mapping[str, str]) -> str:
-    """Return a manifest as YAML, each question as a comment above its key.
-
-    Below that of the logs, which do not tell all, stands what to fill in, with units.
-    """
+    """Return a manifest as YAML, each question as a comment above its key."""
     names = {"added_mass": "kg", "arm": "m", "omega": "rad/s", "amplitude": manifest.input.unit}
     units = {name: manifest.units.get(name.removeprefix("added_"), names[name]) for name in names}
     places = ", ".join(f"{name}: ({unit})" for name, unit in units.items())
@@ -204,10 +195,7 @@ def _entry_by_name(path: Path, folder: Path, units: Units) -> LogEntry | None:
 
 
 def _mass_by_name(path: Path, given: Mapping[str, Any]) -> float:
-    """Return the added mass that a name gives in grams, in kg or the given unit; else 0.
-
-    Not of 120_5g, whose first part may be the whole grams.
-    """
+    """Return the mass that a name gives in grams, else 0: not of 120_5g, as 120 may be whole grams."""
     parts = ["", *re.split("[_-]", path.stem)]
     pairs = zip(parts, (_GRAMS.fullmatch(part) for part in parts[1:]), strict=False)
     found = [each for before, each in pairs if each and not before.isdigit()]
