@@ -76,7 +76,7 @@ def dates(column: Any) -> NDArray[np.datetime64] | None:  # noqa: ANN401 - texts
 def clock_reading(
     source: object, reading: ColumnReading, first: float, time: Samples
 ) -> tuple[ColumnReading, float]:
-    """Return how a clock is read, an epoch by its size, and what to subtract so that it begins at 0."""
+    """Return how a clock is read, an epoch by its size, and what to subtract of an absolute one."""
     finite = time if np.isfinite(time).all() else time[np.isfinite(time)]
     if finite.size <= 1:
         return reading, 0.0

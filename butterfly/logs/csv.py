@@ -39,7 +39,7 @@ _BY_NUMBER = (
 
 
 def read_csv(path: Path, columns: ColumnMap | None, units: Units, about: dict[str, Any]) -> Log:
-    """Read a log (see `read_log`) from a table of numbers of any delimiter, with comments and units."""
+    """Read a log (see `read_log`) from a table of any delimiter, with comments and units."""
     wanted = checked_map(path, columns or DEFAULT_COLUMNS, about)
     table = _table(
         path,

@@ -106,7 +106,7 @@ def _longest(time: Samples) -> Mask:
         return np.diff(time, prepend=-np.inf) > 0
     highest = np.maximum.accumulate(time)
     lowest = np.minimum.accumulate(time[::-1])[::-1]
-    kept = np.ones(time.size, dtype=np.bool_)
+    kept = np.ones(time.size, dtype=np.bool_)  # above all before and below all after: in each
     kept[1:] &= time[1:] > highest[:-1]
     kept[:-1] &= time[:-1] < lowest[1:]
     disputed = np.flatnonzero(~kept)
@@ -183,7 +183,7 @@ def _runs_on(drop: Samples, length: int, resolution: float) -> bool:
     beside = 1 + (_first(drop, 1.5 * resolution) if drop.size else 0)
     if drop.size <= 3 * beside:
         return False
-    moves = drop[3 * beside] > 1.5 * drop[0]
+    moves = drop[3 * beside] > 1.5 * drop[0]  # a rounded top is at most so long, a step jumps:
     return bool(moves and length > 2 / (math.sqrt(2) - 1) * beside)
 
 
@@ -196,6 +196,7 @@ def clipped(angle: Samples) -> int:
         if starts.size:
             span = float(drop.max())
             for length, sides in _flanked(drop, *_tops(drop, starts, ends, _NEAR_TOP * resolution)):
+                # both: a joint that sticks where it turns may leave it abruptly
                 count += length * all(at_speed(side, resolution, span) for side in sides)
     return count
 

@@ -259,8 +259,8 @@ def _refuse_wrapped(log: Log, wrapping: Wrapping, allowed: Collection[Repair]) -
         return
     first = log.time[wrapping.rows[0]]
     value = f"{wrapping.rows.size} jumps by {wrapping.turn:.4g} rad, the first at {first:.6g} s"
-    hint = "a continuous angle (to unwrap it: "
-    hint += f"--repair {Repair.UNWRAP}, or the manifest's key repair)"
+    how = f"--repair {Repair.UNWRAP}, or the manifest's key repair"
+    hint = f"a continuous angle (to unwrap it: {how})"
     if not wrapping.exact:
         hint = (
             "jumps by a whole turn of the joint, or by 1/N of one: give the angle's unit "

@@ -352,7 +352,7 @@ class Log:
         return (kinds[name][not turns],) if name in kinds else (_MEASURED_IN.get(name, name),)
 
     def at_joint(self, ratio: float) -> Log:
-        """Return the log, its setpoint and loop at the joint, ``ratio`` turns of the encoder per turn."""
+        """Return the log and its loop at the joint, ``ratio`` turns of the encoder per turn."""
         columns = ["angle", "velocity", "setpoint"]
         columns += ["input"] if self.input_kind is InputKind.SETPOINT else []
         told = {name: getattr(self, name) for name in columns}
@@ -415,7 +415,7 @@ class Log:
         return replace(self, **taken)
 
     def piece(self, first: int, last: int) -> Log:
-        """Return the samples ``first`` to before ``last``, as views, with the command before them."""
+        """Return samples ``first`` to before ``last``, as views, with the command before."""
         cut = self.take(slice(first, last))
         if first == 0:
             return cut
@@ -627,7 +627,7 @@ def _moves(time: Samples, angle: Samples, speed: float) -> bool:
 def _fitted(
     time: Samples, angle: Samples, order: int, finest: float = 0.0
 ) -> tuple[InitialState, float]:
-    """Fit a polynomial to samples in steps of ``finest`` rad; return initial state, velocity error."""
+    """Fit a polynomial to first samples; return initial state and error of velocity."""
     span = float(time[-1] - time[0])
     columns = polynomial.polyvander((time - time[0]) / span, order)
     coefficients, *_ = np.linalg.lstsq(columns, angle, rcond=None)

@@ -67,7 +67,7 @@ def read_mat(path: Path, columns: ColumnMap | None, units: Units, about: dict[st
 
 
 def write_mat(log: Log, path: Path) -> None:
-    """Write a log in the thesis's form, uncompressed: it hardly shrinks, and would be slow to read."""
+    """Write a log in the thesis's form, uncompressed, which is hardly larger and fast to read."""
     if log.integrated:
         raise InputError(path, "angle", "only a velocity", "an angle, or another format")
     with replacing(path) as draft:

@@ -20,7 +20,7 @@ _PLAIN = "numbers and texts: np.savez(FILE, **{k: v for k, v in d.items() if v.d
 
 
 def read_npz(path: Path, columns: ColumnMap | None, units: Units, about: dict[str, Any]) -> Log:
-    """Read a log (see `read_log`) from vectors, columns of matrices (``M.0``), or a single array."""
+    """Read a log (see `read_log`) from vectors, columns of matrices (``M.0``), or one array."""
     if path.suffix.lower() == ".npy":
         contents = {"": read_file(path, "an existing file of NumPy's")}
     else:

@@ -337,8 +337,8 @@ def _factor_and_name(name: str, unit: object, source: object) -> tuple[float, st
         factor = -factor if minus else factor
     if not factor or not math.isfinite(factor):
         more = ["counts/4096 (counts per turn)"] if name == "angle" else []
-        minus = ", with a minus if it counts the other way" if name in _TURNABLE else ""
-        expected = f"one of {', '.join([*UNITS[name], *more])}, or a factor{minus}"
+        turned = ", with a minus if it counts the other way" if name in _TURNABLE else ""
+        expected = f"one of {', '.join([*UNITS[name], *more])}, or a factor{turned}"
         raise InputError(source, f"units.{name}", unit, expected)
     if factor < 0.0:
         _require_turnable(source, name, unit)
