@@ -66,7 +66,7 @@ def document(
     summary: Sequence[str] = (),
     units: Mapping[str, str] | None = None,
 ) -> dict[str, Any]:
-    """Return a result ready for JSON; ``units``: those that no key or column names, by dotted key."""
+    """Return a result for JSON; ``units``: those that no key or column names, by dotted key."""
     found: dict[str, Any] = finite(
         {
             "schema": f"butterfly.{kind}",

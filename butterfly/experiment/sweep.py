@@ -146,7 +146,7 @@ def run_sweep(
     only: str | None = None,
     track: Track = untracked,
 ) -> SweepSummary:
-    """Perform the runs without a lasting result, and write the tables; StoppedError if interrupted."""
+    """Perform the runs without a lasting result, and write the tables, or raise StoppedError."""
     store = ResultStore(folder)
     chosen = chosen_of(plan.tasks, only)
     unique = {task.key: task for task in chosen}

@@ -40,7 +40,7 @@ class LocalEngine:
         self._jobs = jobs or os.cpu_count() or 1
 
     def run(self, work: Work, tasks: Iterable[Task], tables: Tables) -> Generator[Outcome]:
-        """Yield the outcome of each task, tried three times if its worker dies; on closing, end them."""
+        """Yield the outcome of each task, tried thrice if its worker dies; on closing, end all."""
         pending, attempts, stuck = deque(tasks), Counter[str](), 0
         with _one_thread_each():
             while pending:
