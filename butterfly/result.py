@@ -183,9 +183,8 @@ class Result(ABC):
         try:
             import pandas as pd  # noqa: PLC0415 - an extra
         except ImportError:
-            raise ButterflyError(
-                "to_dataframe needs pandas: pip install 'butterfly-testbed[pandas]'"
-            ) from None
+            remedy = "pip install 'butterfly-testbed[pandas]'"
+            raise ButterflyError(f"to_dataframe needs pandas: {remedy}") from None
         return pd.DataFrame(self.rows())
 
     def save(self, path: str | PathLike[str]) -> None:

@@ -171,9 +171,8 @@ def _chain(path: Path) -> list[Document]:
             raise InputError(document.path, "extends", named, "the path of an experiment file")
         base = _base(document.path, named)
         if base in [each.path.resolve() for each in documents] or len(documents) == _DEEPEST:
-            raise InputError(
-                document.path, "extends", named, "a file that does not extend this one"
-            )
+            expected = "a file that does not extend this one"
+            raise InputError(document.path, "extends", named, expected)
         documents.append(load_yaml(base))
     return documents
 
@@ -195,9 +194,8 @@ def _base(path: Path, named: str) -> Path:
             return beside.resolve()
         return _inside(path, named)
     if Path(named).is_absolute() or ".." in Path(named).parts:
-        raise InputError(
-            path, "extends", named, "a file in the same folder, or a shipped experiment"
-        )
+        expected = "a file in the same folder, or a shipped experiment"
+        raise InputError(path, "extends", named, expected)
     return locate(Path(named)).resolve()
 
 

@@ -133,9 +133,8 @@ class DaskEngine:
         try:
             from distributed import Client, LocalCluster  # noqa: PLC0415 - an extra
         except ImportError:
-            raise ButterflyError(
-                "--engine dask needs the extra: pip install 'butterfly-testbed[dask]'"
-            ) from None
+            remedy = "pip install 'butterfly-testbed[dask]'"
+            raise ButterflyError(f"--engine dask needs the extra: {remedy}") from None
         with _one_thread_each():
             cluster: Any = nullcontext(self._scheduler)
             if self._scheduler is None:

@@ -124,7 +124,9 @@ def _table(
         plain &= all(abs(first[k][0].as_py() or 0) < EXACT for k in whole)
         if plain and len(set(names)) == len(names) and not any(map(is_number, names)):
             columns = _streamed(path, {number: names[number] for number in numbers})
-            cut = int(not _is_ended(path))
+            with path.open("rb") as file:
+                file.seek(-1, os.SEEK_END)
+                cut = int(file.read() not in {b"\n", b"\r"})  # the last line may be incomplete
             complete = {number: each[: each.size - cut] for number, each in columns.items()}
             return TextColumns(names=names, columns=complete, reading=FileReading(cut_lines=cut))
     except (InputError, pyarrow.ArrowInvalid, OSError, UnicodeDecodeError):
@@ -134,13 +136,6 @@ def _table(
         found = f"{table.headless} above rows of {len(table.columns)} numbers"
         raise InputError(path, "header", found, _BY_NUMBER)
     return table
-
-
-def _is_ended(path: Path) -> bool:
-    """Whether the last line ends with a line break; otherwise it may be incomplete."""
-    with path.open("rb") as file:
-        file.seek(-1, os.SEEK_END)
-        return file.read() in {b"\n", b"\r"}
 
 
 def _streamed(path: Path, wanted: Mapping[int, str]) -> dict[int, Samples]:

@@ -158,11 +158,7 @@ class Health:
 
 
 def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Log, Health]:
-    """Return a log with increasing timestamps and finite values, and its health as recorded.
-
-    Raises InputError for a fault that ``repairs`` does not cover, a clock that does not advance, a
-    constant angle, or a sine without input.
-    """
+    """Return a log repaired as far as allowed, and its health as recorded; refuse other faults."""
     finite = reduce(np.logical_and, map(np.isfinite, log.columns().values()))
     _refuse_unless_allowed(log, ~finite, Repair.NON_FINITE, repairs, "finite numbers")
     sound = _only(log, finite)

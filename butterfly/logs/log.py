@@ -439,8 +439,7 @@ class Log:
         assert self.setpoint is not None  # noqa: S101 - of a servo
         if self.lead is None or self.lead.setpoint is None:
             return self.held("setpoint")
-        time = np.concatenate([self.lead.time, self.time])
-        return time, np.concatenate([self.lead.setpoint, self.setpoint])
+        return self.command[0], np.concatenate([self.lead.setpoint, self.setpoint])
 
     def held(self, name: str) -> tuple[Samples, Samples]:
         """(n + 1,) timestamps in s and values of a column, the first value also before the log."""
@@ -527,12 +526,7 @@ class Log:
 
     @cached_property
     def initial_state(self) -> InitialState:
-        """Initial angle and velocity.
-
-        A log may begin in the steady swing of its sine (see `_in_steady_swing`). Otherwise a whole
-        log begins at rest at its first sample, unless it moves at once (see `_moves`). Then, and
-        for a piece of a longer recording, a cubic is fitted to the first samples.
-        """
+        """Initial state: of a steady sine, else at rest, or by a cubic for what moves at once."""
         time, angle, rest = self.time, self.angle, InitialState(float(self.angle[0]), 0.0)
         if not self.rms_speed > 0:
             return rest
@@ -603,11 +597,7 @@ def _in_steady_swing(time: Samples, angle: Samples, omega: float) -> InitialStat
 
 
 def _moves(time: Samples, angle: Samples, speed: float) -> bool:
-    """Whether (n,) first samples are in motion: ever fewer of them give the same velocity.
-
-    From rest, half the stretch gives a quarter to a half of the velocity, at the latest when
-    stretches are short compared with the spin-up.
-    """
+    """Whether (n,) first samples are in motion: ever fewer of them give the same velocity."""
     steps = np.abs(np.diff(angle))
     finest = float(np.min(steps, where=steps > 0, initial=np.ptp(angle)))  # an encoder's step
     before, moves = abs(_fitted(time, angle, 2)[0].velocity), False
@@ -617,7 +607,7 @@ def _moves(time: Samples, angle: Samples, speed: float) -> bool:
         found, error = _fitted(time, angle, 2, finest)
         if _SURE * error >= before:
             break
-        velocity = abs(found.velocity)
+        velocity = abs(found.velocity)  # from rest, in the end a quarter to a half of that before
         if velocity < _NOTABLE * speed or abs(velocity - before) > _SETTLED * velocity:
             return False
         before, moves = velocity, True

@@ -26,13 +26,10 @@ _MATRIX = "D"
 
 
 def read_mat(path: Path, columns: ColumnMap | None, units: Units, about: dict[str, Any]) -> Log:
-    """Read a MATLAB file (see `read_log`); v7.3 needs the extra ``hdf5``.
+    """Read a MATLAB file (see `read_log`); v7.3 needs the extra ``hdf5``, objects ``matlab``.
 
     A column is a vector (``t``), a field of a struct (``data.t``; ``out.1.x`` in the second of an
     array) or a column of a matrix (``M.0``, or ``0`` of ``D``; a row, if samples are columns).
-    Without a map the columns are t, u, q[, dq] of ``D``, or time, input, angle[, velocity] of the
-    only struct with these; ``at`` is where else they are. Tables, timetables and timeseries need
-    the extra ``matlab``.
     """
     at, said = about.pop("at", None), dict[str, Mapping[str, Any]]()
     if columns is None:

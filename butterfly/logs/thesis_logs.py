@@ -100,9 +100,9 @@ def _is_there(folder: Path, name: str) -> bool:
     path = folder / name
     if not path.exists():
         return False
-    expected = "the log of this name, or no file (it is not overwritten)"
-    content = read_file(path, expected, most=pins()[name].size)
-    _require(pins()[name], content, path, "or no file (it is not overwritten)")
+    else_none = "or no file (it is not overwritten)"
+    content = read_file(path, f"the log of this name, {else_none}", most=pins()[name].size)
+    _require(pins()[name], content, path, else_none)
     return True
 
 

@@ -181,10 +181,7 @@ def read_unit(
 def apportioned(
     headings: Mapping[str, Heading], fitting: Mapping[str, Sequence[str]]
 ) -> dict[str, Heading]:
-    """Return headings by field, each with the shared words that fit it.
-
-    Words that fit none of their columns go to the input, or to the first of them, to be refused.
-    """
+    """Return headings by field, each with the shared words that fit it."""
     found = dict(headings)
     for words in dict.fromkeys(each for head in headings.values() for each in head.shared):
         own = [name for name, head in headings.items() if words in head.shared]
@@ -192,7 +189,7 @@ def apportioned(
         fits = [name for name in own if kinds & {*fitting[name]}]
         if not fits and not (kinds or words.how is Said.AS_UNIT):
             continue
-        for name in fits or [own["input" in own and own.index("input")]]:
+        for name in fits or [own["input" in own and own.index("input")]]:  # to be refused
             found[name] = replace(found[name], said=(*found[name].said, words))
     return found
 
@@ -347,6 +344,5 @@ def _factor_and_name(name: str, unit: object, source: object) -> tuple[float, st
 
 def _require_turnable(source: object, name: str, unit: object) -> None:
     if name not in _TURNABLE:
-        raise InputError(
-            source, f"units.{name}", unit, f"no minus: only {', '.join(_TURNABLE)} can be negated"
-        )
+        expected = f"no minus: only {', '.join(_TURNABLE)} can be negated"
+        raise InputError(source, f"units.{name}", unit, expected)

@@ -38,8 +38,6 @@ _MEASURED = {
     ("velocity",): "velocity (no angle was recorded)",
     ("angle", "velocity"): "angle, or velocity where no angle was recorded,",
 }
-
-
 _ADVICE = re.compile(r"Set (--\S+) (\S+?),? ")
 
 _HEADERS = {
