@@ -66,11 +66,7 @@ def document(
     summary: Sequence[str] = (),
     units: Mapping[str, str] | None = None,
 ) -> dict[str, Any]:
-    """Return a result as a document for programs, ready for JSON.
-
-    ``units`` are those of quantities whose key or column does not name it, by dotted key. None
-    means unknown.
-    """
+    """Return a result for JSON; ``units``: those that no key or column names, by dotted key."""
     found: dict[str, Any] = finite(
         {
             "schema": f"butterfly.{kind}",
@@ -187,9 +183,8 @@ class Result(ABC):
         try:
             import pandas as pd  # noqa: PLC0415 - an extra
         except ImportError:
-            raise ButterflyError(
-                "to_dataframe needs pandas: pip install 'butterfly-testbed[pandas]'"
-            ) from None
+            remedy = "pip install 'butterfly-testbed[pandas]'"
+            raise ButterflyError(f"to_dataframe needs pandas: {remedy}") from None
         return pd.DataFrame(self.rows())
 
     def save(self, path: str | PathLike[str]) -> None:

@@ -115,11 +115,8 @@ class Changed(Answer):
         sizes = {row["parameter"]: row for row in rows if _is_relative(row)}
         seen = {name: row["detectable"] / abs(row["before"]) for name, row in sizes.items()}
         least = min(seen, key=lambda name: seen[name], default="")
-        largest = max(
-            moved,
-            key=lambda name: abs(sizes[name]["change in %"]) if name in sizes else 0,
-            default="",
-        )
+        moves = {name: abs(row["change in %"]) for name, row in sizes.items()}
+        largest = max(moved, key=lambda name: moves.get(name, 0), default="")
         found = [Fact("changed", f"{len(moved)} of {len(rows)}", ", ".join(moved) or "none")]
         if largest in sizes:
             found.append(Fact("largest change", f"{sizes[largest]['change in %']:+.2g} %", largest))
@@ -201,20 +198,15 @@ def _untested(found: Change) -> list[str]:
     """Name the parameters that were not compared, and why."""
     sentences = [f"Not compared: {name} ({why})." for name, why in found.untested.items()]
     if math.isnan(found.joint_probability) and len(found.parameters) > 1:
-        sentences.append(
-            "No joint test of all parameters: too few logs to estimate the correlation of their "
-            "errors."
-        )
+        why = "too few logs to estimate the correlation of their errors"
+        sentences.append(f"No joint test of all parameters: {why}.")
     return sentences
 
 
 def _reserve(*both: Identification) -> str:
     """Return a warning about results that must not be used; empty if there are none."""
-    places = [
-        place
-        for place, each in zip(_PLACES, both, strict=True)
-        if each.judged.level is Level.WARNING
-    ]
+    pairs = zip(_PLACES, both, strict=True)
+    places = [place for place, each in pairs if each.judged.level is Level.WARNING]
     return f"Do not rely on this: do not use {listed(places)} result. " if places else ""
 
 
@@ -227,10 +219,8 @@ def _warnings(*both: Identification) -> list[str]:
     ]
     one, other = (each.estimate for each in both)
     if both[0].estimator != both[1].estimator:
-        sentences.append(
-            f"Different estimators ({both[0].estimator}, {both[1].estimator}) may cause a "
-            "difference."
-        )
+        names = ", ".join(each.estimator for each in both)
+        sentences.append(f"Different estimators ({names}) may cause a difference.")
     terms = sorted(set(one.names) ^ set(other.names))
     if terms:
         sentences.append(

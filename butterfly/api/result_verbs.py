@@ -104,9 +104,8 @@ def predict(
             whole = whole.with_zero(Known(value=estimate.local[None]["zero"]))
             logs, setting = whole.logs, whole.simulations.setting
         if bands:
-            raise IdentifiabilityError(
-                "bands need an identification: plain parameters have no covariance"
-            )
+            why = "bands need an identification: plain parameters have no covariance"
+            raise IdentifiabilityError(why)
         sentences = _of_gain(given, estimate, whole)
     else:
         found = _identified(result)

@@ -324,12 +324,8 @@ def _saved_manifest(path: Path, root: Path | None, given: Mapping[str, Any]) -> 
         raise InputError(path, "data.manifest.root", "missing", expected)
     folder = root_of(path, manifest.root, root)
     if not folder.is_dir():
-        raise InputError(
-            path,
-            "data.manifest.root",
-            folder,
-            "an existing folder of logs; if they moved, --root FOLDER",
-        )
+        expected = "an existing folder of logs; if they moved, --root FOLDER"
+        raise InputError(path, "data.manifest.root", folder, expected)
     return manifest.model_copy(update={"root": str(folder)})
 
 

@@ -22,6 +22,7 @@ from cyclopts.exceptions import CycloptsError, UnknownCommandError, UnknownOptio
 
 from butterfly import __version__, outputs, progress
 from butterfly.cli import output
+from butterfly.cli.options import source_of
 from butterfly.cli.output import Asked, ExitCode, asked, write_json
 from butterfly.cli.output import warn as print_warning
 from butterfly.cli.written import check as check_outputs
@@ -33,16 +34,6 @@ from butterfly.errors import (
     memory,
     size_text,
 )
-
-_PACKAGE = Path(__file__).parents[1]
-
-
-def source_of(verb: str) -> str:
-    """Return the source of the module of a verb of the face; "" for another name."""
-    face = (_PACKAGE / "__init__.pyi").read_text(encoding="utf-8")
-    found = re.search(rf"from \.(\S+) import {verb} as", face)
-    place = _PACKAGE / f"{found[1].replace('.', '/')}.py" if found else None
-    return place.read_text(encoding="utf-8") if place else ""
 
 
 class Command(NamedTuple):
@@ -60,7 +51,7 @@ class Command(NamedTuple):
         first = re.compile(
             rf'^def _?{name}\((?:(?!^def ).)*?:\n    """(.+?)(?:"""|\n)', re.DOTALL | re.M
         )
-        own = _PACKAGE.joinpath(f"cli/{module}.py").read_text(encoding="utf-8")
+        own = Path(__file__).with_name(f"{module}.py").read_text(encoding="utf-8")
         texts = (own, source_of(name))
         return next(found[1] for found in map(first.search, texts) if found)
 

@@ -24,8 +24,15 @@ from cyclopts import Parameter
 from docstring_parser import parse
 
 import butterfly as bf
-from butterfly.cli.app import source_of
-from butterfly.cli.options import OUT, THE_DATA, WRITTEN, parse_floats, parse_names, parse_numbers
+from butterfly.cli.options import (
+    OUT,
+    THE_DATA,
+    WRITTEN,
+    parse_floats,
+    parse_names,
+    parse_numbers,
+    source_of,
+)
 from butterfly.cli.output import ExitCode, show_progress
 from butterfly.cli.written import FOLDER
 from butterfly.progress import untracked
@@ -59,10 +66,7 @@ _AS_IN = re.compile(r"As in `(\w+)`")
 
 
 def verb_named(name: str) -> Callable[..., Any]:
-    """Return a verb; if its source alone says all that help does, its signature and docstring.
-
-    That takes no slow import. Types of the package are paths there.
-    """
+    """Return a verb, or without a slow import its signature and docstring, types as paths."""
     source = ast.parse(source_of(name)).body
     (verb,) = [each for each in source if isinstance(each, ast.FunctionDef) and each.name == name]
     defaults = [each for each in verb.args.kw_defaults if not isinstance(each, ast.Constant)]

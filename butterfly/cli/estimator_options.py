@@ -65,10 +65,7 @@ class FitOptions:
 def fit_options(
     default: str | None = None, without: tuple[str, ...] = (), *, several: bool = False
 ) -> type[FitOptions]:
-    """Return a dataclass with every option of every estimator, ``without`` some.
-
-    Its method has a default; ``several`` may be separated by commas.
-    """
+    """Return a dataclass of the options of all estimators, ``without`` some, and of a method."""
     listing = "; ".join(f"{method}: {each.summary}" for method, each in ESTIMATORS.items())
     listing += f"; {DEFAULT_METHOD}: the same as {kind_of(DEFAULT_METHOD).method}"
     rank = "To rank several, separate them by commas. " if several else ""

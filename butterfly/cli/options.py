@@ -52,7 +52,8 @@ class Report:
 
 NO_REPORT = Report()
 
-_MANIFEST = Path(__file__).parents[1].joinpath("logs/manifest.py").read_text(encoding="utf-8")
+_PACKAGE = Path(__file__).parents[1]
+_MANIFEST = (_PACKAGE / "logs/manifest.py").read_text(encoding="utf-8")
 _DETAIL: Any = {"group": DATA_IN_DETAIL}
 
 
@@ -123,6 +124,14 @@ class DataOptions(Facts):
 
 
 SILENT = DataOptions()
+
+
+def source_of(verb: str) -> str:
+    """Return the source of the module of a verb of the face; "" for another name."""
+    face = (_PACKAGE / "__init__.pyi").read_text(encoding="utf-8")
+    found = re.search(rf"from \.(\S+) import {verb} as", face)
+    place = _PACKAGE / f"{found[1].replace('.', '/')}.py" if found else None
+    return place.read_text(encoding="utf-8") if place else ""
 
 
 def parse_numbers(text: str | None) -> list[int] | None:

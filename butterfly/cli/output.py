@@ -104,15 +104,6 @@ def say_verdict(verdict: Verdict) -> None:
         print(_folded(line))
 
 
-def say_some(sentences: Sequence[str], *, headed: bool) -> None:
-    """Print the first sentences, below a verdict or their own headline; with --verbose, all."""
-    shown = len(sentences) if asked.verbose else _FEW + (not headed)
-    for sentence in sentences[:shown]:
-        say(sentence)
-    if more := len(sentences[shown:]):
-        say(f"--verbose adds {more} more sentence{'s' * (more > 1)}.")
-
-
 def write_json(document: Mapping[str, Any]) -> None:
     """Write an answer as JSON to where ``--json`` said, if it did."""
     if asked.json is None:
@@ -136,14 +127,16 @@ def show(
     rows: int | None = None,
     after: str = "",
 ) -> ExitCode:
-    """Print a result, verdict first, and write the requested files; return the exit code.
-
-    ``rows`` limits the rows of its tables, which stand below the next command, ``after`` it.
-    """
+    """Print a result, the command ``after`` it, at most so many ``rows``; write what is wanted."""
     if result.judged is not None:
         say_verdict(result.judged)
     verdict = result.judged.lines[:_VERDICT] if result.judged else ()
-    say_some([each for each in result.paragraphs() if each not in verdict], headed=bool(verdict))
+    sentences = [each for each in result.paragraphs() if each not in verdict]
+    shown = len(sentences) if asked.verbose else _FEW + (not verdict)
+    for sentence in sentences[:shown]:
+        say(sentence)
+    if more := len(sentences[shown:]):
+        say(f"--verbose adds {more} more sentence{'s' * (more > 1)}.")
     if after and not asked.silent:  # whole, however long: to be pasted
         print(f"Next: {after}")
     tables = [each for each in result.tables() if asked.verbose or not each.detail]
@@ -163,11 +156,7 @@ def show(
 def show_table(
     title: str, headers: Sequence[str], rows: Sequence[Sequence[object]], *, lead: int = 1
 ) -> None:
-    """Print a table; without headers, names and what belongs to them.
-
-    Headers and texts are folded, numbers never. What does not fit side by side stands in blocks,
-    which repeat the ``lead`` columns that name a row. Columns without any text are left out.
-    """
+    """Print a table, in blocks if need be, which repeat the ``lead`` columns that name a row."""
     if asked.silent:
         return
     from rich.table import Table  # noqa: PLC0415 - slow to import

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
 from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -134,10 +133,8 @@ def show_rows(title: str, table: pa.Table, *, asked: bool) -> None:
     shown = [name for name in table.column_names if asked or name not in _ASKED]
     cells = {name: [shown_text(row[name]) for row in rows] for name in shown}
     if len(rows) == 1:
-        pairs = [
-            (field_label(name), text) for name, (text,) in cells.items() if text not in _NOTHING
-        ]
-        show_table("", (), pairs, lead=2)
+        pairs = [(field_label(name), text) for name, (text,) in cells.items()]
+        show_table("", (), [each for each in pairs if each[1] not in _NOTHING], lead=2)
         return
     same = [] if asked else [name for name in shown if len({*cells[name]}) == 1]
     named = [name for name in _NAMES if name in cells and name not in same]
@@ -178,18 +175,15 @@ def chosen_columns(table: pa.Table, columns: str | None) -> pa.Table:
     """Return a table's named columns; all without names."""
     if columns is None:
         return table
-    names = [part.strip() for part in columns.split(",")]
-    return table.select([column_named(name, table.column_names) for name in names])
-
-
-def column_named(name: str, names: Sequence[str]) -> str:
-    """Return the column of a name, last part or header; InputError unless it is one."""
-    meant = [each for each in names if each.endswith(f".{name}") or field_name(each) == name]
-    meant = [name] if name in names else meant
-    if len(meant) != 1:
-        expected = ", or ".join(meant) or nearest(name, names)
-        raise InputError("--columns", name, "an unknown column", expected)
-    return meant[0]
+    names, chosen = table.column_names, []
+    for name in [part.strip() for part in columns.split(",")]:
+        meant = [each for each in names if each.endswith(f".{name}") or field_name(each) == name]
+        meant = [name] if name in names else meant  # or last part, or header
+        if len(meant) != 1:
+            expected = ", or ".join(meant) or nearest(name, names)
+            raise InputError("--columns", name, "an unknown column", expected)
+        chosen += meant
+    return table.select(chosen)
 
 
 def is_run(path: Path) -> bool:
@@ -225,19 +219,13 @@ def compare_runs(one: Path, other: Path) -> ExitCode:
             if of is not None and of.estimate is not None:
                 say(f"{each.estimator}, {name}: {estimate_verdict(of.estimate).lines[0]}")
     said = [run.overrides | {"seed": run.seed, "status": run.status} for run in runs]
-    pairs = {name: [each.get(name) for each in said] for name in dict.fromkeys(chain(*said))}
-    unlike = [
-        (field_label(name), *map(shown_text, pair))
-        for name, pair in pairs.items()
-        if pair[0] != pair[1]
-    ]
-    if unlike:
+    both = {name: [each.get(name) for each in said] for name in dict.fromkeys(chain(*said))}
+    pairs = [(field_label(name), *pair) for name, pair in both.items() if pair[0] != pair[1]]
+    if unlike := [(name, *map(shown_text, pair)) for name, *pair in pairs]:
         show_table("Settings that differ", ("", *names), unlike)
     else:
         say("The settings are the same.")
-    for each in runs[0].estimates:
-        if each.estimator not in others:
-            continue
+    for each in [found for found in runs[0].estimates if found.estimator in others]:
         twins = {row.name: row for row in others[each.estimator].parameters}
         show_table(
             each.estimator,

@@ -132,14 +132,8 @@ def _show_log(
     time, angle, simulated = run.log.time, run.log.angle, run.simulated
     if out.suffix.lower() in _FILMS:
         shown = time <= time[0] + seconds
-        motion = (time[shown] - time[0], angle[shown], out)
-        film(
-            *(robot, added, *motion),
-            fps=fps,
-            size=size,
-            simulated=simulated[shown],
-            track=show_progress,
-        )
+        motion, ghost = (time[shown] - time[0], angle[shown], out), simulated[shown]
+        film(robot, added, *motion, fps=fps, size=size, simulated=ghost, track=show_progress)
         say(f"Film: {out}")
     else:
         worst = int(abs(simulated - angle).argmax())

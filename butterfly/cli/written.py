@@ -47,10 +47,7 @@ def options_of(command: object) -> dict[tuple[str, ...], tuple[str, OutputFile]]
 def check(
     command: object, arguments: Mapping[str, Any], json: Path | None, kinds: Sequence[str]
 ) -> None:
-    """Note the inputs among the arguments of a command; InputError if an output may not be.
-
-    Its ``json`` is a document of one of the ``kinds``.
-    """
+    """Note the inputs of a command, refuse outputs that may not be; ``json`` has these kinds."""
     writing = options_of(command)
     files = {}
     if json is not None and json != _STDOUT:

@@ -103,12 +103,9 @@ def change(before: Estimate, after: Estimate) -> Change:
     untested = _untested(before, after)
     names = [name for name in before.names if name in after.names and name not in untested]
     if not names:
-        raise InputError(
-            "changed",
-            "estimates",
-            "no common parameter with a standard error",
-            "two identifications with methods that estimate standard errors",
-        )
+        found = "no common parameter with a standard error"
+        expected = "two identifications with methods that estimate standard errors"
+        raise InputError("changed", "estimates", found, expected)
     sides = [_Side.of(estimate, names) for estimate in (before, after)]
     difference = sides[1].values - sides[0].values
     (one, of_one), (other, of_other) = ((side.errors**2, side.freedom) for side in sides)

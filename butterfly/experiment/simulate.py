@@ -65,10 +65,7 @@ def planned_logs(experiment: Experiment) -> list[Log]:
 
 
 def write_logs(experiment: Experiment, logs: Iterable[Log], folder: Path) -> Path:
-    """Write logs like the real ones; return the path of the manifest, written last.
-
-    InputError before any is written if one exists and may not be replaced.
-    """
+    """Write logs like the real ones, none over a foreign one; return the path of the manifest."""
     require_free(folder / MANIFEST_NAME)
     logs = list(logs)  # only now are they simulated
     for log in logs:

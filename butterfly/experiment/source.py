@@ -100,11 +100,7 @@ def read_experiment(path: str | PathLike[str]) -> Experiment:
 
 
 def keep_experiment(source: Source, folder: Path) -> list[str]:
-    """Write a merged experiment and its signals; return the names of the files.
-
-    Read again, its runs have the same addresses. A sweep must be planned before, so its signals are
-    known. InputError if a file would overwrite one that was read.
-    """
+    """Write a planned experiment and its signals, over none that was read; return their names."""
     contents = {EXPERIMENT: (HEAD + yaml_text(source.content)).encode()}
     names = [named.path.as_posix() for named in source.digests]
     contents |= {name: source.files[name].read_bytes() for name in names}
@@ -175,9 +171,8 @@ def _chain(path: Path) -> list[Document]:
             raise InputError(document.path, "extends", named, "the path of an experiment file")
         base = _base(document.path, named)
         if base in [each.path.resolve() for each in documents] or len(documents) == _DEEPEST:
-            raise InputError(
-                document.path, "extends", named, "a file that does not extend this one"
-            )
+            expected = "a file that does not extend this one"
+            raise InputError(document.path, "extends", named, expected)
         documents.append(load_yaml(base))
     return documents
 
@@ -199,9 +194,8 @@ def _base(path: Path, named: str) -> Path:
             return beside.resolve()
         return _inside(path, named)
     if Path(named).is_absolute() or ".." in Path(named).parts:
-        raise InputError(
-            path, "extends", named, "a file in the same folder, or a shipped experiment"
-        )
+        expected = "a file in the same folder, or a shipped experiment"
+        raise InputError(path, "extends", named, expected)
     return locate(Path(named)).resolve()
 
 

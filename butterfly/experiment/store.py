@@ -115,11 +115,7 @@ class ResultStore:
         write_file(self.folder / SWEEP, sweep.to_json(), own=True)
 
     def end_sweep(self, sweep: SweepRecord, *, track: Track = untracked) -> None:
-        """Write the tables from the records, in the sweep's order, and the plan.
-
-        If another process does so too, the tables finally match ``sweep.json``: the last writer
-        checks again.
-        """
+        """Write the tables from the records, and the plan; the last of writers checks again."""
         for _ in range(_ENDS):
             tables = self._tables(sweep, track)
             for name, content in tables.items():
@@ -174,11 +170,7 @@ class ResultStore:
         return any(each.is_symlink() for each in way[: way.index(self.folder)])
 
     def clean(self, *, failed: bool = False) -> list[Path]:
-        """Remove records of no run of the sweep, logs without a record, and unfinished files.
-
-        With ``failed`` also failed runs, to repeat them. Nothing behind a link is removed, and no
-        file that may be in writing. Returns the removed paths.
-        """
+        """Remove and return records of no run, stray logs and drafts, and if so failed runs."""
         wanted = {run.key for run in self.sweep().runs}
         removed = [path for path in self.folder.rglob(f"{DRAFT}*") if _is_stale(path)]
         kept = [path for path in (self.folder / "runs").glob("*/*") if _KEY.fullmatch(path.stem)]

@@ -146,12 +146,7 @@ def run_sweep(
     only: str | None = None,
     track: Track = untracked,
 ) -> SweepSummary:
-    """Perform the runs of a sweep without a result, and write the tables.
-
-    Killed at any moment, it continues where it stopped. A refused run (bad input, not identifiable)
-    is not repeated; a failed one, or one whose search was stopped earlier than now, is. Raises
-    StoppedError if interrupted.
-    """
+    """Perform the runs without a lasting result, and write the tables, or raise StoppedError."""
     store = ResultStore(folder)
     chosen = chosen_of(plan.tasks, only)
     unique = {task.key: task for task in chosen}

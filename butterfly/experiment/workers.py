@@ -40,12 +40,7 @@ class LocalEngine:
         self._jobs = jobs or os.cpu_count() or 1
 
     def run(self, work: Work, tasks: Iterable[Task], tables: Tables) -> Generator[Outcome]:
-        """Yield the outcome of each finished task; on closing, end running ones.
-
-        ``work`` is a function of a module, which workers import; they receive the tables (signals
-        by digest) once. A task whose worker dies is repeated, and fails after three times. The
-        other workers continue meanwhile.
-        """
+        """Yield the outcome of each task, tried thrice if its worker dies; on closing, end all."""
         pending, attempts, stuck = deque(tasks), Counter[str](), 0
         with _one_thread_each():
             while pending:
@@ -89,10 +84,7 @@ class LocalEngine:
 
 
 def _context() -> BaseContext:
-    """Return how workers start: never forked from this process, whose libraries have threads.
-
-    If possible they are forked from a process with the modules and without threads.
-    """
+    """Return how workers start: never forked from this process, whose libraries have threads."""
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
@@ -141,9 +133,8 @@ class DaskEngine:
         try:
             from distributed import Client, LocalCluster  # noqa: PLC0415 - an extra
         except ImportError:
-            raise ButterflyError(
-                "--engine dask needs the extra: pip install 'butterfly-testbed[dask]'"
-            ) from None
+            remedy = "pip install 'butterfly-testbed[dask]'"
+            raise ButterflyError(f"--engine dask needs the extra: {remedy}") from None
         with _one_thread_each():
             cluster: Any = nullcontext(self._scheduler)
             if self._scheduler is None:

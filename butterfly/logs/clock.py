@@ -76,10 +76,7 @@ def dates(column: Any) -> NDArray[np.datetime64] | None:  # noqa: ANN401 - texts
 def clock_reading(
     source: object, reading: ColumnReading, first: float, time: Samples
 ) -> tuple[ColumnReading, float]:
-    """Return how a clock is read, and what to subtract so that an absolute one begins at 0.
-
-    An epoch is known by its size if no unit is said, days never are; ``first`` is subtracted.
-    """
+    """Return how a clock is read, an epoch by its size, and what to subtract of an absolute one."""
     finite = time if np.isfinite(time).all() else time[np.isfinite(time)]
     if finite.size <= 1:
         return reading, 0.0

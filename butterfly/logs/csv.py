@@ -28,7 +28,7 @@ from butterfly.logs.text_table import (
     require_narrow,
 )
 from butterfly.logs.unit_words import units_meant
-from butterfly.logs.units import AS_IS, UNITS, Heading, Units, words_in
+from butterfly.logs.units import UNITS, Heading, Units, words_in
 
 _TABS = {".tsv"}  # endings of files that are written with tabs
 _LONGEST_LINE = 1 << 20  # bytes of a first line that are looked at
@@ -38,25 +38,15 @@ _BY_NUMBER = (
 )
 
 
-def read_csv(
-    path: Path,
-    columns: ColumnMap | None = None,
-    units: Units = AS_IS,
-    **properties: Any,  # noqa: ANN401 - the fields of Log that a file cannot know
-) -> Log:
-    """Read a table of numbers, delimited by commas, semicolons, tabs or blanks (see `read_log`).
-
-    Comment lines (``#``, ``%``, ``//``) are skipped; an incomplete last line is dropped and
-    counted. The row below the names may hold units. Without a map, a numeric column ``velocity`` is
-    read too.
-    """
-    wanted = checked_map(path, columns or DEFAULT_COLUMNS, properties)
+def read_csv(path: Path, columns: ColumnMap | None, units: Units, about: dict[str, Any]) -> Log:
+    """Read a log (see `read_log`) from a table of any delimiter, with comments and units."""
+    wanted = checked_map(path, columns or DEFAULT_COLUMNS, about)
     table = _table(
         path,
-        lambda names: chosen_columns(path, names, columns, properties)[0].values(),
+        lambda names: chosen_columns(path, names, columns, about)[0].values(),
         by_number=all(str(each).isdecimal() for each in wanted.values()),
     )
-    return log_of_text(path, table, columns, units, properties)
+    return log_of_text(path, table, columns, units, about)
 
 
 def log_of_text(
@@ -119,10 +109,7 @@ def holds_table(path: Path, width: int = 3) -> bool:
 def _table(
     path: Path, wanted: Callable[[Sequence[str]], Iterable[int]], *, by_number: bool = False
 ) -> TextColumns:
-    """Read a file with pyarrow, which is fast, if it finds the wanted columns.
-
-    ``wanted`` returns their numbers from the names of all.
-    """
+    """Read a file with pyarrow, which is fast, if it finds the columns ``wanted`` of the names."""
     require_file(path, "an existing file")
     with path.open("rb") as file:
         require_narrow(path, 1, file.readline(_LONGEST_LINE).decode("latin-1"))
@@ -137,7 +124,9 @@ def _table(
         plain &= all(abs(first[k][0].as_py() or 0) < EXACT for k in whole)
         if plain and len(set(names)) == len(names) and not any(map(is_number, names)):
             columns = _streamed(path, {number: names[number] for number in numbers})
-            cut = int(not _is_ended(path))
+            with path.open("rb") as file:
+                file.seek(-1, os.SEEK_END)
+                cut = int(file.read() not in {b"\n", b"\r"})  # the last line may be incomplete
             complete = {number: each[: each.size - cut] for number, each in columns.items()}
             return TextColumns(names=names, columns=complete, reading=FileReading(cut_lines=cut))
     except (InputError, pyarrow.ArrowInvalid, OSError, UnicodeDecodeError):
@@ -147,13 +136,6 @@ def _table(
         found = f"{table.headless} above rows of {len(table.columns)} numbers"
         raise InputError(path, "header", found, _BY_NUMBER)
     return table
-
-
-def _is_ended(path: Path) -> bool:
-    """Whether the last line ends with a line break; otherwise it may be incomplete."""
-    with path.open("rb") as file:
-        file.seek(-1, os.SEEK_END)
-        return file.read() in {b"\n", b"\r"}
 
 
 def _streamed(path: Path, wanted: Mapping[int, str]) -> dict[int, Samples]:

@@ -14,27 +14,19 @@ from butterfly.logs.csv import log_of_text
 from butterfly.logs.formats import ColumnMap, chosen_columns, part_at
 from butterfly.logs.log import Log
 from butterfly.logs.text_table import table_of_text
-from butterfly.logs.units import AS_IS, Units
+from butterfly.logs.units import Units
 
 _EXTRA = "the extra excel (pip install 'butterfly-testbed[excel]'), or its table saved as CSV"
 
 
-def read_excel(
-    path: Path,
-    columns: ColumnMap | None = None,
-    units: Units = AS_IS,
-    **properties: Any,  # noqa: ANN401 - the fields of Log that a file cannot know
-) -> Log:
-    """Read a log (see `read_log`) from a sheet: ``at``, or the only one with these columns.
-
-    A line in an error is a row of the sheet. Formulas have the values that were saved.
-    """
-    texts, at = _texts(path), properties.pop("at", None)
+def read_excel(path: Path, columns: ColumnMap | None, units: Units, about: dict[str, Any]) -> Log:
+    """Read a log (see `read_log`) from a sheet: ``at``, or the only one with these columns."""
+    texts, at = _texts(path), about.pop("at", None)
     tables, fitting, fault = {}, [], InputError(path, "content", "no sheet", "a table")
     for name, text in {at: part_at(path, texts, at, at)}.items() if at else texts.items():
         try:
             tables[name] = table_of_text(path, text, f"sheet {name}", "\t")
-            chosen_columns(path, tables[name].names, columns, properties)
+            chosen_columns(path, tables[name].names, columns, about)
             fitting.append(name)
         except InputError as error:
             fault = error
@@ -45,7 +37,7 @@ def read_excel(
         found = f"sheets {', '.join([chosen, *others])}"
         expected = f"one sheet with these columns, or at: {chosen} in a manifest"
         raise InputError(path, "content", found, expected)
-    return log_of_text(path, tables[chosen], columns, units, properties)
+    return log_of_text(path, tables[chosen], columns, units, about)
 
 
 def _texts(path: Path) -> dict[str, str]:

@@ -81,10 +81,7 @@ def restarts(time: Samples) -> list[int]:
 
 @np.errstate(over="ignore", invalid="ignore")  # of absurd timestamps
 def cut_by_thousand(time: Samples) -> int | None:
-    """Return the number of the sample from which time is divided by 1000: 1.000 after 999.
-
-    The steps from there on are divided too. None if there is none.
-    """
+    """Return the sample from which time and its steps are divided by 1000: 1.000 after 999."""
     steps = np.diff(time)
     falls = 1 + np.flatnonzero(steps[1:-1] < 0)
     before, after = steps[falls - 1], steps[falls + 1]
@@ -104,16 +101,12 @@ def repeated(time: Samples, kept: Mask) -> Mask:
 
 
 def _longest(time: Samples) -> Mask:
-    """Return a longest strictly increasing subsequence.
-
-    A timestamp above all earlier and below all later ones belongs to every longest subsequence; the
-    others are sorted into piles (patience sorting, O(n log n)).
-    """
+    """Return a longest strictly increasing subsequence: patience sorting of what is in dispute."""
     if np.all(time[1:] >= time[:-1]):
         return np.diff(time, prepend=-np.inf) > 0
     highest = np.maximum.accumulate(time)
     lowest = np.minimum.accumulate(time[::-1])[::-1]
-    kept = np.ones(time.size, dtype=np.bool_)
+    kept = np.ones(time.size, dtype=np.bool_)  # above all before and below all after: in each
     kept[1:] &= time[1:] > highest[:-1]
     kept[:-1] &= time[:-1] < lowest[1:]
     disputed = np.flatnonzero(~kept)
@@ -122,11 +115,7 @@ def _longest(time: Samples) -> Mask:
 
 
 def _piled(values: Samples) -> list[int]:
-    """Return the numbers of a longest strictly increasing subsequence of (n,) values.
-
-    Sorted from the last value, to prefer among equally long ones the one that keeps what came
-    first and drops what fell behind.
-    """
+    """Return the numbers of a longest increasing subsequence, which prefers what came first."""
     tops: list[float] = []
     on_top: list[int] = []
     below = [-1] * values.size
@@ -165,11 +154,7 @@ def _restart(time: Samples, kept: Mask) -> int | None:
 
 
 def saturated(values: Samples) -> int:
-    """Count samples in flat runs at either extreme that an input reaches at speed, repeatedly.
-
-    A smooth, rounded signal rests on its top for at most 2/(sqrt 2 - 1) times as long as on the
-    step below; a switched signal jumps there.
-    """
+    """Count samples in flat runs at either extreme that an input reaches at speed, repeatedly."""
     resolution = resolution_of(values)
     lengths: list[int] = []
     rests = 0
@@ -198,16 +183,12 @@ def _runs_on(drop: Samples, length: int, resolution: float) -> bool:
     beside = 1 + (_first(drop, 1.5 * resolution) if drop.size else 0)
     if drop.size <= 3 * beside:
         return False
-    moves = drop[3 * beside] > 1.5 * drop[0]
+    moves = drop[3 * beside] > 1.5 * drop[0]  # a rounded top is at most so long, a step jumps:
     return bool(moves and length > 2 / (math.sqrt(2) - 1) * beside)
 
 
 def clipped(angle: Samples) -> int:
-    """Count samples in flat runs at either extreme that the angle enters and leaves at speed.
-
-    Each side is checked: a joint that sticks at its turning point may leave it abruptly, but
-    arrives at zero speed.
-    """
+    """Count samples in flat runs at either extreme that the angle enters and leaves at speed."""
     resolution, count = resolution_of(angle), 0
     for level in (angle.min(), angle.max()):
         drop = np.abs(angle - level)
@@ -215,6 +196,7 @@ def clipped(angle: Samples) -> int:
         if starts.size:
             span = float(drop.max())
             for length, sides in _flanked(drop, *_tops(drop, starts, ends, _NEAR_TOP * resolution)):
+                # both: a joint that sticks where it turns may leave it abruptly
                 count += length * all(at_speed(side, resolution, span) for side in sides)
     return count
 

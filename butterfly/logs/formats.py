@@ -42,7 +42,7 @@ def read_log(
     before = _state(path)
     if "at" in properties and FORMATS[path.suffix.lower()] not in {"json", "mat", "npz", "excel"}:
         raise InputError(path, "at", properties["at"], "JSON, .mat, .npz or .xlsx of several logs")
-    log = read(path, columns, units, **{"name": path.name} | properties)
+    log = read(path, columns, units, {"name": path.name} | properties)
     if _state(path) != before:
         raise InputError(path, "content", "a file that changed while being read", "a complete one")
     return log
@@ -111,10 +111,7 @@ class NoColumnError(InputError):
 def checked_map(
     source: object, columns: ColumnMap, about: Mapping[str, Any]
 ) -> dict[str, str | int]:
-    """Return a column map with columns for time, input and angle (or velocity).
-
-    By what is known ``about`` the log, its kind may need no input, and its interval no time.
-    """
+    """Return a column map that has what a log needs, by what is known ``about`` it."""
     if not isinstance(columns, Mapping):
         raise InputError(source, "columns", columns, "a mapping such as {'time': 't', ...}")
     for field in columns:
@@ -162,10 +159,7 @@ def place(source: object, names: Sequence[str], wanted: str | int) -> int:
 def chosen_columns(
     source: object, names: Sequence[str], columns: ColumnMap | None, about: Mapping[str, Any]
 ) -> tuple[dict[str, int], list[str]]:
-    """Return the number of each column to read, by field, and the fields read by default.
-
-    The properties ``about`` the log decide whether it may have no input, and no time.
-    """
+    """Return the number of each column to read, by field, and the fields read by default."""
     kind = about.get("input_kind")
     wanted = checked_map(source, DEFAULT_COLUMNS if columns is None else columns, about)
     there, unasked = {*names, *map(without_unit, names)}, []

@@ -158,11 +158,7 @@ class Health:
 
 
 def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Log, Health]:
-    """Return a log with increasing timestamps and finite values, and its health as recorded.
-
-    Raises InputError for a fault that ``repairs`` does not cover, a clock that does not advance, a
-    constant angle, or a sine without input.
-    """
+    """Return a log repaired as far as allowed, and its health as recorded; refuse other faults."""
     finite = reduce(np.logical_and, map(np.isfinite, log.columns().values()))
     _refuse_unless_allowed(log, ~finite, Repair.NON_FINITE, repairs, "finite numbers")
     sound = _only(log, finite)
@@ -259,8 +255,8 @@ def _refuse_wrapped(log: Log, wrapping: Wrapping, allowed: Collection[Repair]) -
         return
     first = log.time[wrapping.rows[0]]
     value = f"{wrapping.rows.size} jumps by {wrapping.turn:.4g} rad, the first at {first:.6g} s"
-    hint = "a continuous angle (to unwrap it: "
-    hint += f"--repair {Repair.UNWRAP}, or the manifest's key repair)"
+    how = f"--repair {Repair.UNWRAP}, or the manifest's key repair"
+    hint = f"a continuous angle (to unwrap it: {how})"
     if not wrapping.exact:
         hint = (
             "jumps by a whole turn of the joint, or by 1/N of one: give the angle's unit "

@@ -18,23 +18,15 @@ from butterfly.logs.clock import dates
 from butterfly.logs.formats import ColumnMap, chosen_columns, part_at
 from butterfly.logs.log import MIN_SAMPLES, SAMPLED, FileReading, Log
 from butterfly.logs.said import Sayings
-from butterfly.logs.units import AS_IS, Units
+from butterfly.logs.units import Units
 
 _LARGE = range(16, 20)  # digits of integers that floats may not hold, but 64 bits do
 _RECORDS = re.compile(r"\{[^\n]*\}\s*\n\s*\{")  # one a line
 
 
-def read_json(
-    path: Path,
-    columns: ColumnMap | None = None,
-    units: Units = AS_IS,
-    **properties: Any,  # noqa: ANN401 - the fields of Log that a file cannot know
-) -> Log:
-    """Read a log (see `read_log`), or that ``at`` a place; of WPILib's SysId as it is.
-
-    Nested columns have names such as ``joint.position.0``.
-    """
-    (content, cut), at = _content(path), properties.pop("at", None)
+def read_json(path: Path, columns: ColumnMap | None, units: Units, about: dict[str, Any]) -> Log:
+    """Read a log (see `read_log`), or that ``at`` a place; of WPILib's SysId as it is."""
+    (content, cut), at = _content(path), about.pop("at", None)
     above = content if isinstance(content, dict) else {}
     if at is not None:
         content = _below(path, content, at)
@@ -48,7 +40,7 @@ def read_json(
         raise InputError(path, at, f"rows of {len(names)} numbers", "t, volts, turns, turns/s")
     if of_sysid and columns is None:
         columns = {field: k for k, field in enumerate(SAMPLED)}
-    places, unasked = chosen_columns(path, names, columns, properties)
+    places, unasked = chosen_columns(path, names, columns, about)
     arrays = {f: _column(path, content, names[k], ways[k], f) for f, k in places.items()}
     sayings = Sayings(path, names)
     if of_sysid:  # its numbers are rotations, of so many units each
@@ -59,8 +51,8 @@ def read_json(
         sayings.metadata({k: each for k, each in above.items() if at and _ways(each) != ways})
         sayings.metadata(content)
     headings = sayings.headings(places)
-    properties |= {"source": str(path), "reading": FileReading(cut_lines=cut)}
-    return Log.of_columns(arrays, headings, units, unasked=unasked, **properties)
+    about |= {"source": str(path), "reading": FileReading(cut_lines=cut)}
+    return Log.of_columns(arrays, headings, units, unasked=unasked, **about)
 
 
 def _content(path: Path) -> tuple[Any, int]:

@@ -352,10 +352,7 @@ class Log:
         return (kinds[name][not turns],) if name in kinds else (_MEASURED_IN.get(name, name),)
 
     def at_joint(self, ratio: float) -> Log:
-        """Return the log at the joint of an encoder on the motor, ``ratio`` turns per joint turn.
-
-        The setpoint and its loop are at the motor too.
-        """
+        """Return the log and its loop at the joint, ``ratio`` turns of the encoder per turn."""
         columns = ["angle", "velocity", "setpoint"]
         columns += ["input"] if self.input_kind is InputKind.SETPOINT else []
         told = {name: getattr(self, name) for name in columns}
@@ -418,11 +415,7 @@ class Log:
         return replace(self, **taken)
 
     def piece(self, first: int, last: int) -> Log:
-        """Return the log of the samples from number ``first`` to before number ``last``.
-
-        Unless it is the beginning, it begins in motion and keeps the command before. Its columns
-        are views of the whole.
-        """
+        """Return samples ``first`` to before ``last``, as views, with the command before."""
         cut = self.take(slice(first, last))
         if first == 0:
             return cut
@@ -446,8 +439,7 @@ class Log:
         assert self.setpoint is not None  # noqa: S101 - of a servo
         if self.lead is None or self.lead.setpoint is None:
             return self.held("setpoint")
-        time = np.concatenate([self.lead.time, self.time])
-        return time, np.concatenate([self.lead.setpoint, self.setpoint])
+        return self.command[0], np.concatenate([self.lead.setpoint, self.setpoint])
 
     def held(self, name: str) -> tuple[Samples, Samples]:
         """(n + 1,) timestamps in s and values of a column, the first value also before the log."""
@@ -534,12 +526,7 @@ class Log:
 
     @cached_property
     def initial_state(self) -> InitialState:
-        """Initial angle and velocity.
-
-        A log may begin in the steady swing of its sine (see `_in_steady_swing`). Otherwise a whole
-        log begins at rest at its first sample, unless it moves at once (see `_moves`). Then, and
-        for a piece of a longer recording, a cubic is fitted to the first samples.
-        """
+        """Initial state: of a steady sine, else at rest, or by a cubic for what moves at once."""
         time, angle, rest = self.time, self.angle, InitialState(float(self.angle[0]), 0.0)
         if not self.rms_speed > 0:
             return rest
@@ -610,11 +597,7 @@ def _in_steady_swing(time: Samples, angle: Samples, omega: float) -> InitialStat
 
 
 def _moves(time: Samples, angle: Samples, speed: float) -> bool:
-    """Whether (n,) first samples are in motion: ever fewer of them give the same velocity.
-
-    From rest, half the stretch gives a quarter to a half of the velocity, at the latest when
-    stretches are short compared with the spin-up.
-    """
+    """Whether (n,) first samples are in motion: ever fewer of them give the same velocity."""
     steps = np.abs(np.diff(angle))
     finest = float(np.min(steps, where=steps > 0, initial=np.ptp(angle)))  # an encoder's step
     before, moves = abs(_fitted(time, angle, 2)[0].velocity), False
@@ -624,7 +607,7 @@ def _moves(time: Samples, angle: Samples, speed: float) -> bool:
         found, error = _fitted(time, angle, 2, finest)
         if _SURE * error >= before:
             break
-        velocity = abs(found.velocity)
+        velocity = abs(found.velocity)  # from rest, in the end a quarter to a half of that before
         if velocity < _NOTABLE * speed or abs(velocity - before) > _SETTLED * velocity:
             return False
         before, moves = velocity, True
@@ -634,10 +617,7 @@ def _moves(time: Samples, angle: Samples, speed: float) -> bool:
 def _fitted(
     time: Samples, angle: Samples, order: int, finest: float = 0.0
 ) -> tuple[InitialState, float]:
-    """Fit a polynomial to (n,) first samples; return its initial state and velocity error.
-
-    The error is at least that of quantisation in steps of ``finest`` rad.
-    """
+    """Fit a polynomial to first samples; return initial state and error of velocity."""
     span = float(time[-1] - time[0])
     columns = polynomial.polyvander((time - time[0]) / span, order)
     coefficients, *_ = np.linalg.lstsq(columns, angle, rcond=None)

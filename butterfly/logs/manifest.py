@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from enum import Enum, StrEnum
 from functools import cache
 from pathlib import Path, PurePath
@@ -48,23 +48,17 @@ def _read_known(value: Any) -> Known:  # noqa: ANN401 - whatever was given
     return known_of(value)
 
 
-def _require_known(values: Any) -> Any:  # noqa: ANN401 - whatever was given
-    Prior.of(values)
-    return values
+def _checked(check: Callable[[Any], object]) -> BeforeValidator:
+    """Return what refuses the values that a check refuses, and keeps others as they are."""
+    return BeforeValidator(lambda values: (check(values), values)[1])
 
 
-def _require_units(values: Any) -> Any:  # noqa: ANN401 - whatever was given
-    Units.of(values)
-    return values
-
-
-def _require_loop(values: Any) -> Any:  # noqa: ANN401 - whatever was given
+def _read_loop(values: Any) -> None:  # noqa: ANN401 - whatever was given
     if isinstance(values, Mapping) and "law" in values:
         ServoLoop.of(values, whole=False)
-    return values
 
 
-LoopFacts = Annotated[dict[str, Any], BeforeValidator(_require_loop)]
+LoopFacts = Annotated[dict[str, Any], _checked(_read_loop)]
 """Facts about a servo loop."""
 
 _Known = Annotated[Known, BeforeValidator(_read_known), PlainSerializer(plain)]
@@ -95,7 +89,7 @@ class LogEntry(StrictModel):
     """Place within a file of several logs: keys with dots (JSON, MATLAB), a sheet, an array."""
     columns: dict[str, str | int] | None = None
     """Of this log, in place of those of the data set."""
-    units: Annotated[dict[str, str | float] | None, BeforeValidator(_require_units)] = None
+    units: Annotated[dict[str, str | float] | None, _checked(Units.of)] = None
     """Of this log, where they differ from the data set's."""
     interval: PositiveFloat | None = None
     """Of this log, in place of that of the data set."""
@@ -105,15 +99,15 @@ class LogEntry(StrictModel):
     """In m; default: that of the data set."""
     inertia: Annotated[float, Field(ge=0)] | None = None
     """Of the added mass about its own centre, in kg m^2; m r^2/2 for a disc of radius r."""
-    omega: Annotated[float, Field(gt=0)] | None = None
+    omega: PositiveFloat | None = None
     """Of a commanded sine, in rad/s."""
-    amplitude: Annotated[float, Field(gt=0)] | None = None
+    amplitude: PositiveFloat | None = None
     """Of that sine, in units of the input; set both or neither."""
     input: Literal[InputKind.NONE] | None = None
     """``none`` if nothing drove the joint in this log; it needs no input column."""
     zero: Uncertain | None = None
     """Encoder zero of this log: the reading in rad where the joint hangs at rest, if known."""
-    loop: Annotated[dict[str, Any] | None, BeforeValidator(_require_loop)] = None
+    loop: LoopFacts | None = None
     """Of the servo, where this log differs from the data set: gains, supply."""
     begin: Annotated[float | None, Field(alias="from")] = None
     """Start in s of the piece to use, on the clock of the file."""
@@ -176,9 +170,7 @@ class Manifest(StrictModel):
     input: Annotated[InputKind, _Rule.FILLS]
     """Kind of input. ``voltage``, ``torque``, ``current``, ``duty``, the ``setpoint`` of a servo
     (see ``loop``), or ``none`` if the joint swings freely."""
-    loop: Annotated[dict[str, Any], BeforeValidator(_require_loop), _Rule.ADDS] = Field(
-        default_factory=dict
-    )
+    loop: Annotated[LoopFacts, _Rule.ADDS] = Field(default={})
     """Control loop of a servo: its ``law`` and gains. See `butterfly.model.servo`."""
     intersample: Annotated[Intersample, _Rule.FILLS] = Intersample.ZERO_ORDER_HOLD
     """Input between its samples."""
@@ -195,17 +187,13 @@ class Manifest(StrictModel):
     encoder: Literal["joint", "motor"] = "joint"
     """``motor`` if angle, velocity, setpoint and the loop's gains are those before a gear; its
     ``gear_ratio`` must be ``known``."""
-    known: Annotated[dict[str, Uncertain], BeforeValidator(_require_known), _Rule.ADDS] = Field(
-        default_factory=dict
-    )
+    known: Annotated[dict[str, Uncertain], _checked(Prior.of), _Rule.ADDS] = Field(default={})
     """Known values of the robot, with standard uncertainties. See `butterfly.model.prior`."""
     zero: Uncertain | None = None
     """Encoder zero: the reading in rad where the joint hangs at rest. Estimated if not given."""
     zeros: list[MassZero] = Field(default_factory=list)
     """Encoder zero per added mass; overrides ``zero``, and a log's own zero overrides both."""
-    units: Annotated[dict[str, str | float], BeforeValidator(_require_units), _Rule.ADDS] = Field(
-        default_factory=dict
-    )
+    units: Annotated[dict[str, str | float], _checked(Units.of), _Rule.ADDS] = Field(default={})
     """Units of the columns, ``mass``, ``arm`` and ``omega``, or factors. See
     `butterfly.logs.units`."""
     columns: dict[str, str | int] | None = None
@@ -334,16 +322,7 @@ class Manifest(StrictModel):
 
 
 _SELDOM = (
-    "shape",
-    "sign",
-    "loop",
-    "encoder",
-    "joint",
-    "gravity",
-    "known",
-    "zeros",
-    "units",
-    "holdout",
+    *("shape", "sign", "loop", "encoder", "joint", "gravity", "known", "zeros", "units", "holdout"),
 )
 """Fields that are not written at their default."""
 
@@ -383,17 +362,13 @@ def described(
         if name not in content or not set(field.metadata) & set(_Rule):
             both[name] = given[name]
         if _Rule.ADDS in field.metadata:
-            own = content.get(name, field.get_default(call_default_factory=True))
-            both[name] = _added(own, given[name])
+            own: Any = content.get(name, field.get_default(call_default_factory=True))
+            if isinstance(own, Mapping):
+                both[name] = {**own, **given[name]}
+            elif isinstance(own, list | frozenset):  # another value is wrong, to be refused
+                both[name] = [*own, *given[name]]
     manifest = validate(documents, both, Manifest, source=source)
     return manifest.with_zero(known_of(given["zero"])) if "zero" in given else manifest
-
-
-def _added(own: Any, more: Any) -> Any:  # noqa: ANN401 - whatever a file holds
-    """Return a field with more values; a wrong value stays, to be refused."""
-    if isinstance(own, Mapping):
-        return {**own, **more}
-    return [*own, *more] if isinstance(own, list | frozenset) else own
 
 
 def read_manifest(
@@ -425,10 +400,7 @@ def write_manifest(manifest: Manifest, path: Path) -> None:
 
 
 def _expand_root(manifest_path: Path, root: str) -> Path:
-    """Resolve ``root``, environment variables (``${NAME}``) filled in.
-
-    It is relative to the manifest's folder, or after a variable to the working directory.
-    """
+    """Resolve ``root`` in the manifest's folder, or the working one if a variable begins it."""
 
     def expand(match: re.Match[str]) -> str:
         of_thesis = match[1] == thesis_logs.VARIABLE

@@ -11,7 +11,7 @@ from typing import Any
 from butterfly.errors import InputError
 from butterfly.logs.formats import ENDINGS, FORMATS, OFTEN_OTHERS, NoColumnError, holds_table
 from butterfly.logs.json import logs_in
-from butterfly.logs.log import InputKind, Log
+from butterfly.logs.log import InputKind
 from butterfly.logs.manifest import MANIFEST_NAME, LogEntry, Manifest, described, manifest_text
 from butterfly.logs.reading import read_entry
 from butterfly.logs.said import field_of
@@ -40,12 +40,9 @@ _DIGITS = 12  # of a number in another unit: the others are rounding
 def draft(path: Path, given: Mapping[str, Any], *, massless: bool = False) -> Manifest:
     """Return a manifest for a log, or for all logs below a folder, without one.
 
-    ``given`` comes from `checked_options`. Masses and sines are read from the thesis's names,
-    ``Data_<grams>__<rad/s>__<0amplitude>``: ``_`` is the decimal point within a number, and the
-    amplitude's point follows its first 0: ``Data_120_5__3_5__0015.mat`` is 120.5 g, 3.5 rad/s,
-    0.015. Without an arm the mass of a single log is ignored, and all masses of a folder if it may
-    be ``massless``. In another name ``120.5g`` between ``_`` or ``-`` is the mass, if there is an
-    arm; else there is none.
+    ``given`` comes from `checked_options`. Masses and sines are read from names as in the thesis:
+    ``Data_120_5__3_5__0015.mat`` is 120.5 g, 3.5 rad/s, 0.015. Without an arm the mass of a single
+    log is ignored, and all masses of a folder if it may be ``massless``.
     """
     units, folder = Units.of(given.get("units")), path
     if not path.is_dir():
@@ -111,10 +108,7 @@ def of_logs(
 
 
 def with_columns(manifest: Manifest) -> Manifest:
-    """Return a manifest that can read its first log, if need be by the first three columns.
-
-    They are those that usual words or units in their names say, else time, input and angle.
-    """
+    """Return a manifest that can read its first log: by usual names, else by the first columns."""
     if manifest.columns is not None:
         return manifest
     try:
@@ -127,36 +121,25 @@ def with_columns(manifest: Manifest) -> Manifest:
     if all(len(names) == 1 for names in meant.values()):
         return manifest.model_copy(update={"columns": {f: names[0] for f, names in meant.items()}})
     columns = {field: k for k, field in enumerate(_FIELDS)}
-    log = _read(manifest.model_copy(update={"columns": columns}))
-    if log is None:
+    first = manifest.model_copy(update={"columns": columns})
+    try:
+        log = read_entry(first, first.logs[0])
+    except InputError:
         return manifest
     if log.reading.columns["time"].name in _INDEX and "no header" not in log.reading.layout:
         columns = {field: k + 1 for field, k in columns.items()}
     return manifest.model_copy(update={"columns": columns})
 
 
-def _read(manifest: Manifest) -> Log | None:
-    try:
-        return read_entry(manifest, manifest.logs[0])
-    except InputError:
-        return None
-
-
 def open_questions(manifest: Manifest, given: Collection[str], *, named: bool) -> dict[str, str]:
-    """Return the questions on what a draft assumes, by the key that was not given.
-
-    ``named``: whether the file names give masses and sines.
-    """
+    """Return the questions on a draft, by key that was not given; files ``named`` tell sines."""
     by_name = manifest.columns is None or {*map(type, manifest.columns.values())} == {str}
     settled = {*given, "columns" * by_name, "logs" * named}
     return {key: text for key, text in _QUESTIONS.items() if key not in settled}
 
 
 def draft_text(manifest: Manifest, questions: Mapping[str, str]) -> str:
-    """Return a manifest as YAML, each question as a comment above its key.
-
-    Below that of the logs, which do not tell all, stands what to fill in, with units.
-    """
+    """Return a manifest as YAML, each question as a comment above its key."""
     names = {"added_mass": "kg", "arm": "m", "omega": "rad/s", "amplitude": manifest.input.unit}
     units = {name: manifest.units.get(name.removeprefix("added_"), names[name]) for name in names}
     places = ", ".join(f"{name}: ({unit})" for name, unit in units.items())
@@ -204,10 +187,7 @@ def _entry_by_name(path: Path, folder: Path, units: Units) -> LogEntry | None:
 
 
 def _mass_by_name(path: Path, given: Mapping[str, Any]) -> float:
-    """Return the added mass that a name gives in grams, in kg or the given unit; else 0.
-
-    Not of 120_5g, whose first part may be the whole grams.
-    """
+    """Return the mass that a name gives in grams, else 0: not of 120_5g, which is unclear."""
     parts = ["", *re.split("[_-]", path.stem)]
     pairs = zip(parts, (_GRAMS.fullmatch(part) for part in parts[1:]), strict=False)
     found = [each for before, each in pairs if each and not before.isdigit()]

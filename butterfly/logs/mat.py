@@ -20,43 +20,35 @@ from butterfly.logs.log import MIN_SAMPLES, SAMPLED, Log
 from butterfly.logs.matlab_objects import MatlabObject
 from butterfly.logs.matlab_variables import load_variables
 from butterfly.logs.said import Sayings
-from butterfly.logs.units import AS_IS, Units
+from butterfly.logs.units import Units
 
 _MATRIX = "D"
 
 
-def read_mat(
-    path: Path,
-    columns: ColumnMap | None = None,
-    units: Units = AS_IS,
-    **properties: Any,  # noqa: ANN401 - the fields of Log that a file cannot know
-) -> Log:
-    """Read a MATLAB file (see `read_log`); v7.3 needs the extra ``hdf5``.
+def read_mat(path: Path, columns: ColumnMap | None, units: Units, about: dict[str, Any]) -> Log:
+    """Read a MATLAB file (see `read_log`); v7.3 needs the extra ``hdf5``, objects ``matlab``.
 
     A column is a vector (``t``), a field of a struct (``data.t``; ``out.1.x`` in the second of an
     array) or a column of a matrix (``M.0``, or ``0`` of ``D``; a row, if samples are columns).
-    Without a map the columns are t, u, q[, dq] of ``D``, or time, input, angle[, velocity] of the
-    only struct with these; ``at`` is where else they are. Tables, timetables and timeseries need
-    the extra ``matlab``.
     """
-    at, said = properties.pop("at", None), dict[str, Mapping[str, Any]]()
+    at, said = about.pop("at", None), dict[str, Mapping[str, Any]]()
     if columns is None:
         parts = _parts(at or _MATRIX)
         variables, names = load_variables(path, {parts[0]}, said)
         found = _found(path, variables, names, parts) if at or _MATRIX in variables else {}
         if isinstance(found, dict | MatlabObject):
-            own = _columns_in(path, at, found, properties) if at else None
-            columns = own or _columns_of_table(path, names, properties)
+            own = _columns_in(path, at, found, about) if at else None
+            columns = own or _columns_of_table(path, names, about)
     elif at is not None:
         columns = {field: f"{at}.{name}" for field, name in columns.items()}
     if columns is None:
-        least = 3 if properties.get("interval") is None else 2
+        least = 3 if about.get("interval") is None else 2
         matrix = _matrix(path, at or _MATRIX, found, names, least)
         timed = matrix.shape[1] > 2  # noqa: PLR2004 - u, q
         arrays: dict[str, Any] = dict(zip(SAMPLED[not timed :], matrix.T, strict=False))
         named = dict.fromkeys(arrays, at or _MATRIX)
     else:
-        wanted = checked_map(path, columns, properties)
+        wanted = checked_map(path, columns, about)
         mapping = {field: _parts(name) for field, name in wanted.items()}
         variables, names = load_variables(path, {parts[0] for parts in mapping.values()}, said)
         arrays = {f: _vector(path, variables, names, own, f) for f, own in mapping.items()}
@@ -68,15 +60,11 @@ def read_mat(
     headings = sayings.headings({field: k for k, field in enumerate(named)})
     if columns is not None:
         headings = {field: replace(each, number=None) for field, each in headings.items()}
-    return Log.of_columns(arrays, headings, units, source=str(path), **properties)
+    return Log.of_columns(arrays, headings, units, source=str(path), **about)
 
 
 def write_mat(log: Log, path: Path) -> None:
-    """Write a log in the thesis's form; the velocity column is optional.
-
-    Not compressed: angles and velocities hardly shrink, and decompressing takes longer than
-    everything else with a log of a minute.
-    """
+    """Write a log in the thesis's form, uncompressed, which is hardly larger and fast to read."""
     if log.integrated:
         raise InputError(path, "angle", "only a velocity", "an angle, or another format")
     with replacing(path) as draft:

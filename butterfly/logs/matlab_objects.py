@@ -55,10 +55,8 @@ def _leaves(found: Any) -> list[Any]:  # noqa: ANN401 - whatever a file holds
 
 
 def opened(path: Path, variables: Mapping[str, Any], wanted: Collection[str]) -> dict[str, Any]:
-    """Return the wanted variables that hold objects, with these as structs, unless it fails.
-
-    How the file was read before says that its parts are whole, which mat-io takes for granted.
-    """
+    """Return the wanted variables that hold objects, with these as structs, unless it fails."""
+    # only of whole parts, which mat-io takes for granted
     known = [name for name in wanted if name in variables and not is_skipped(variables[name])]
     leaves = {name: _leaves(variables[name]) for name in known}
     names = [n for n in known if any(isinstance(each, MatlabObject) for each in leaves[n])]

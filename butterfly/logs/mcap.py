@@ -17,7 +17,7 @@ from butterfly.files import most_in, require_file, whole
 from butterfly.logs.formats import ColumnMap, chosen_columns
 from butterfly.logs.log import InputKind, Log
 from butterfly.logs.said import Sayings
-from butterfly.logs.units import AS_IS, Units
+from butterfly.logs.units import Units
 
 _TYPES = {"sensor_msgs/msg/JointState", "sensor_msgs/JointState"}
 _FIELDS = {"angle": "position", "input": "effort", "velocity": "velocity"}
@@ -25,12 +25,7 @@ _EXTRA = "the extra mcap (pip install 'butterfly-testbed[mcap]')"
 _WHOLE = "a whole MCAP file (`mcap recover` repairs a truncated one)"
 
 
-def read_mcap(
-    path: Path,
-    columns: ColumnMap | None = None,
-    units: Units = AS_IS,
-    **properties: Any,  # noqa: ANN401 - the fields of Log that a file cannot know
-) -> Log:
+def read_mcap(path: Path, columns: ColumnMap | None, units: Units, about: dict[str, Any]) -> Log:
     """Read a log (see `read_log`) from a bag.
 
     Its columns: ``time``, the timestamps of the messages; ``log_time``, when the bag received them;
@@ -41,15 +36,15 @@ def read_mcap(
     names = list(table)
     if columns is None:
         columns = _only_joint(path, names)
-        if properties.get("input_kind") == InputKind.NONE:
+        if about.get("input_kind") == InputKind.NONE:
             del columns["input"]
-    places, _ = chosen_columns(path, names, columns, properties)
+    places, _ = chosen_columns(path, names, columns, about)
     arrays = {field: table[names[k]] for field, k in places.items()}
     if not np.any(arrays["time"]):
         expected = "timestamps in the message headers, or --columns time=log_time,..."
         raise InputError(path, names[places["time"]], "0 throughout", expected)
     headings = Sayings(path, names).headings(places)
-    return Log.of_columns(arrays, headings, units, **properties | {"source": str(path)})
+    return Log.of_columns(arrays, headings, units, **about | {"source": str(path)})
 
 
 def _only_joint(path: Path, names: list[str]) -> dict[str, str | int]:

@@ -13,23 +13,14 @@ from butterfly.errors import InputError
 from butterfly.files import read_file, unpacked, whole
 from butterfly.logs.formats import ColumnMap, log_of_table, part_at
 from butterfly.logs.log import MIN_SAMPLES, Log
-from butterfly.logs.units import AS_IS, Units
+from butterfly.logs.units import Units
 
 _WHOLE = "a whole file of NumPy's"
 _PLAIN = "numbers and texts: np.savez(FILE, **{k: v for k, v in d.items() if v.dtype != object})"
 
 
-def read_npz(
-    path: Path,
-    columns: ColumnMap | None = None,
-    units: Units = AS_IS,
-    **properties: Any,  # noqa: ANN401 - the fields of Log that a file cannot know
-) -> Log:
-    """Read a log (see `read_log`) from vectors and columns of matrices (``M.0``).
-
-    Short texts are remarks. An array alone, or the one ``at`` this name, is read as by
-    `log_of_table`.
-    """
+def read_npz(path: Path, columns: ColumnMap | None, units: Units, about: dict[str, Any]) -> Log:
+    """Read a log (see `read_log`) from vectors, columns of matrices (``M.0``), or one array."""
     if path.suffix.lower() == ".npy":
         contents = {"": read_file(path, "an existing file of NumPy's")}
     else:
@@ -39,7 +30,7 @@ def read_npz(
         arrays = {name: _array(path, name, each) for name, each in contents.items()}
     short = [name for name, each in arrays.items() if each.dtype.kind in "SU"]
     texts = {name: arrays.pop(name) for name in short if arrays[name].size < MIN_SAMPLES}
-    if (at := properties.pop("at", None)) is not None:
+    if (at := about.pop("at", None)) is not None:
         arrays = {at: part_at(path, arrays, at, at)}
     table: Any = {}
     for name, each in arrays.items():
@@ -47,7 +38,7 @@ def read_npz(
         numbered = enumerate(each.T) if wide else ()
         own = {f"{name}.{k}": part for k, part in numbered} or {name: each.ravel()}
         table = each if len(arrays) == 1 and (wide or each.dtype.names) else table | own
-    return log_of_table(table, columns, units, said=texts, **properties | {"source": str(path)})
+    return log_of_table(table, columns, units, said=texts, **about | {"source": str(path)})
 
 
 def _array(path: Path, name: str, content: bytes) -> NDArray[Any]:

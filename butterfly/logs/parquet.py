@@ -16,31 +16,26 @@ from butterfly.logs.formats import ColumnMap, chosen_columns
 from butterfly.logs.log import Log
 from butterfly.logs.said import Sayings
 from butterfly.logs.text_table import is_number_type
-from butterfly.logs.units import AS_IS, Units
+from butterfly.logs.units import Units
 
 _BYTES = 8  # of a number
 _AT_A_TIME = 1 << 20  # samples
 
 
-def read_parquet(
-    path: Path,
-    columns: ColumnMap | None = None,
-    units: Units = AS_IS,
-    **properties: Any,  # noqa: ANN401 - the fields of Log that a file cannot know
-) -> Log:
+def read_parquet(path: Path, columns: ColumnMap | None, units: Units, about: dict[str, Any]) -> Log:
     """Read a log (see `read_log`); other columns are ignored."""
     require_file(path, "an existing Parquet file")
     with whole(path, "a whole Parquet file"), parquet.ParquetFile(path) as file:
         schema = file.schema_arrow
-        places, unasked = chosen_columns(path, schema.names, columns, properties)
+        places, unasked = chosen_columns(path, schema.names, columns, about)
         for field in unasked:
             if not is_number_type(schema.types[places[field]]):
                 del places[field]
         headings = _said(path, schema).headings(places)
         arrays = _columns(path, file, places)
     pa.default_memory_pool().release_unused()  # of a long log it would keep as much again
-    properties |= {"source": str(path)}
-    return Log.of_columns(arrays, headings, units, unasked=unasked, **properties)
+    about |= {"source": str(path)}
+    return Log.of_columns(arrays, headings, units, unasked=unasked, **about)
 
 
 def _said(path: Path, schema: pa.Schema) -> Sayings:

@@ -110,9 +110,8 @@ def _piece(whole: Log, entry: LogEntry) -> Log:
     if numbers.size < MIN_SAMPLES:
         span = f"{np.nanmin(part.time):g} s to {np.nanmax(part.time):g} s"
         found = f"{numbers.size} samples in {piece_name(entry)}"
-        raise InputError(
-            whole.source, "from, to", found, f"at least {MIN_SAMPLES} samples within {span}"
-        )
+        expected = f"at least {MIN_SAMPLES} samples within {span}"
+        raise InputError(whole.source, "from, to", found, expected)
     first, last = int(numbers[0]), int(numbers[-1]) + 1
     return deepcopy(part.piece(first, last))  # so that the whole is not kept
 

@@ -52,12 +52,7 @@ def find_regimes(time: Samples) -> tuple[Regime, ...]:
 
 
 def between_regimes(logs: Sequence[tuple[Regime, ...]], ends: Iterable[float]) -> float:
-    """Return an interval between those of the fast regimes of logs and of the slow ones.
-
-    It is 0 if no log switches. ``ends``: of each log, in s. The intervals, weighted by how long
-    they last, fall into the two groups with the least variance within (Otsu, IEEE Trans. SMC 9,
-    1979).
-    """
+    """Return an interval between fast and slow regimes (Otsu, IEEE Trans. SMC 9, 1979), or 0."""
     if all(len(regimes) == 1 for regimes in logs):
         return 0.0
     found = sorted(

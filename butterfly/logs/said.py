@@ -89,16 +89,13 @@ class Sayings:
             elif way and key.lower() in _SCALES:
                 scales = self._scales.setdefault(way, [1.0, 0.0])
                 scales[_SCALES[key.lower()]] = self._number(key, value)
-            elif isinstance(value, str) and not key.lower().endswith("type"):  # datetime64[ns]
-                self._remark(key, value, where, way)
-
-    def _remark(self, key: str, text: str, place: str, way: Way) -> None:
-        """Collect from a text under a key that is none of units."""
-        if way:
-            self._prose(text, way, place)
-            self._add((key,), text, place, Said.AS_VALUE)
-        else:
-            self.text([f"{key}: {text}", *text.splitlines()], place)
+            elif not isinstance(value, str) or key.lower().endswith("type"):  # datetime64[ns]
+                continue
+            elif way:
+                self._prose(value, way, where)
+                self._add((key,), value, where, Said.AS_VALUE)
+            else:
+                self.text([f"{key}: {value}", *value.splitlines()], where)
 
     def _listed(self, found: list[Any], place: str, way: Way, own: Way) -> None:
         """Collect from a list of columns, or of rows that repeat the unit of theirs."""
@@ -117,7 +114,7 @@ class Sayings:
     def row(self, cells: Sequence[str], place: str) -> None:
         """Collect a row with the unit of each column."""
         for k, cell in enumerate(cells):
-            self._add((k,), cell.strip("[](){} "), place, Said.AS_UNIT)
+            self.column(k, cell.strip("[](){} "), place)
 
     def column(self, number: int, text: object, place: str) -> None:
         """Collect the unit of a column."""
@@ -172,15 +169,11 @@ class Sayings:
     def _add(self, way: Way, text: object, place: str, how: Said) -> None:
         if isinstance(text, str) and text.strip() and len(text) <= _LONGEST:
             words = Words(" ".join(text.split()), place, how)
-            if (
-                how is not Said.AS_UNIT
-                and len(text) == 1
-                and text.isalpha()
-                and text not in _LETTERS
-            ):
-                return  # M. Smith
-            if how is not Said.AS_UNIT and counts_without_turn(words.text):
-                words = replace(words, how=Said.AS_UNIT)
+            if how is not Said.AS_UNIT:
+                if len(text) == 1 and text.isalpha() and text not in _LETTERS:
+                    return  # M. Smith
+                if counts_without_turn(words.text):
+                    words = replace(words, how=Said.AS_UNIT)
             if not words.silent and (words.how is Said.AS_UNIT or is_unit(words.text)):
                 self._said[way, words] = None
 
@@ -233,8 +226,7 @@ class Sayings:
         """Collect one of ``input: mV``, ``input [mV]``, ``input in mV`` and ``input mV``."""
         head, mark, rest = _halves(text)
         if mark and rest:
-            besides = _besides_unit(head)
-            if besides:
+            if besides := _besides_unit(head):
                 self._add(besides, rest, place, Said.AS_UNIT)
             else:
                 self._add((head,), rest, place, how)
@@ -273,13 +265,13 @@ class Sayings:
             return [field for field, k in places.items() if k == way[0]], True
         whole, ends, bare = self._index
         keys = tuple(_key(part) for each in way for part in str(each).split("."))
-        found = whole.get(keys) or ends.get(keys[-1]) or []
-        for text in _forms(str(way[-1])) if not found else ():
-            found = found or bare.get(text, [])
+        found, last = whole.get(keys) or ends.get(keys[-1]) or [], str(way[-1])
+        words = [each for each in _words(last) if each not in _ASIDE]
+        for text in map(_key, (last, without_unit(last), " ".join(words))):
+            found = found or bare.get(text or None, [])
         if found:
             return [field for field, k in places.items() if k in found], len(found) == 1
-        words = {each for each in _words(str(way[-1])) if each not in _ASIDE}
-        fields = [f for f in places if words and words <= _ALIASES.get(f, {f})]
+        fields = [f for f in places if words and {*words} <= _ALIASES.get(f, {f})]
         return fields, True
 
 
@@ -288,12 +280,6 @@ def _units_within(row: Mapping[str, Any]) -> dict[str, Any]:
     found = {k: v for k, v in row.items() if _besides_unit(k) is not None}
     below = {k: _units_within(v) for k, v in row.items() if isinstance(v, dict) and k not in found}
     return found | {k: v for k, v in below.items() if v}
-
-
-def _forms(said: str) -> list[str]:
-    """Return how a column may be called: with or without its unit and words aside."""
-    aside = " ".join(each for each in _words(said) if each not in _ASIDE)
-    return [each for each in map(_key, (said, without_unit(said), aside)) if each]
 
 
 def _key(name: object) -> str:

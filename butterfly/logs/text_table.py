@@ -212,11 +212,7 @@ def _is_without_names(cells: list[str]) -> bool:
 def _heads(
     above: list[_Line], comments: list[_Line], rows: list[_Line], delimiter: str, width: int
 ) -> tuple[list[list[str]], bool]:
-    """Return the cells of the header, at most two lines right above the rows.
-
-    Without one, of the comment lines right above the rows, as NumPy writes a header. Also return
-    whether the rows begin with names, for which the header of R has no cell.
-    """
+    """Return the cells of the header, if only in comments, and whether rows begin with names."""
     texts = [line.text for line in above]
     if not texts:
         before = (line.text.lstrip() for line in comments if line.number < rows[0].number)

@@ -65,12 +65,7 @@ def found_folder() -> Path | None:
 
 
 def fetch(folder: Path, source: str = PUBLISHED, track: Track = untracked) -> int:
-    """Fetch the missing logs of a folder from another folder or an address; return how many.
-
-    Each is written whole once its SHA-256 is right; fetched logs are kept. InputError if a log
-    cannot be fetched or written, has the wrong content or size, or if the folder has another file
-    of its name; or if half an hour does not suffice.
-    """
+    """Fetch a folder's missing logs from another folder or an address, checked; return how many."""
     if not source.startswith(_ADDRESSES) and not Path(source).is_dir():
         expected = f"an existing folder, or an address that begins with {' or '.join(_ADDRESSES)}"
         raise InputError("logs fetch", "--from", source, expected)
@@ -105,9 +100,9 @@ def _is_there(folder: Path, name: str) -> bool:
     path = folder / name
     if not path.exists():
         return False
-    expected = "the log of this name, or no file (it is not overwritten)"
-    content = read_file(path, expected, most=pins()[name].size)
-    _require(pins()[name], content, path, "or no file (it is not overwritten)")
+    else_none = "or no file (it is not overwritten)"
+    content = read_file(path, f"the log of this name, {else_none}", most=pins()[name].size)
+    _require(pins()[name], content, path, else_none)
     return True
 
 

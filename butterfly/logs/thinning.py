@@ -76,18 +76,14 @@ def _without_gap(time: Samples, block: int) -> NDArray[np.bool_]:
 
 
 def _block(angle: Samples, wanted: int) -> int:
-    """Return how many samples may be averaged into one, at most the wanted number.
-
-    From the mean squares of the angle's change over one lag and over two: their difference is three
-    times the square for a motion, and 0 for white noise.
-    """
+    """Return how many samples may be averaged into one, at most the wanted number."""
     spread = _SLOW**2 * float(np.var(angle[:: max(1, angle.size // _ROWS)]))
     block = 1
     while block < wanted:
         lag = min(2 * block, wanted)
         rows = slice(0, angle.size - 2 * lag, max(1, angle.size // _ROWS))
         near, far = (np.mean((angle[k * lag :][rows] - angle[rows]) ** 2) for k in (1, 2))
-        if far - near > 3 * spread:
+        if far - near > 3 * spread:  # three times the square of a motion's change, 0 of noise
             break
         block = lag
     return block

@@ -92,10 +92,7 @@ def plain_text(text: str) -> str:
 
 @lru_cache(4096)
 def units_meant(text: str) -> tuple[str, ...]:
-    """Return the units that a text may mean: usually one, none if it is no unit.
-
-    The exact spelling takes precedence, then case is ignored: Mv may be mV or MV.
-    """
+    """Return the units that a text may mean, spelt so, else in any case: Mv may be mV or MV."""
     plain = plain_text(text[: _LONGEST + 1]).strip(" \t\"'.,;:!")
     if not plain or len(plain) > _LONGEST:
         return ()

@@ -181,10 +181,7 @@ def read_unit(
 def apportioned(
     headings: Mapping[str, Heading], fitting: Mapping[str, Sequence[str]]
 ) -> dict[str, Heading]:
-    """Return headings by field, each with the shared words that fit it.
-
-    Words that fit none of their columns go to the input, or to the first of them, to be refused.
-    """
+    """Return headings by field, each with the shared words that fit it."""
     found = dict(headings)
     for words in dict.fromkeys(each for head in headings.values() for each in head.shared):
         own = [name for name, head in headings.items() if words in head.shared]
@@ -192,7 +189,7 @@ def apportioned(
         fits = [name for name in own if kinds & {*fitting[name]}]
         if not fits and not (kinds or words.how is Said.AS_UNIT):
             continue
-        for name in fits or [own["input" in own and own.index("input")]]:
+        for name in fits or [own["input" in own and own.index("input")]]:  # to be refused
             found[name] = replace(found[name], said=(*found[name].said, words))
     return found
 
@@ -209,7 +206,8 @@ def _unit_and_place(
         named = [] if words.silent else units_spelt(field, words.text.strip("[](){} "))
         fit = [unit for unit in named if quantity_of(unit) in fitting]
         sure = words.how is Said.AS_UNIT
-        if _is_letter_of_prose(words) and named != fits[:1]:
+        letter = words.how is Said.IN_PROSE and re.fullmatch(r"\W*[a-zA-Z]\W*", words.text)
+        if letter and named != fits[:1]:
             continue
         if len(named) == 1 and fit:
             known.setdefault(named[0], words.place)
@@ -230,10 +228,6 @@ def _unit_and_place(
         expected = f"one unit, or a factor, which overrides both: --units {field}={factor:.9g}"
         raise InputError(source, where, f"the units {both} of {field}", expected)
     return next(iter(known.items()), (fits[0], ASSUMED))
-
-
-def _is_letter_of_prose(words: Words) -> bool:
-    return words.how is Said.IN_PROSE and re.fullmatch(r"\W*[a-zA-Z]\W*", words.text) is not None
 
 
 # Names of columns: angle [deg], angle_deg, angleDeg, angle:deg.
@@ -330,31 +324,25 @@ def _factor_and_name(name: str, unit: object, source: object) -> tuple[float, st
         try:
             factor = float(text)
         except ValueError:
-            spelt = [each for each in units_spelt(name, text) if _is_of(name, each)]
+            counts = {each for each in units_meant(text) if each.startswith("counts/")}
+            own = UNITS[name].keys() | (counts if name == "angle" else set())
+            spelt = [each for each in units_spelt(name, text) if each in own]
             if len(spelt) > 1:
                 raise InputError(source, f"units.{name}", unit, " or ".join(spelt)) from None
             known = "".join(spelt)
             factor = factor_of(known) if known else 0.0
         factor = -factor if minus else factor
     if not factor or not math.isfinite(factor):
-        raise InputError(source, f"units.{name}", unit, _expected(name))
+        more = ["counts/4096 (counts per turn)"] if name == "angle" else []
+        turned = ", with a minus if it counts the other way" if name in _TURNABLE else ""
+        expected = f"one of {', '.join([*UNITS[name], *more])}, or a factor{turned}"
+        raise InputError(source, f"units.{name}", unit, expected)
     if factor < 0.0:
         _require_turnable(source, name, unit)
     return factor, known
 
 
-def _is_of(name: str, unit: str) -> bool:
-    return name == "angle" if unit.startswith("counts/") else unit in UNITS[name]
-
-
 def _require_turnable(source: object, name: str, unit: object) -> None:
     if name not in _TURNABLE:
-        raise InputError(
-            source, f"units.{name}", unit, f"no minus: only {', '.join(_TURNABLE)} can be negated"
-        )
-
-
-def _expected(name: str) -> str:
-    more = ["counts/4096 (counts per turn)"] if name == "angle" else []
-    minus = ", with a minus if it counts the other way" if name in _TURNABLE else ""
-    return f"one of {', '.join([*UNITS[name], *more])}, or a factor{minus}"
+        expected = f"no minus: only {', '.join(_TURNABLE)} can be negated"
+        raise InputError(source, f"units.{name}", unit, expected)

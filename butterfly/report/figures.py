@@ -90,10 +90,7 @@ def log_ticks(*digits: int) -> dict[str, Any]:
 
 
 def rows_panel(names: Sequence[str], across: str, line: int = _ROW) -> Figure:
-    """Return a figure with a row for each name, the first on top; their y is 0, 1, and so on.
-
-    A name may have several lines, each of ``line`` pixels.
-    """
+    """Return a figure with a row for each name, of lines, the first on top; their y is 0, 1, …."""
     count, high = len(names), line * max((name.count("\n") + 1 for name in names), default=1)
     figure = panel(across, "", min(high * count, _HIGHEST) + 110)
     rows = list(range(0, count, -(-high * count // _HIGHEST)))  # those whose names have room

@@ -8,7 +8,6 @@ from collections.abc import Callable, Mapping, Sequence
 
 from butterfly.errors import UnusableError, listed
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.inference.agreement import Contrast
 from butterfly.identification.inference.blocks import Condition
 from butterfly.identification.inference.estimate import OF_VERDICT, Estimate
 from butterfly.identification.unit_errors import unit_error_text
@@ -28,10 +27,7 @@ REMEDY = (
 
 _LEAST_MASSES = 3  # for leave-one-mass-out
 _IN_VERDICT = {
-    FindingKind.FOLLOWED,
-    FindingKind.MISFIT,
-    FindingKind.NO_MISFIT,
-    FindingKind.MISSING_TERM,
+    *(FindingKind.FOLLOWED, FindingKind.MISFIT, FindingKind.NO_MISFIT, FindingKind.MISSING_TERM),
 }
 
 
@@ -47,11 +43,16 @@ def estimate_notes(estimate: Estimate) -> list[str]:
 
 def grave_notes(estimate: Estimate) -> list[str]:
     """Return the sentences of findings that need care, gravest first."""
-    scatters = _scatters(estimate)
+    scatters = [each for each in estimate.findings if each.kind is FindingKind.SCATTER]
+    scattered = {name for each in scatters for name in each.parameters}
     return [
         *_texts_of(estimate, Level.CARE),
         *([_scatter(*scatters)] if scatters else []),
-        *(contrast_text(each, estimate) for each in _contrasts(estimate)),
+        *(
+            contrast_text(each, estimate)
+            for each in estimate.agreement
+            if not (each.condition is Condition.LOG and each.parameter in scattered)  # said above
+        ),
     ]
 
 
@@ -84,41 +85,21 @@ def _outdone(finding: Finding, estimate: Estimate) -> bool:
     return finding.kind is FindingKind.NOT_HELPING and not lacking.isdisjoint(finding.parameters)
 
 
-def _contrasts(estimate: Estimate) -> list[Contrast]:
-    """Return the contrasts, without those that the sentence on scatter covers."""
-    scatters = {name for each in _scatters(estimate) for name in each.parameters}
-    return [
-        each
-        for each in estimate.agreement
-        if not (each.condition is Condition.LOG and each.parameter in scatters)
-    ]
-
-
-def _scatters(estimate: Estimate) -> list[Finding]:
-    return [each for each in estimate.findings if each.kind is FindingKind.SCATTER]
-
-
 def estimate_verdict(estimate: Estimate) -> Verdict:
     """Return the verdict on an estimate: a line on its values, a line on its model."""
-    level = estimate.level
-    values = values_sentence(estimate)
-    if level is Level.WARNING:
-        forbidding = (each for each in estimate.findings if each.forbids)
-        why = [finding_text(each, values_of(estimate)) for each in forbidding]
-        if estimate.unsettled:
-            why.append("The fit did not converge.")
-        values = " ".join(why)
-    else:
-        doubts = [finding_text(each, values_of(estimate)) for each in _doubts(estimate)]
-        values = " ".join([*doubts, values])
-    return Verdict(level, tuple(filter(None, (values, model_sentence(estimate)))))
+    forbidden = estimate.level is Level.WARNING
+    kept = [each for each in estimate.findings if each.forbids] if forbidden else _doubts(estimate)
+    said = [finding_text(each, values_of(estimate)) for each in kept]
+    if not forbidden:
+        said.append(values_sentence(estimate))
+    elif estimate.unsettled:
+        said.append("The fit did not converge.")
+    lines = " ".join(said), model_sentence(estimate)
+    return Verdict(estimate.level, tuple(filter(None, lines)))
 
 
 def require_possible(estimate: Estimate) -> Verdict:
-    """Return the verdict on an estimate from which simulations or a model are to be made.
-
-    Raises UnusableError if no joint has its values; the verdict is the message.
-    """
+    """Return the verdict on an estimate; UnusableError if no joint has its values."""
     verdict = estimate_verdict(estimate)
     if any(each.impossible for each in estimate.findings):
         raise UnusableError(verdict.lines[0], verdict.reasons)

@@ -215,11 +215,7 @@ class IdentificationPlots:
 
 
 def swings_between(points: list[ResponsePoint]) -> tuple[Samples, Samples]:
-    """Return frequencies in rad/s from the first log's to the last one's, and swings in rad.
-
-    Those of the logs at theirs (the geometric mean of several), on a smooth line over logarithms
-    between, which is nowhere beyond its neighbours.
-    """
+    """Return frequencies in rad/s between the logs', and swings in rad, smooth through theirs."""
     measured = np.unique([p.omega for p in points])
     swing = [np.mean([np.log(p.amplitude) for p in points if p.omega == w]) for w in measured]
     grid = np.geomspace(measured[0], measured[-1], _POINTS) if measured.size > 1 else measured

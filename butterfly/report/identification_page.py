@@ -67,10 +67,7 @@ _COMPARED = ("p1", "p2", "p3", "p4", "coulomb")
 
 
 def identification_page(
-    identification: Identified,
-    notes: Sequence[str],
-    facts: Sequence[Fact],
-    numbers: dict[str, Any],
+    identification: Identified, notes: Sequence[str], facts: Sequence[Fact], numbers: dict[str, Any]
 ) -> Page:
     """Put together the report of an identification, beside the truth where it is known."""
     data, residuals = identification.data, identification.residuals

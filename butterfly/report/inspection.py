@@ -31,12 +31,7 @@ if TYPE_CHECKING:
 STATES = {Level.GOOD: "ok", Level.NOTE: "note", Level.CARE: "care", Level.WARNING: "do not use"}
 """Condition of a log, in a word or two."""
 
-_TOLD = {
-    Level.GOOD: "ok",
-    Level.NOTE: "with a note",
-    Level.CARE: "to check",
-    Level.WARNING: "unusable",
-}
+_TOLD = dict(zip(Level, ("ok", "with a note", "to check", "unusable"), strict=True))
 _ADVICE = {
     Level.GOOD: "No check found a problem with this log.",
     Level.NOTE: "Nothing needs to be done.",

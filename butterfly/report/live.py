@@ -171,10 +171,7 @@ def _rendered(
 
 
 def _zooms(sliders: Sequence[Slider], log: LiveLog) -> list[int]:
-    """Return by how much a slider's reach can be multiplied, the last the first that is chosen.
-
-    It is the least by which one of them changes the FIT of a log by what the eye sees.
-    """
+    """Return how far a slider may reach, up to where one changes the FIT of a log visibly."""
     p = log.setting.parameters
     now, offered = log.fit(p), []
     for zoom in _ZOOMS:

@@ -50,13 +50,11 @@ class Column(NamedTuple):
 
     @property
     def packed(self) -> dict[str, Any]:
-        """For the page: differences of the order that packs best, in three planes of bytes.
-
-        A difference d is 2 d there, and -2 d - 1 if it is negative.
-        """
+        """For the page: differences of the order that packs best, in three planes of bytes."""
         differences, tried = self.levels, []
         for order in (1, 2, 3):
             differences = np.diff(differences, prepend=0)
+            # d is 2 d there, and -2 d - 1 if it is negative
             folded = np.where(differences < 0, -2 * differences - 1, 2 * differences)
             planes = b"".join((folded >> k & 255).astype(np.uint8).tobytes() for k in (0, 8, 16))
             tried.append((b64encode(gzip.compress(planes, 9, mtime=0)).decode("ascii"), order))

@@ -103,10 +103,7 @@ def first_stretch(log: Log) -> tuple[float, float] | None:
 def _time_curves(
     run: FreeRun, band: ErrorBand | None, most: int
 ) -> tuple[NDArray[np.floating[Any]], ...]:
-    """Return (n,) times in s, what is simulated, measured, its limits and the difference.
-
-    If what a servo follows is of the same kind as what was measured, it comes last.
-    """
+    """Return (n,) times in s, simulated, measured, limits, difference; a like set-point last."""
     log, difference = run.log, run.log.measured - run.simulated
     half_width = np.full_like(difference, np.nan)
     if band is not None:

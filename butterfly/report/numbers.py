@@ -122,10 +122,7 @@ def rows_document(name: str, table: pa.Table, kind: InputKind) -> dict[str, Any]
 
 
 def write_columns(path: Path, kind: str, columns: Mapping[str, Any]) -> None:
-    """Write (n,) columns by name as CSV, or as Parquet by the ending of the path.
-
-    In CSV an apostrophe stands before each text that a spreadsheet would take for a formula.
-    """
+    """Write (n,) columns by name as CSV, where no text is a formula, or Parquet, by the ending."""
     import pyarrow as pa  # noqa: PLC0415 - slow to import
     import pyarrow.compute as pc  # noqa: PLC0415
     from pyarrow import csv, parquet  # noqa: PLC0415

@@ -60,10 +60,7 @@ class Badge(NamedTuple):
 
 
 class PageTable(NamedTuple):
-    """Rows under headers, as a page has them and a command prints them; without headers, pairs.
-
-    A cell is a text, or what a page has in its place: `Marked`, or a `Bar`.
-    """
+    """Rows of texts, or on a page `Marked` and `Bar`, under headers; without headers, pairs."""
 
     title: str = ""  # as it is printed; on a page its section has one
     headers: Sequence[str | Axis] = ()  # with units
@@ -198,8 +195,11 @@ class Page:
         about, chosen, made_with = (
             self.numbers.get(key) or {} for key in ("data", "chosen", "versions")
         )
-        options = (chosen.get("options") or {}).items()
-        said = [f"{name} {_said(value)}" for name, value in options if value not in (None, [], ())]
+        said = [
+            f"{name} {'+'.join(map(str, value)) if isinstance(value, list | tuple) else value}"
+            for name, value in (chosen.get("options") or {}).items()
+            if value not in (None, [], ())
+        ]
         name = about.get("name", "")
         found = {
             "command": command_line() or "none: made from Python",
@@ -247,10 +247,6 @@ def command_line() -> str:
     return shlex.join(["butterfly", *sys.argv[1:]]) if called else ""
 
 
-def _said(value: object) -> str:
-    return "+".join(map(str, value)) if isinstance(value, list | tuple) else str(value)
-
-
 @cache
 def environment() -> Environment:
     """Return what fills templates, and escapes what it fills in."""
@@ -261,7 +257,9 @@ def environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    found.filters["packed"] = _packed
+    found.filters["packed"] = lambda program: b64encode(
+        gzip.compress(program.encode(), 6, mtime=0)  # the same bytes at any time
+    ).decode("ascii")
     return found
 
 
@@ -280,11 +278,6 @@ def rendered(page: Page) -> str:
             series=json.dumps({name: vars(each) for name, each in page.series.items()}),
         )
     )
-
-
-def _packed(program: str) -> str:
-    """Return a program as a page holds it: packed, and the same bytes at any time."""
-    return b64encode(gzip.compress(program.encode(), 6, mtime=0)).decode("ascii")
 
 
 def write_page(page: Page, path: Path, *, figures: bool = False) -> None:

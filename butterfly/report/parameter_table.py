@@ -23,11 +23,7 @@ _TITLE = "Physical parameters and derived quantities"
 
 
 def parameter_texts(row: Parameter) -> dict[str, str]:
-    """Return a parameter as console, page and notebook show it; "" where there is nothing to say.
-
-    ``estimate`` is the value and how far its farther limit is; ``width`` is that over the value, of
-    one that may be 0 that it may; ``mark`` says what is to be known of it at a glance.
-    """
+    """Return a parameter as it is shown; "" where there is nothing to say."""
     error, limits, width = "–", "–", "–"
     if row.known:
         error = "known"
@@ -59,11 +55,7 @@ def parameter_texts(row: Parameter) -> dict[str, str]:
 
 
 def badge_of(row: Parameter) -> Marked:
-    """Return how well a parameter is known, as console and page mark it; "" where that is unknown.
-
-    Good as in the verdict: its farther limit is within 10 %; poor: it is hardly told from 0. Short,
-    so that a row fits a terminal.
-    """
+    """Return how well a parameter is known, in short, as in the verdict; "" if unknown."""
     if row.known:
         return Marked("known", level=Level.NOTE)
     if row.on_bound:

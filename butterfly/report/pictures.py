@@ -46,11 +46,7 @@ class _PlainPowers(LogFormatterSciNotation):
 
 
 def write_pictures(figures: Mapping[str, Figure], folder: Path) -> None:
-    """Write each figure as ``folder``/NAME.png and NAME.svg.
-
-    Line and scatter plots (with error bars), filled shapes and heat maps in any grid of axes, and
-    lines from bottom to top of the first of them, are drawn, which is all that the reports use.
-    """
+    """Write each figure as ``folder``/NAME.png and NAME.svg: all that the reports use is drawn."""
     said = {"png": {"Software": "butterfly.figure"}, "svg": {"Title": "butterfly.figure"}}
     for name, figure in figures.items():
         still = draw(figure)
@@ -83,19 +79,14 @@ def draw(figure: Figure) -> Still:
         _DRAWN[trace.type](panels[key], trace)
     if (axes := panels.get(("x", "y"))) is not None:
         for shape in layout.get("shapes", []):
-            _limit(axes, shape)
+            line, dash = shape["line"], _DASHES.get(shape["line"].get("dash"), "-")
+            style = {"color": line["color"], "linewidth": line["width"], "linestyle": dash}
+            axes.axvline(shape["x0"], zorder=1, **style)  # as plotly's add_vline draws
         for note in layout.get("annotations", []):
             if note.get("xref", "x") == "x":
                 axes.text(note["x"], note["y"], f" {_plain(note['text'])}", fontsize="x-small")
     _explain(list(panels.values()))
     return still
-
-
-def _limit(axes: Axes, shape: dict[str, Any]) -> None:
-    """Draw a line from bottom to top of a panel, as plotly's add_vline does."""
-    line, dash = shape["line"], _DASHES.get(shape["line"].get("dash"), "-")
-    style = {"color": line["color"], "linewidth": line["width"], "linestyle": dash}
-    axes.axvline(shape["x0"], zorder=1, **style)
 
 
 def _explain(panels: list[Axes]) -> None:

@@ -62,18 +62,11 @@ def with_residual_figures(
     """Return a page with the residual torque and the correlations of a log, by its number."""
     setting = data.simulations.setting(number, estimate)
     torque = ResidualTorque.of(data.logs[number], setting.parameters, setting.zero)
-    figures = residual_figures(torque, residuals, data.joint)
-    return replace(page, lead=Section(title="At a glance", text=_EXPLAINED, figures=figures))
-
-
-def residual_figures(
-    residual: ResidualTorque, residuals: LogResiduals, joint: JointKind
-) -> dict[str, Figure]:
-    """Return the residual torque of a log, and the correlations of its free run's error."""
-    return {
-        "torque": torque_figure(residual, joint),
+    figures = {
+        "torque": torque_figure(torque, data.joint),
         "correlations": correlation_figure(residuals),
     }
+    return replace(page, lead=Section(title="At a glance", text=_EXPLAINED, figures=figures))
 
 
 def torque_figure(residual: ResidualTorque, joint: JointKind, most: int = _MOST) -> Figure:

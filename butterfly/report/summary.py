@@ -38,8 +38,6 @@ _MEASURED = {
     ("velocity",): "velocity (no angle was recorded)",
     ("angle", "velocity"): "angle, or velocity where no angle was recorded,",
 }
-
-
 _ADVICE = re.compile(r"Set (--\S+) (\S+?),? ")
 
 _HEADERS = {
@@ -56,8 +54,14 @@ def summary(identification: Identified) -> list[str]:
     """Return the verdict, then all that was found, gravest first."""
     data, estimate = identification.data, identification.estimate
     known = ", ".join(f"{name} = {value}" for name, value in estimate.given.values.items())
-    health = _health(data)
-    unsound = Level.worst(each.condition for each in data.health) in {Level.CARE, Level.WARNING}
+    conditions = [health.condition for health in data.health]
+    worst = Level.worst(conditions)
+    where = "" if worst is Level.GOOD else " `butterfly inspect` tells which, and why."
+    health = f"Health of the {conditions_text(conditions)}{where}"
+    unsound = worst in {Level.CARE, Level.WARNING}
+    used = sum(log.time.size for log in data.logs)
+    sound = sum(health.samples - health.dropped for health in data.health)
+    means = f"{used:,} means of neighbouring samples stand for the {sound:,} that were recorded."
     return [
         *estimate_verdict(estimate).lines,
         *grave_notes(estimate),
@@ -66,7 +70,7 @@ def summary(identification: Identified) -> list[str]:
         *_drive_alone(identification),
         *held_out_sentences(identification.held_out),
         _basis(identification),
-        *_thinned(data),
+        *([means] if used != sound else []),
         *([f"Given: {known}."] if known else []),
         *minor_notes(estimate),
         *([] if unsound else [health]),
@@ -152,7 +156,7 @@ def facts(identification: Identified, numbers: Mapping[str, Any]) -> list[Fact]:
 def _of_logs(identification: Identified, residuals: Mapping[str, Any]) -> list[Fact]:
     """Say how large the error is."""
     servo = []
-    if rows := loop_rows(identification):
+    if rows := loop_table(identification).rows:
         (*_, error), (_, opened, *_), *_ = rows
         off = f"in the loop {error} m{identification.estimate.joint.way} error"
         servo = [Fact("FIT, by the drive alone", f"{opened} %", off)]
@@ -182,12 +186,7 @@ def _columns(
 def loop_table(identification: Identified) -> PageTable:
     """Tabulate how servos' logs are followed in the loop, and by the drive alone."""
     headers = ("FIT in %", "median", "mean", "worst", "mean error in mrad")
-    return PageTable("Servo", headers, loop_rows(identification), name="loop")
-
-
-def loop_rows(identification: Identified) -> list[tuple[str, ...]]:
-    """Return the rows of `loop_table`."""
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for which, fits in {"": identification.fits, ", held out": identification.held_out}.items():
         names = [name for name in fits if name in identification.drive_fits]
         if not names:
@@ -197,12 +196,12 @@ def loop_rows(identification: Identified) -> list[tuple[str, ...]]:
         for (way, own), off in zip(ways.items(), (f"{error:.1f}", "–"), strict=True):
             fit = FitSummary.of(np.array([own[name] for name in names]))
             rows.append((way + which, *map(fit_text, (fit.median, fit.mean, fit.worst)), off))
-    return rows
+    return PageTable("Servo", headers, rows, name="loop")
 
 
 def _drive_alone(identification: Identified) -> list[str]:
     """Say what servos' logs are off by in the loop, and how they are followed without it."""
-    rows = [row for row in loop_rows(identification) if "held out" not in row[0]]
+    rows = [row for row in loop_table(identification).rows if "held out" not in str(row[0])]
     if not rows:
         return []
     (_, closed, *_, error), (_, opened, *_) = rows
@@ -210,14 +209,6 @@ def _drive_alone(identification: Identified) -> list[str]:
         f"FIT in the loop {closed} % (median), {error} m{identification.data.joint.way} off on "
         f"average; by the drive alone {opened} %."
     ]
-
-
-def _health(data: DataSet) -> str:
-    """Say in which condition the logs are, and where that is told of each."""
-    conditions = [health.condition for health in data.health]
-    sound = Level.worst(conditions) is Level.GOOD
-    where = "" if sound else " `butterfly inspect` tells which, and why."
-    return f"Health of the {conditions_text(conditions)}{where}"
 
 
 def _start(fit: FitSummary, data: DataSet) -> str:
@@ -233,23 +224,12 @@ def held_out_sentences(fits: Mapping[str, float]) -> list[str]:
         return []
     values = sorted(fits.values())
     if len(fits) == 1:
-        return [
-            f"Held out: {next(iter(fits))}, not used for the fit, has a FIT of "
-            f"{fit_text(values[0])} %."
-        ]
+        (name,), fit = fits, fit_text(values[0])
+        return [f"Held out: {name}, not used for the fit, has a FIT of {fit} %."]
     return [
         f"Held out: {len(fits)} logs, not used for the fit, have a median FIT of "
         f"{fit_text(median(values))} % (worst {fit_text(values[0])} %): {listed(list(fits))}."
     ]
-
-
-def _thinned(data: DataSet) -> list[str]:
-    """Say how many samples were averaged, where logs have more than their motion needs."""
-    used = sum(log.time.size for log in data.logs)
-    sound = sum(health.samples - health.dropped for health in data.health)
-    if used == sound:
-        return []
-    return [f"{used:,} means of neighbouring samples stand for the {sound:,} that were recorded."]
 
 
 def zero_sentences(logs: Sequence[Log], known: Prior) -> list[str]:
@@ -321,17 +301,9 @@ def medians_of(row: Mapping[str, Any]) -> dict[str, float]:
 
 
 def next_step(
-    found: Identified,
-    words: Sequence[str],
-    data: Sequence[Path],
-    saved: Path | None = None,
+    found: Identified, words: Sequence[str], data: Sequence[Path], saved: Path | None = None
 ) -> str:
-    """Return a command to paste after ``words``, a command and its arguments, that identified.
-
-    ``data``: its files or folders; ``saved``: the file of the result, if there is one. The
-    correction of a unit error comes first, then the term that the model is missing, then a file,
-    and with it what it is good for.
-    """
+    """Return a command to paste: it mends units or the model, or saves the result or uses it."""
     verdict, missing = estimate_verdict(found.estimate), found.residuals.missing.terms
     if advice := _ADVICE.search(" ".join(verdict.lines)):
         return _again(words, advice[1], advice[2], merged=True)

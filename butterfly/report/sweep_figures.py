@@ -59,11 +59,7 @@ def recovery_figure(table: Estimates) -> Figure | None:
 
 
 def affected(table: Estimates, field: str) -> dict[str, float]:
-    """Return the parameters whose deviation a field changes, with the largest change in %.
-
-    That of the medians over the field's values, of any estimator, beyond a tenth of the largest of
-    all parameters; the others are as flat as zeros.
-    """
+    """Return the parameters whose deviation a field changes, with the largest change in %."""
     changes = dict.fromkeys(table.distinct("parameter"), 0.0)
     for method in table.estimators:
         for name in changes:

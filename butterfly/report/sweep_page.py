@@ -154,11 +154,7 @@ def _recovery_table(recovered: Sequence[Mapping[str, Any]]) -> PageTable:
 
 
 def closest(table: Estimates) -> list[str]:
-    """Return the estimator with the least deviations, then those not significantly farther off.
-
-    Significant: twice the standard error, over the runs that both have, of the logarithm of their
-    ratio, which no single run decides.
-    """
+    """Return the closest estimator, then those with a log ratio to it within two of its errors."""
     means: dict[str, dict[float, float]] = {}
     medians: dict[str, float] = {}
     for method in table.estimators:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -31,7 +31,11 @@ _DOTS = 800  # instants of a residual torque
 def with_courses(compared: Sequence[ThreeWay], own: Sequence[LogResiduals], page: Page) -> Page:
     """Return the page of a comparison with the course of each log, and its residuals."""
     chosen = middle([each.fits["grey box"] for each in compared])
-    of_log = {"time": _time_figure, "phase": _phase_figure, "residual": _residual_figure}
+    of_log: dict[str, Callable[[ThreeWay], Figure]] = {
+        "time": _time_figure,
+        "phase": _phase_figure,
+        "residual": lambda one: torque_figure(one.residual, one.log.added_mass.joint, _DOTS),
+    }
     series = {name: Series.of_figures([*map(draw, compared)]) for name, draw in of_log.items()}
     stretches = [first_stretch(each.log) for each in compared]
     series["time"] = replace(series["time"], stretches=stretches)
@@ -99,8 +103,3 @@ def _phase_figure(each: ThreeWay) -> Figure:
         x, y = smooth.astype(np.float32), velocity.astype(np.float32)
         figure.add_scatter(x=x, y=y, mode="lines", line=_LINES[name], name=name)
     return figure
-
-
-def _residual_figure(each: ThreeWay) -> Figure:
-    """Draw the residual torque of a log."""
-    return torque_figure(each.residual, each.log.added_mass.joint, _DOTS)

@@ -12,7 +12,7 @@ import yaml
 
 import butterfly as bf
 from butterfly.logs.manifest import read_manifest
-from butterfly.report.summary import loop_rows
+from butterfly.report.summary import loop_table
 
 CHECKOUT = Path(__file__).parents[2]
 OTHERS, SERVO, TORQUE = (
@@ -95,13 +95,13 @@ def test_a_log_s_page_says_when_the_drive_was_off(servo, butterfly):
 def test_what_the_page_identifies_and_foretells_follows_as_it_says(butterfly):
     found = bf.identify("my-servo")
     shown = re.search(r"FIT in the loop (\S+) % .* by the drive alone (\S+) %", SERVO)
-    rows = loop_rows(found)
+    rows = loop_table(found).rows
     for row, told in zip(rows, shown.groups(), strict=True):
         assert float(row[1]) == pytest.approx(float(told), abs=NEAR)
     found.save("servo.json")
     for command in re.findall(r"^    butterfly (export .*|design .*)$", SERVO, re.MULTILINE):
         assert butterfly(*command.split())[0] == 0
-    for row in loop_rows(bf.identify("my-servo", holdout=["*kp200*"])):
+    for row in loop_table(bf.identify("my-servo", holdout=["*kp200*"])).rows:
         told = re.search(rf"^ +{row[0]} +(\S+) ", SERVO, re.MULTILINE)[1]
         assert float(row[1]) == pytest.approx(float(told), abs=NEAR)
 

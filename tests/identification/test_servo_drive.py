@@ -24,7 +24,7 @@ from butterfly.model.prior import NO_PRIOR, Known, Prior
 from butterfly.model.servo import LAWS, Output, ServoLoop
 from butterfly.model.terms import LOOP_TERMS
 from butterfly.report.format import fit_text
-from butterfly.report.summary import loop_rows
+from butterfly.report.summary import loop_table
 
 TIME = np.arange(0.0, 1.2, 0.004) + np.random.default_rng(0).uniform(0, 5e-4, 300)
 GOAL = 0.8 * np.sin(2 * TIME + TIME**2) + np.where(TIME > 0.5, 0.4, 0.0)
@@ -291,7 +291,7 @@ def test_what_follows_in_the_loop_and_by_the_drive_alone_is_told_of_each_log():
             assert told[name] == pytest.approx(expected, rel=1e-6)
     again = Identification.from_dict(json.loads(json.dumps(found.to_dict())))
     assert (again.drive_fits, again.mean_errors) == (found.drive_fits, found.mean_errors)
-    rows = {row[0]: row[1:] for row in loop_rows(again)}
+    rows = {row[0]: row[1:] for row in loop_table(again).rows}
     assert rows["in the loop"][3] == f"{1e3 * found.mean_errors['0']:.1f}"
     assert rows["by the drive alone, held out"][0] == fit_text(found.drive_fits["1"])
     (line,) = [line for line in found.summary if line.startswith("FIT in the loop")]

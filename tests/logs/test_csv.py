@@ -7,7 +7,8 @@ import pyarrow
 import pytest
 
 from butterfly.errors import InputError
-from butterfly.logs.csv import holds_table, read_csv
+from butterfly.logs.csv import holds_table
+from butterfly.logs.formats import read_log
 from butterfly.logs.log import InputKind
 from butterfly.logs.text_table import read_text_table
 from butterfly.logs.units import Units
@@ -31,7 +32,7 @@ ROWS = _lines(";")
 def _read(folder, lines, columns=None, encoding="utf-8"):
     path = folder / "log.txt"
     path.write_bytes("\n".join([*lines, ""]).encode(encoding, "surrogateescape"))
-    return read_csv(path, columns, **KIND)
+    return read_log(path, columns, **KIND)
 
 
 def _same(log):
@@ -45,14 +46,14 @@ def _same(log):
 def test_a_last_line_that_was_cut_off_is_dropped_and_counted_and_no_whole_one(tmp_path, ending):
     path = tmp_path / "log.csv"
     path.write_text("\n".join([HEAD, *_lines()[:-1], ending]))
-    log = read_csv(path, **KIND)
+    log = read_log(path, **KIND)
     assert (log.time.size, log.reading.cut_lines) == (23, 1)
     _same(log)
     path.write_text(path.read_text().replace(",", ";"))
-    assert read_csv(path, **KIND).time.size == 23
+    assert read_log(path, **KIND).time.size == 23
     for end in ("\n", "\r\n", "\n# stopped by hand"):
         path.write_bytes("\n".join([HEAD, *_lines()]).encode() + end.encode())
-        log = read_csv(path, **KIND)
+        log = read_log(path, **KIND)
         assert (log.time.size, log.reading.cut_lines) == (24, 0)
 
 
@@ -215,7 +216,7 @@ def test_a_real_log_of_a_drive_says_its_units_below_its_names(tmp_path):
     columns = FIRST_THREE
     with pytest.raises(InputError, match="the unit '8kHz' of time"):
         _read(tmp_path, lines, columns)
-    log = read_csv(tmp_path / "log.txt", columns, Units.of({"time": 1.25e-4}), **KIND)
+    log = read_log(tmp_path / "log.txt", columns, Units.of({"time": 1.25e-4}), **KIND)
     assert np.isnan(log.time[0])
     np.testing.assert_allclose(log.time[1:], 1.25e-4 * np.arange(24))
     np.testing.assert_allclose(log.angle[1:], 2 * np.pi * TABLE[:, 2])
@@ -243,7 +244,7 @@ def test_units_of_a_line_that_is_no_header_are_not_passed_over(tmp_path, head):
     np.testing.assert_allclose(log.angle, np.radians(TABLE[:, 2]))
     with pytest.raises(InputError, match="column 0: got the unit 'ms, column unclear' of time"):
         _read(tmp_path, ["# a (ms) b (deg)", *rows], columns)
-    log = read_csv(tmp_path / "log.txt", columns, Units.of({"time": "ms", "angle": "deg"}), **KIND)
+    log = read_log(tmp_path / "log.txt", columns, Units.of({"time": "ms", "angle": "deg"}), **KIND)
     np.testing.assert_allclose(log.angle, np.radians(TABLE[:, 2]))
     _same(_read(tmp_path, ["Bench 2 (Tuesday), run (3)", *rows], columns))
 
@@ -252,4 +253,4 @@ def test_a_header_and_a_row_without_its_end_are_no_log(tmp_path):
     path = tmp_path / "log.txt"
     path.write_text("# a\ntime [s]\tinput [V]\tangle [rad]\n0.00\t0.0000")
     with pytest.raises(InputError, match=r"time: got 1 samples|header: got"):
-        read_csv(path)
+        read_log(path)

@@ -11,8 +11,8 @@ from scipy.io import loadmat, savemat
 from scipy.sparse import csc_matrix
 
 from butterfly.errors import InputError
+from butterfly.logs.formats import read_log
 from butterfly.logs.log import InputKind
-from butterfly.logs.mat import read_mat
 from butterfly.logs.matlab_variables import MatlabObject, load_variables
 from butterfly.logs.units import Units
 from tests.fuzz.files import log_escapes
@@ -24,7 +24,7 @@ MATRIX = np.random.default_rng(0).standard_normal((20, 4))
 
 def test_stray_variables_are_ignored_velocity_may_be_missing_and_columns_have_units(tmp_path):
     savemat(tmp_path / "a.mat", {"D": MATRIX[:, :3], "have_genvar_mex": 1})
-    log = read_mat(tmp_path / "a.mat", units=Units.of({"time": "ms", "angle": "-deg"}), **KIND)
+    log = read_log(tmp_path / "a.mat", units=Units.of({"time": "ms", "angle": "-deg"}), **KIND)
     assert log.velocity is None
     np.testing.assert_allclose(log.time, MATRIX[:, 0] / 1000)
     np.testing.assert_allclose(log.angle, -np.radians(MATRIX[:, 2]))
@@ -46,7 +46,7 @@ def test_a_wrong_content_is_named(tmp_path, variables, message):
     path = tmp_path / "bad.mat"
     savemat(path, variables)
     with pytest.raises(InputError, match=rf"bad\.mat: {message}"):
-        read_mat(path, **KIND)
+        read_log(path, **KIND)
 
 
 RAMP = np.arange(20.0)
@@ -89,7 +89,7 @@ def named(request, tmp_path):
     ],
 )
 def test_vectors_structs_and_columns_are_found_by_name(named, columns, offsets):
-    log = read_mat(named, columns, **KIND)
+    log = read_log(named, columns, **KIND)
     for column, offset in zip(log.columns().values(), offsets, strict=True):
         np.testing.assert_array_equal(column, RAMP + offset)
 
@@ -107,7 +107,7 @@ def test_vectors_structs_and_columns_are_found_by_name(named, columns, offsets):
 )
 def test_a_wrong_name_is_told_those_that_there_are(named, angle, parts):
     with pytest.raises(InputError) as caught:
-        read_mat(named, {**NAMED, "angle": angle}, **KIND)
+        read_log(named, {**NAMED, "angle": angle}, **KIND)
     for part in parts:
         assert part in str(caught.value)
 
@@ -116,14 +116,14 @@ def test_an_object_of_matlabs_is_refused_with_the_line_that_converts_it(tmp_path
     _file73(tmp_path / "a.mat")
     for name in ("ts", "ts.Time"):
         with pytest.raises(InputError, match=r"got a MATLAB object \(timeseries\).*t = x\.Time; u"):
-            read_mat(tmp_path / "a.mat", {**NAMED, "time": name}, **KIND)
+            read_log(tmp_path / "a.mat", {**NAMED, "time": name}, **KIND)
     path = tmp_path / "out.mat"
     system = [_element(1, text) for text in (b"out", b"MCOS", b"Simulink.SimulationOutput")]
     path.write_bytes(LEVEL5 + _element(14, _numbers(6, 17, 0) + b"".join([*system, NUMBER])))
     line = r"MATLAB: t = out\.logsout\{1\}\.Values\.Time; .*; save\('log\.mat', 't', 'u'\)"
     for columns in (None, NAMED):
         with pytest.raises(InputError, match=line):
-            read_mat(path, columns, **KIND)
+            read_log(path, columns, **KIND)
 
 
 def test_a_struct_of_many_signals_is_read_whatever_the_version(tmp_path):
@@ -131,7 +131,7 @@ def test_a_struct_of_many_signals_is_read_whatever_the_version(tmp_path):
     with mat73(path) as file:
         put73(file, {"data": {f"s{k}": RAMP + k for k in range(400)}})
     names = {"time": "data.s0", "input": "data.s1", "angle": "data.s399"}
-    assert read_mat(path, names).angle[0] == RAMP[0] + 399
+    assert read_log(path, names).angle[0] == RAMP[0] + 399
 
 
 HOSTILE = Path(__file__).parents[1] / "data/hostile"
@@ -184,12 +184,12 @@ def test_files_of_the_other_order_of_bytes_are_read(tmp_path):
     level5 = LEVEL5[:-2] + b"MI" + struct.pack(">II", 14, len(body)) + body
     for content in (level5, struct.pack(">5I", 1000, 16, 3, 0, 2) + b"D\0" + data):
         path.write_bytes(content)
-        np.testing.assert_array_equal(read_mat(path).angle, matrix[:, 2])
+        np.testing.assert_array_equal(read_log(path).angle, matrix[:, 2])
 
 
 def test_a_flipped_bit_that_ended_the_process_is_refused():
     with pytest.raises(InputError, match=r"unreadable \(numbers of type 8\).*a whole .mat file"):
-        read_mat(HOSTILE / "segfault_one_bit.mat")
+        read_log(HOSTILE / "segfault_one_bit.mat")
 
 
 def test_packed_data_are_not_unpacked_without_end(tmp_path, monkeypatch):
@@ -316,7 +316,7 @@ def simulink(request, tmp_path):
     ],
 )
 def test_what_simulink_saves_as_structs_and_arrays_is_read_by_name(simulink, names):
-    log = read_mat(simulink, dict(zip(("time", "input", "angle"), names, strict=True)), **KIND)
+    log = read_log(simulink, dict(zip(("time", "input", "angle"), names, strict=True)), **KIND)
     np.testing.assert_array_equal(log.time, RAMP)
     np.testing.assert_array_equal(log.input, RAMP + names[1].startswith("out"))
     np.testing.assert_array_equal(log.angle, RAMP + 2)
@@ -329,14 +329,14 @@ def test_of_an_array_of_structs_its_numbers_and_fields_are_named(simulink):
         ("out.signals.1.value", "no value in out.signals.1; expected 'values'"),
     ]:
         with pytest.raises(InputError, match=re.escape(said)):
-            read_mat(simulink, {"time": "tout", "input": "tout", "angle": name}, **KIND)
+            read_log(simulink, {"time": "tout", "input": "tout", "angle": name}, **KIND)
 
 
 @pytest.mark.parametrize("columns", [None, {"time": 0, "input": "D.1", "angle": 2}])
 @pytest.mark.parametrize("level", ["4", "5"])
 def test_a_matrix_that_lies_on_its_side_is_turned(tmp_path, columns, level):
     savemat(tmp_path / "a.mat", {"D": MATRIX.T}, format=level)
-    log = read_mat(tmp_path / "a.mat", columns, **KIND)
+    log = read_log(tmp_path / "a.mat", columns, **KIND)
     np.testing.assert_array_equal(log.angle, MATRIX[:, 2])
 
 
@@ -347,7 +347,7 @@ def test_floats_of_vax_and_cray_and_types_that_are_none_are_refused(tmp_path, ki
     path.write_bytes(struct.pack("<I", kind) + path.read_bytes()[4:])
     said = "not IEEE" if kind > 1000 else f"type {kind}"
     with pytest.raises(InputError, match=f"unreadable .*{said}"):
-        read_mat(path, **KIND)
+        read_log(path, **KIND)
 
 
 def test_level_4_cut_anywhere_or_without_the_matrix_is_one_line(tmp_path):
@@ -357,10 +357,10 @@ def test_level_4_cut_anywhere_or_without_the_matrix_is_one_line(tmp_path):
     for end in range(len(whole)):
         path.write_bytes(whole[:end])
         with pytest.raises(InputError):
-            read_mat(path, **KIND)
+            read_log(path, **KIND)
     savemat(path, {"t": RAMP}, format="4")
     with pytest.raises(InputError, match=r"D: got no such variable \(there are: t\)"):
-        read_mat(path, **KIND)
+        read_log(path, **KIND)
 
 
 def _elsewhere(folder):
@@ -401,4 +401,4 @@ def test_numbers_that_a_file_does_not_hold_itself_are_refused(tmp_path, name, wi
         write(file.create_group("data") if within else file)
     columns = {"time": "t", "input": "t", "angle": "data.q" if within else "q"}
     with pytest.raises(InputError, match=r"q: got .*; expected all numbers written in this file"):
-        read_mat(path, columns, **KIND)
+        read_log(path, columns, **KIND)

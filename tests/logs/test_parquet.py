@@ -5,8 +5,8 @@ import pytest
 from pyarrow import parquet
 
 from butterfly.errors import InputError
+from butterfly.logs.formats import read_log
 from butterfly.logs.log import InputKind
-from butterfly.logs.parquet import read_parquet
 
 KIND = {"input_kind": InputKind.TORQUE}
 RAMP = np.arange(20.0)
@@ -27,31 +27,31 @@ def _write(path, **columns):
 )
 def test_a_wrong_content_is_named(tmp_path, columns, message):
     with pytest.raises(InputError, match=message):
-        read_parquet(_write(tmp_path / "a.parquet", **columns), **KIND)
+        read_log(_write(tmp_path / "a.parquet", **columns), **KIND)
 
 
 @pytest.mark.parametrize("content", [b"", b"PAR1 and so on PAR1", b"time,input,angle\n"])
 def test_what_is_no_parquet_is_one_typed_error(tmp_path, content):
     (tmp_path / "a.parquet").write_bytes(content)
     with pytest.raises(InputError, match="a whole Parquet file"):
-        read_parquet(tmp_path / "a.parquet", **KIND)
+        read_log(tmp_path / "a.parquet", **KIND)
 
 
 def test_a_file_that_tells_of_more_rows_than_it_can_hold_is_refused(tmp_path, monkeypatch):
     columns = {name: np.zeros(5000) for name in ("time", "input", "angle")}
     path = _write(tmp_path / "constant.parquet", **columns)
-    assert read_parquet(path).time.size == 5000
+    assert read_log(path).time.size == 5000
     monkeypatch.setattr("butterfly.files._FREE", 0)
     monkeypatch.setattr("butterfly.files._PACKED", 1)
     with pytest.raises(InputError, match=r"5000 rows in .* kB; expected a whole"):
-        read_parquet(path)
+        read_log(path)
 
 
 def test_columns_of_one_name_are_told_apart_by_number_and_one_of_none_is_passed_over(tmp_path):
     path = tmp_path / "twice.parquet"
     arrays = [pa.array(RAMP + k) for k in range(5)]
     parquet.write_table(pa.Table.from_arrays(arrays, names=["t", "u", "x", "x", ""]), path)
-    log = read_parquet(path, {"time": "t", "input": "u", "angle": 3})
+    log = read_log(path, {"time": "t", "input": "u", "angle": 3})
     assert (log.angle[0], log.velocity) == (3.0, None)
 
 
@@ -61,8 +61,8 @@ def test_pandas_index_is_a_column(tmp_path, name):
     frame = pd.DataFrame({"angle": RAMP, "input": 2 * RAMP}, index=pd.Index(0.5 * RAMP, name=name))
     frame.to_parquet(path)
     own = {"time": "__index_level_0__", "input": "input", "angle": "angle"}
-    log = read_parquet(path, None if name else own, **KIND)
+    log = read_log(path, None if name else own, **KIND)
     np.testing.assert_array_equal(log.time, 0.5 * RAMP)
     np.testing.assert_array_equal(log.angle, RAMP)
     frame.reset_index(names="time").to_parquet(path, index=True)
-    np.testing.assert_array_equal(read_parquet(path, **KIND).time, 0.5 * RAMP)
+    np.testing.assert_array_equal(read_log(path, **KIND).time, 0.5 * RAMP)

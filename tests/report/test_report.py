@@ -33,7 +33,7 @@ from butterfly.report.log_figures import (
 )
 from butterfly.report.page import packable
 from butterfly.report.parameter_table import parameter_texts
-from butterfly.report.residual import residual_figures, residual_sentences, residual_table
+from butterfly.report.residual import residual_sentences, residual_table, torque_figure
 from butterfly.report.summary import summary
 
 
@@ -396,6 +396,5 @@ def test_times_of_a_residual_are_true_wherever_the_clock_starts(simulated):
     setting = result.data.simulations.setting(0, result.estimate)
     torque = ResidualTorque.of(result.data.logs[0], setting.parameters, setting.zero)
     late = dataclasses.replace(torque, time=torque.time + 1.7e9)
-    figures = residual_figures(late, result.residuals.logs[0], result.data.joint)
-    drawn = np.asarray(figures["torque"].data[0].x)
+    drawn = np.asarray(torque_figure(late, result.data.joint).data[0].x)
     assert np.all(np.isin(drawn, late.time))
