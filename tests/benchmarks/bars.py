@@ -36,8 +36,8 @@ class Bar(NamedTuple):
 
     def note(self, found):
         """Return the page's last column."""
-        kind = "accuracy" if self.accuracy else "time"
-        return kind if self.met(found, self.asked) else f"**missed**, {kind}"
+        notes = ("**missed**" * (not self.met(found, self.asked)), "accuracy" * self.accuracy)
+        return ", ".join(filter(None, notes))
 
     def __str__(self):
         return "–" if self.asked is None else f"{self.sense} {self.asked:g}"

@@ -32,9 +32,6 @@ _TEXT = """# Performance
 
 ## Ratios
 
-A bar that is missed has a ceiling, above which the bench fails: today's ratio and a quarter
-(`tests/benchmarks/bars.py`).
-
 {ratios}
 
 {machine}
