@@ -43,8 +43,8 @@ WEIGHTS: dict[str, Weight] = {
 }
 """Weights of the equations Y (p1 + Z) = p3 + X of (84), given p1 and (n,) Z.
 
-Linear regression has none, although errors of Y in its regressor shrink p1; over p1 + Z they are
-those of (82). Distances (ODRPACK) take errors of Y and Z Y as independent, without the abscissae.
+Linear regression has none, so errors of Y in its regressor shrink p1; over p1 + Z they are those of
+(82). Distances (ODRPACK) take errors of Y and Z Y as independent, true abscissae eliminated.
 """
 
 _WINDOW = 30.0
