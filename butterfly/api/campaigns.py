@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from os import PathLike
 from pathlib import Path
@@ -18,13 +18,14 @@ from butterfly.api.sources import Named
 from butterfly.campaigns.bench import Limits
 from butterfly.campaigns.campaign import OF_GOAL, Ended, Wish, conduct
 from butterfly.campaigns.folder import Folder
-from butterfly.campaigns.simulated import SimulatedRobot
 from butterfly.errors import InputError
 from butterfly.experiment.source import read_experiment
 from butterfly.files import locate
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 from butterfly.model.prior import Prior, plain
+from butterfly.outputs import call
 from butterfly.plant.motor import Motor
+from butterfly.plant.rig import SimulatedMotor
 from butterfly.report.finding_texts import estimate_verdict
 from butterfly.report.format import field_name
 from butterfly.result import Answer, cell_text
@@ -34,12 +35,18 @@ if TYPE_CHECKING:
 
     from butterfly.report.page import Fact
 
+PAGE = "report.html"
+"""File of its report, its numbers beside it."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Campaign(Answer):
     """What a campaign came to."""
 
     kind: ClassVar[str] = "campaign"
+
+    page_path: Path | None = None
+    """The written report; None for a result that was loaded."""
 
     identification: Identification | None = None
     """Of all its logs; None if they determine nothing, or for a result that was loaded."""
@@ -141,13 +148,13 @@ def campaign(
 
     Finds which way the drive turns, plays a safe probe, and after each run identifies the joint and
     chooses the next run: the one from which the goal is reached for the least robot time. Every run
-    is a log of a manifest in the folder. Called again it goes on where it stopped.
+    is a log of a manifest in the folder, beside a report. Called again it goes on where it stopped.
 
     Parameters
     ----------
     robot
-        An experiment, whose robot is simulated; or MODULE:FACTORY, which returns a `Motor`; in
-        Python the `Motor` itself.
+        An experiment, whose robot is simulated; or MODULE:FACTORY, a function that returns a motor.
+        In Python a `Motor`.
     out
         Folder for the logs and their manifest.
     goal
@@ -162,7 +169,7 @@ def campaign(
     angle
         Largest angle from rest in rad.
     speed
-        Largest speed in rad/s. Default: any.
+        Largest speed, in rad/s. Default: any.
     current
         Largest current in A, where one is read. Default: any.
     seconds
@@ -199,7 +206,10 @@ def campaign(
         **own | {name: value for name, value in given.items() if value is not None},
     )
     folder = Path(out)
-    return Campaign.of(conduct(robot, wish, Folder(folder), change), wish, folder)
+    with call(folder=folder):
+        found = Campaign.of(conduct(robot, wish, Folder(folder), change), wish, folder)
+        found.report(folder / PAGE)
+    return replace(found, page_path=folder / PAGE)
 
 
 def _named(
@@ -215,12 +225,21 @@ def _named(
             raise InputError("campaign", "robot", name, f"MODULE:FACTORY ({error})") from None
     experiment = read_experiment(locate(Path(name)))
     rig, masses = experiment.plant.rig, tuple(experiment.added_masses)
-    robot = SimulatedRobot(rig, masses[0], np.random.default_rng(experiment.seed))
+    if rig.servo is not None:
+        expected = "a plant without a loop: a campaign commands the drive directly"
+        raise InputError(name, "plant.loop", rig.servo.law, expected)
+    motor = SimulatedMotor(
+        rig.joint(masses[0]),
+        path=rig.path,
+        encoder=rig.encoder,
+        clock=rig.clock,
+        rng=np.random.default_rng(experiment.seed),
+    )
     sizes = [sine.amplitude for sine in experiment.excitations]
     limit = rig.path.limit if np.isfinite(rig.path.limit) else max(sizes, default=None)
     known = {name: plain(value) for name, value in Prior.of(experiment.known).parameters.items()}
     own = {"masses": masses, "known": known, "step": rig.clock.step}
-    return robot, own, robot.carry, limit
+    return motor, own, lambda mass: motor.mount(rig.joint(mass)), limit
 
 
 def _share(goal: float | str) -> float:

@@ -51,7 +51,7 @@ class Limits:
         require_number("Limits", positive=True, seconds=self.seconds)
 
 
-class Run(NamedTuple):
+class Recording(NamedTuple):
     """What a run recorded: (n,) times in s from its beginning, commands as set, angles as read."""
 
     time: Samples
@@ -107,7 +107,7 @@ class Bench:
         finally:
             self._motor.stop()
 
-    def run(self, law: Law, duration: float, reach: float | None = None) -> Run:
+    def run(self, law: Law, duration: float, reach: float | None = None) -> Recording:
         """Run a law for ``duration`` s or until it ends, within ``reach`` rad, or the limit."""
         motor, samples, cut = self._motor, [], ""
         speed, reach = FilteredDifference(_LAG), reach or self.limits.angle
@@ -133,9 +133,9 @@ class Bench:
         if self.used > self.limits.seconds:
             raise TimeUsed(f"the robot time of {self.limits.seconds:g} s is used up")
         times, inputs, angles = np.array(samples or [(0.0, 0.0, angle)]).T
-        return Run(times, inputs, angles, cut, motor.input_kind)
+        return Recording(times, inputs, angles, cut, motor.input_kind)
 
-    def require_motion(self, run: Run) -> None:
+    def require_motion(self, run: Recording) -> None:
         """Raise `SafetyStop` if a run that was driven did not move the joint."""
         if np.any(run.input != 0) and float(np.ptp(run.angle)) <= 2 * self._motion(self.noise):
             raise SafetyStop(

@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from butterfly.campaigns.bench import Run
+from butterfly.campaigns.bench import Recording
 from butterfly.campaigns.contact import Contact
 from butterfly.errors import InputError
 from butterfly.files import finite, json_text, read_file, write_file
@@ -93,7 +93,7 @@ class Folder:
         self.path.mkdir(parents=True, exist_ok=True)
         self._keep(journal)
 
-    def add(self, run: Run, step: Step) -> None:
+    def add(self, run: Recording, step: Step) -> None:
         """Keep a run: its log first, then the manifest, then the journal."""
         steps = (*self.journal.steps, step)
         log = run.log(added_mass=step.added_mass)

@@ -33,7 +33,7 @@ _WITHOUT = {
     "select": ("terms",),
     "validate": ("others",),
     **dict.fromkeys(("compare", "inspect"), ("hand_mass",)),
-    "campaign": ("change", "known"),
+    "campaign": ("change", "known", "price", "step"),
 }
 """Parameters of verbs, or options of their methods, that are no options of their commands."""
 
@@ -158,13 +158,13 @@ def _campaign(
     ask: Ask,
     *,
     known: Annotated[tuple[str, ...], Parameter(help="Known value: NAME=VALUE. Repeatable.")] = (),
-    page: Report = NO_REPORT,
 ) -> ExitCode:
     pairs = parse_pairs(",".join(known), "--known") if known else None
     found = ask(known=pairs, change=_asked_to_mount)
-    out = ask.keywords["out"]
-    after = f"butterfly identify {shlex.quote(str(out))} --report report.html"
-    return show(found, **vars(page), after=after)
+    out = shlex.quote(str(ask.keywords["out"]))
+    ended = show(found, after=f"butterfly identify {out} --report page.html")
+    say(f"Report: {found.page_path}")
+    return ended
 
 
 def _asked_to_mount(mass: bf.AddedMass) -> None:

@@ -66,6 +66,10 @@ class SimulatedMotor:
         """Kind of the command."""
         return self._joint.input_kind if self._servo is None else InputKind.SETPOINT
 
+    def mount(self, joint: Joint) -> None:
+        """Put another joint, such as one that carries a mass, in place of the present one."""
+        self._joint = joint
+
     def start(self) -> None:
         """Put the joint to rest at time 0."""
         self._joint.reset()

@@ -10,34 +10,37 @@ import butterfly as bf
 from butterfly.campaigns.bench import Bench, Limits, SafetyStop
 from butterfly.campaigns.campaign import OF_GOAL
 from butterfly.campaigns.laws import Relay
-from butterfly.campaigns.simulated import SimulatedRobot
 from butterfly.errors import InputError
-from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
+from butterfly.model.parameters import NO_ADDED_MASS, LumpedParameters
 from butterfly.plant.motor import CommandPath, Reading
-from butterfly.plant.rig import Rig, Simulator
+from butterfly.plant.rig import Rig, SimulatedMotor, Simulator
 from butterfly.plant.robot import Robot
 from butterfly.plant.sensors import Encoder
 
 TRUE = LumpedParameters(p1=0.004, p2=0.002, p3=0.05, p4=0.3, coulomb=0.001)
-HEAVY = AddedMass(mass=0.1, arm=0.1)
 COMMAND = 0.15
 
 
-def robot(simulator=Simulator.GREY_BOX, seed=0, true=TRUE):
-    rig = Rig(
+def rig(simulator=Simulator.GREY_BOX, true=TRUE):
+    return Rig(
         robot=Robot.of_lumped(true),
         simulator=simulator,
         encoder=Encoder(steps=8192, noise=2e-4),
         path=CommandPath(limit=COMMAND, delay=0.004),
     )
-    return SimulatedRobot(rig, NO_ADDED_MASS, np.random.default_rng(seed))
+
+
+def robot(of=None):
+    of = of or rig()
+    return SimulatedMotor(of.joint(NO_ADDED_MASS), path=of.path, encoder=of.encoder)
 
 
 class Faulty:
     """A robot's motor with something wrong from some time on, as ``wrong`` says."""
 
-    def __init__(self, wrong, since=0.0, inner=None):
-        self._inner, self._wrong, self._since = inner or robot(), wrong, since
+    def __init__(self, wrong, since=0.0, of=None):
+        self._rig, self._wrong, self._since = of or rig(), wrong, since
+        self._inner = robot(self._rig)
         self.input_kind = self._inner.input_kind
         self.commands, self.stopped, self._time = [], 0, 0.0
 
@@ -77,7 +80,7 @@ class Faulty:
 
     def carry(self, mass):
         if self._wrong != "not mounted":
-            self._inner.carry(mass)
+            self._inner.mount(self._rig.joint(mass))
 
 
 def run(motor, folder, **options):
@@ -98,7 +101,7 @@ def test_an_unknown_robot_is_known_to_one_per_cent_after_a_minute(tmp_path):
 
 
 def test_the_same_in_mujoco(tmp_path):
-    found = run(Faulty("", inner=robot(Simulator.MUJOCO)), tmp_path / "a")
+    found = run(Faulty("", of=rig(Simulator.MUJOCO)), tmp_path / "a")
     values = found.identification.estimate.named
     assert found.reached
     assert all(values[n] == pytest.approx(getattr(TRUE, n), rel=0.015) for n in OF_GOAL)
@@ -111,8 +114,7 @@ def test_identify_answers_alike_from_the_folder_and_a_saved_campaign_shows_what_
     found.save(tmp_path / "saved.json")
     loaded = bf.load(tmp_path / "saved.json")
     assert (str(loaded), loaded.rows()) == (str(found), found.rows())
-    found.report(tmp_path / "page.html")
-    assert "shrinking" in (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "shrinking" in found.page_path.read_text(encoding="utf-8")
 
 
 def test_a_known_gain_needs_no_change_of_mass(tmp_path):
@@ -174,13 +176,13 @@ def test_what_is_wrong_ends_in_words_with_the_drive_off_and_nothing_lost(tmp_pat
 
 
 def test_a_limit_cuts_a_run_short_and_is_not_exceeded_by_a_tenth():
-    motor = robot(true=replace(TRUE, p2=1e-4, coulomb=0.0))
+    motor = robot(rig(true=replace(TRUE, p2=1e-4, coulomb=0.0)))
     with Bench(motor, Limits(command=COMMAND, angle=0.2), 0.002) as bench:
         bench.settle()
         bench.braked_with(0.02, 0.5)
         cut = bench.run(lambda _: COMMAND, 5.0)
         bench.settle()
-    assert "angle" in cut.cut
+    assert "swing" in cut.cut
     assert np.abs(cut.angle).max() < 0.22
 
 

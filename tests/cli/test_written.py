@@ -17,7 +17,10 @@ OF_FOLDER = dict.fromkeys(("manifest", "identify", "select"), "logs")
 OF_RESULT = dict.fromkeys(("design", "residual", "export", "show"), "result.json")
 OF_SWEEP = dict.fromkeys(("results list", "results table", "results clean"), "results")
 ABOUT = {
-    **OF_FOLDER | OF_RESULT | OF_SWEEP | dict.fromkeys(("run", "simulate"), "plan.yaml"),
+    **OF_FOLDER
+    | OF_RESULT
+    | OF_SWEEP
+    | dict.fromkeys(("run", "simulate", "campaign"), "plan.yaml"),
     "inspect": "logs/run0.csv",
     "fetch": "--from logs",
     "validate": "logs result.json",
@@ -74,7 +77,7 @@ def _contents(folder):
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_option_that_is_a_path_beside_the_inputs_says_what_it_writes(name):
-    known = {"data", "more", "other", "source", "experiment", "folder", "root"}
+    known = {"data", "more", "other", "source", "experiment", "folder", "robot", "root"}
     writing = {way[0] for way in options_of(command_of(name))}
     for each in signature(command_of(name)).parameters.values():
         if "Path" in str(each.annotation) or "Folder" in str(each.annotation):
