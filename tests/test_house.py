@@ -17,9 +17,9 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "butterfly"
 
 CEILINGS = {
-    "files of the package": 215,
-    "lines of the package": 43_249,
-    "lines of tests": 32_675,
+    "files of the package": 227,
+    "lines of the package": 45_519,
+    "lines of tests": 34_209,
     "names of classes that exist twice": 0,
     "modules in import circles": 0,
     "tuned numbers of identification": 61,

@@ -130,7 +130,7 @@ class Campaign(Answer):
 def campaign(
     robot: Named | Motor,
     *,
-    out: Named,
+    out: Named | None = None,
     goal: float | str = "1%",
     masses: Sequence[float] | None = None,
     arm: float = 0.0,
@@ -156,7 +156,7 @@ def campaign(
         An experiment, whose robot is simulated; or MODULE:FACTORY, a function that returns a motor.
         In Python a `Motor`.
     out
-        Folder for the logs and their manifest.
+        Folder for logs, manifest and report. Default: ``campaign``.
     goal
         Half-width of the 95 % intervals of p1..p4 and Coulomb friction, over their values.
     masses
@@ -205,7 +205,7 @@ def campaign(
         price=price,
         **own | {name: value for name, value in given.items() if value is not None},
     )
-    folder = Path(out)
+    folder = Path(out or "campaign")
     with call(folder=folder):
         found = Campaign.of(conduct(robot, wish, Folder(folder), change), wish, folder)
         found.report(folder / PAGE)

@@ -49,8 +49,8 @@ OF_GOAL = tuple(name for name in PARAMETERS if name != "delay")
 """Parameters that the goal concerns."""
 
 _OPEN = 0.5  # share of the goal that ratios have to reach while the scale is open
-_OVER = 1.2  # command of the first relay, over what moves the joint
-_PROBES = 3  # runs in a row that may give no estimate
+_OVER = 2.0  # command of the first relay, over what moves the joint
+_PROBES = 3  # runs in a row that may give no estimate to be used
 _SLIPS = 2.0  # widths of the band in which friction holds a joint, within which it may rest
 
 
@@ -133,7 +133,7 @@ class _Campaign:
                 except TimeUsed as error:
                     ending = str(error)
                 if failed == _PROBES:
-                    ending = "these runs do not determine the parameters"
+                    ending = "the model does not follow these runs"
         found = self._found
         if found is not None and self._folder.journal.steps[-1].held_out is False:
             unseen = validation(found.estimate, self._mounted, self._wish.limits)
@@ -171,7 +171,7 @@ class _Campaign:
             self._mounted = mass
 
     def _played(self, recipe: Recipe, why: str, *, held_out: bool = False) -> bool:
-        """Play a recipe, keep its log, and identify; return whether that gave an estimate."""
+        """Play a recipe, keep its log, and identify; return whether an estimate may be used."""
         before, bench = self._found, self._bench
         self._mount(recipe.added_mass)
         bench.pace = math.inf
@@ -201,7 +201,7 @@ class _Campaign:
             step = replace(step, verdict=estimate.level.verdict, shares=shares)
             self._folder.conclude(step)
             self._require_changed(before)
-        return self._found is not None
+        return self._found is not None and self._found.estimate.level is not Level.WARNING
 
     def _played_with(self, mass: AddedMass) -> bool:
         """Whether a mass was mounted before, so that the model is of it too."""

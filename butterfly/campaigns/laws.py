@@ -21,7 +21,7 @@ _GROWTH = 1.25  # of a command, step by step
 _STEP = 0.1  # s at one command
 _SWITCH = 0.5  # share of the reach at which a relay switches while the swing is small
 _SLEW = 0.05  # s, in which a relay's command reaches its size
-_STUCK, _PATIENCE = 0.1, 1.0  # share of the reach below which, and s after which it is stuck
+_PATIENCE = 2.0  # s for which a relay waits to be switched
 
 
 class Push:
@@ -75,8 +75,7 @@ class Relay:
         self._peak = max(self._peak, abs(swing))
         threshold = _SWITCH * self._reach * max(1 - self._peak / self._reach, -1.0)
         switches = self._side * swing > threshold
-        stuck = self._peak < _STUCK * self._reach and reading.time - self._switched > _PATIENCE
-        if switches or stuck:
+        if switches or reading.time - self._switched > _PATIENCE:
             if self._peak < _SWITCH * self._reach:
                 self.size = min(_GROWTH * self.size, self._most)
             self._switched = reading.time

@@ -73,7 +73,7 @@ class Plan:
 def probe(mass: AddedMass, size: float, limits: Limits, duration: float) -> Recipe:
     """Return a relay of little reach, for a joint that is not known yet."""
     reach = limits.angle * RESERVE * _REACHES[0]
-    return replace(_relay(mass, reach, size, limits, duration), reach=2 * reach)
+    return replace(_relay(mass, reach, size, limits, duration), reach=RESERVE * limits.angle)
 
 
 def _relay(mass: AddedMass, reach: float, size: float, limits: Limits, duration: float) -> Recipe:

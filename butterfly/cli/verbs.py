@@ -161,8 +161,8 @@ def _campaign(
 ) -> ExitCode:
     pairs = parse_pairs(",".join(known), "--known") if known else None
     found = ask(known=pairs, change=_asked_to_mount)
-    out = shlex.quote(str(ask.keywords["out"]))
-    ended = show(found, after=f"butterfly identify {out} --report page.html")
+    folder = shlex.quote(str(found.page_path.parent))
+    ended = show(found, after=f"butterfly identify {folder} --report page.html")
     say(f"Report: {found.page_path}")
     return ended
 

@@ -64,8 +64,10 @@ class Faulty:
     def read(self):
         time, angle, current = self._inner.read()
         self._time = time
-        if time < self._since:
+        at_rest = not any(self.commands[-50:])
+        if time < self._since or (self._since > 0 and self._wrong == "slips" and not at_rest):
             return Reading(time, angle, current)
+        self._since = -math.inf if self._wrong == "slips" else self._since
         return {
             "cable": Reading(time, math.nan, current),
             "frozen": Reading(time, 0.0, current),

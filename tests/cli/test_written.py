@@ -16,6 +16,7 @@ from tests.cli.one_line import assert_one_line_error
 OF_FOLDER = dict.fromkeys(("manifest", "identify", "select"), "logs")
 OF_RESULT = dict.fromkeys(("design", "residual", "export", "show"), "result.json")
 OF_SWEEP = dict.fromkeys(("results list", "results table", "results clean"), "results")
+OF_EXPERIMENT = ("run", "simulate", "campaign")
 ABOUT = {
     **OF_FOLDER
     | OF_RESULT
@@ -61,7 +62,18 @@ def folder(saved, quick_data, tmp_path, monkeypatch):
     for name in ("result.json", "other.json"):
         shutil.copy(saved, tmp_path / name)
     (tmp_path / "results").mkdir()
-    for ending in (".html", ".json", ".csv", ".parquet", ".yaml", ".yml", ".xml", ".urdf", ".h"):
+    for ending in (
+        ".html",
+        ".json",
+        ".csv",
+        ".parquet",
+        ".yaml",
+        ".yml",
+        ".xml",
+        ".urdf",
+        ".h",
+        ".py",
+    ):
         (tmp_path / f"theirs{ending}").write_text("t,u,q\n0,0,0\n")
     for ending in (".gif", ".mp4", ".webp", ".png", ".jpg", ".jpeg"):
         (tmp_path / f"theirs{ending}").write_bytes(b"\x89PNG of somebody")

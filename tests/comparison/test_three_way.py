@@ -102,7 +102,8 @@ def test_a_drive_that_is_late_and_compressed_is_so_in_both_simulators(data, esti
 
 
 def test_gains_over_the_log_say_what_the_parameters_get_wrong(data, estimate):
-    doubled = estimate.with_gain(1.1 * estimate.parameters.p4)
+    gain = np.where(np.array(estimate.names) == "p4", 1.1, 1.0)
+    doubled = replace(estimate, values=gain * estimate.values)
     number = next(k for k, log in enumerate(data.logs) if log.excitation.omega == 8.5)
     assert data.logs[number].added_mass == MASSES[0]
     (way,) = compare_three(data, doubled, [number])
