@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -32,8 +33,8 @@ def played(rows: Sequence[dict[str, Any]]) -> Figure:
     for number, mass in enumerate(masses):
         some = [k for k, row in enumerate(rows) if row["added mass"] == mass]
         ends = [(rows[k]["robot time in s"], rows[k]["length in s"]) for k in some]
-        x = [each for end, length in ends for each in (end - length, end, None)]
-        y = [each for k in some for each in (k, k, None)]
+        x = [each for end, length in ends for each in (end - length, end, math.nan)]
+        y = [each for k in some for each in (k, k, math.nan)]
         line = {"color": look(number)[0], "width": 8}
         figure.add_scatter(x=x, y=y, mode="lines", name=mass, line=line)
     return figure
