@@ -18,8 +18,8 @@ PACKAGE = ROOT / "butterfly"
 
 CEILINGS = {
     "files of the package": 227,
-    "lines of the package": 45_520,
-    "lines of tests": 34_209,
+    "lines of the package": 45_523,
+    "lines of tests": 34_211,
     "names of classes that exist twice": 0,
     "modules in import circles": 0,
     "tuned numbers of identification": 61,

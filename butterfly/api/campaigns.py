@@ -191,12 +191,14 @@ def campaign(
     own: dict[str, Any] = {"masses": (NO_ADDED_MASS,), "known": {}, "step": 0.002}
     if isinstance(robot, str | PathLike):
         robot, own, change, limit = _named(str(robot), own, change)
-        command = command or limit
+        command = limit if command is None else command
     if command is None:
         expected = "the largest command that the joint may get: --command"
         raise InputError("campaign", "command", "missing", expected)
     given: dict[str, Any] = {"known": known, "step": step}
     if masses is not None:
+        if any(masses) and not arm:
+            raise InputError("campaign", "arm", arm, "the masses' distance from the pivot in m")
         given["masses"] = tuple(AddedMass(mass=each, arm=arm if each else 0.0) for each in masses)
     limits = {"command": command, "angle": angle, "speed": speed, "current": current}
     wish = Wish(

@@ -169,7 +169,8 @@ def _campaign(
 
 def _asked_to_mount(mass: bf.AddedMass) -> None:
     """Ask a person to mount a mass."""
-    input(f"The drive is off. Mount {mass}, let the joint hang, then press Enter: ")
+    wanted = f"Mount {mass}" if mass.mass else "Take the added mass off"
+    input(f"The drive is off. {wanted}, let the joint hang, then press Enter: ")
 
 
 def _run(ask: Ask) -> ExitCode:

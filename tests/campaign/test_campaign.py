@@ -194,6 +194,8 @@ def test_a_limit_cuts_a_run_short_and_is_not_exceeded_by_a_tenth():
         ({"goal": "0%"}, "goal"),
         ({"command": None}, "command"),
         ({"masses": (-1.0,)}, "mass"),
+        ({"arm": 0.0}, "arm"),
+        ({"command": 0.0}, "command"),
         ({"known": {"p9": 1.0}}, "p9"),
         ({"angle": 0.0}, "angle"),
     ],
