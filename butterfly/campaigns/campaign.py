@@ -22,6 +22,7 @@ from butterfly.campaigns.contact import ENOUGH, make_contact
 from butterfly.campaigns.folder import Folder, Journal, Step
 from butterfly.campaigns.plan import (
     PROBE,
+    Plan,
     Recipe,
     best_plan,
     candidates,
@@ -145,11 +146,6 @@ class _Campaign:
             reached=not self._open and self._reached,
             ending=ending,
         )
-
-    @property
-    def _left(self) -> float:
-        """Robot time in s that is left."""
-        return self._wish.limits.seconds - self._bench.used
 
     def _begin(self) -> None:
         """Make contact, or take up where the journal ends."""
@@ -289,10 +285,8 @@ class _Campaign:
         found = self._found
         if found is None:
             return {}
-        estimate = found.estimate
-        half = np.maximum(estimate.upper - estimate.values, estimate.values - estimate.lower)
-        shares = half / self._wanted(found)
-        pairs = zip(estimate.names, shares.tolist(), strict=True)
+        shares = found.estimate.farther / self._wanted(found)
+        pairs = zip(found.estimate.names, shares.tolist(), strict=True)
         return {name: share for name, share in pairs if name in OF_GOAL}
 
     @property
@@ -308,30 +302,32 @@ class _Campaign:
         if found is None:
             return probe(self._mounted, self._size, limits, PROBE), "to see how it moves"
         others = [mass for mass in wish.masses if mass != self._mounted]
-        if self._reached and not (self._open and others):
+        changes = self._open and others  # without another mass no scale
+        if self._reached and not changes:
             return None, "the goal is reached"
-        masses = [self._mounted, *([] if self._open else others)]
-        estimate = found.estimate
-        zeros = [offset.value for offset in found.data.offsets]
-        plan = best_plan(
-            estimate,
-            np.sum(
-                [information(estimate, *each) for each in zip(found.data.logs, zeros, strict=True)],
-                axis=0,
-            ),
-            [recipe for mass in masses for recipe in candidates(estimate, mass, limits)],
-            self._wanted(found),
-            limits,
-            mounted=self._mounted,
-            price=wish.price,
-        )
-        hopeless = plan is None or plan.cost > self._left / 2
-        if self._open and others and (self._reached or hopeless):
+        plan = None if self._reached else self._plan(found, [] if self._open else others)
+        hopeless = plan is None or plan.cost > (limits.seconds - self._bench.used) / 2
+        if changes and hopeless:
             heaviest = max(others, key=lambda mass: mass.inertia_and_moment)
-            seconds = max(PROBE, duration_of(estimate.parameters, self._mounted))
+            seconds = max(PROBE, duration_of(found.parameters, self._mounted))
             return probe(heaviest, self._size, limits, seconds), "another mass gives the scale"
         if plan is None:
             return None, "no run stays within the limits"
         worst, share = max(self._shares.items(), key=lambda pair: pair[1])
         runs = f"{plan.runs} such runs" if plan.runs > 1 else "one such run"
         return plan.recipe, f"{worst} is {share:.3g} times the goal; {runs} expected"
+
+    def _plan(self, found: Identified, others: list[AddedMass]) -> Plan | None:
+        """Return the best plan with the mounted mass, or with others."""
+        estimate, limits = found.estimate, self._wish.limits
+        zeros = [offset.value for offset in found.data.offsets]
+        logs = zip(found.data.logs, zeros, strict=True)
+        return best_plan(
+            estimate,
+            np.sum([information(estimate, *each) for each in logs], axis=0),
+            [each for m in [self._mounted, *others] for each in candidates(estimate, m, limits)],
+            self._wanted(found),
+            limits,
+            mounted=self._mounted,
+            price=self._wish.price,
+        )

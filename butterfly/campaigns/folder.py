@@ -24,7 +24,6 @@ from butterfly.logs.manifest import (
 )
 from butterfly.logs.parquet import parquet_bytes
 from butterfly.model.parameters import AddedMass
-from butterfly.model.prior import Known
 
 JOURNAL = "campaign.json"
 """File of the journal."""
@@ -138,14 +137,5 @@ def _manifest(name: str, journal: Journal) -> Manifest:
         holdout=[
             _file(k).removesuffix(".parquet") for k, s in enumerate(journal.steps) if s.held_out
         ],
-        logs=[_entry(_file(k), step.added_mass) for k, step in enumerate(journal.steps)],
-    )
-
-
-def _entry(file: str, added: AddedMass) -> LogEntry:
-    return LogEntry(
-        file=file,
-        added_mass=Known(value=added.mass, uncertainty=added.mass_uncertainty),
-        arm=Known(value=added.arm, uncertainty=added.arm_uncertainty) if added.arm else None,
-        inertia=added.own_inertia or None,
+        logs=[LogEntry.of(_file(k), step.added_mass) for k, step in enumerate(journal.steps)],
     )

@@ -29,7 +29,7 @@ from butterfly.plant.joints import GreyBoxJoint
 from butterfly.plant.motor import CommandPath
 from butterfly.plant.rig import SimulatedMotor
 from butterfly.plant.robot import Robot
-from butterfly.plant.sensors import Encoder
+from butterfly.plant.sensors import FINEST, Encoder
 from butterfly.signals.excitations import Multisine
 
 RESERVE = 0.6
@@ -46,7 +46,6 @@ _REACHES = (0.3, 0.6, 1.0)  # of the allowed swing
 _TONES = (0.6, 0.8, 1.25, 1.6, 2.5)  # of the resonance
 _MOST_RUNS = 50  # alike, in a plan
 _STEP = 0.004  # s, of the model's cycle
-_FINE = 1 << 24  # steps of an encoder whose steps do not matter
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,7 +66,6 @@ class Plan:
     recipe: Recipe
     runs: int
     cost: float  # s of robot time, changes of the mass included
-    expected: Samples  # (n,) half-widths after it
 
 
 def probe(mass: AddedMass, size: float, limits: Limits, duration: float) -> Recipe:
@@ -153,17 +151,13 @@ def played(estimate: Estimate, recipe: Recipe, limits: Limits) -> Log | None:
     plain = replace(parameters, delay=0.0, **vars(IDEAL))
     motor = SimulatedMotor(
         GreyBoxJoint(Robot.of_lumped(plain), recipe.added_mass),
-        path=CommandPath(delay=max(parameters.delay, 0.0), **_drive(parameters)),
-        encoder=Encoder(steps=_FINE),
+        path=CommandPath(delay=max(parameters.delay, 0.0), **vars(parameters.drive)),
+        encoder=Encoder(steps=FINEST),
     )
     with Bench(motor, limits, _STEP) as bench:
         bench.pace = pace_of(parameters, recipe.added_mass)
         run = bench.run(recipe.law(0.0), recipe.duration)
     return None if run.cut else run.log(added_mass=recipe.added_mass)
-
-
-def _drive(parameters: LumpedParameters) -> dict[str, float]:
-    return {name: getattr(parameters, name) for name in vars(IDEAL)}
 
 
 def information(estimate: Estimate, log: Log, zero: float = 0.0) -> Samples:
@@ -206,7 +200,7 @@ def best_plan(
                 break
         short = float(np.max(expected / wanted))
         cost = (fixed + count * (recipe.duration + _OVERHEAD)) * max(short, 1.0) ** 2
-        plans.append(Plan(recipe=recipe, runs=count, cost=cost, expected=expected))
+        plans.append(Plan(recipe=recipe, runs=count, cost=cost))
     return min(plans, key=lambda plan: plan.cost, default=None)
 
 

@@ -16,7 +16,7 @@ from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.logs.manifest import MANIFEST_NAME, LogEntry, Manifest, manifest_text, write_manifest
 from butterfly.logs.mat import write_mat
 from butterfly.logs.parquet import parquet_bytes
-from butterfly.model.prior import Known, Prior
+from butterfly.model.prior import Prior
 from butterfly.outputs import require_free
 from butterfly.plant.rig import Simulator
 from butterfly.plant.robot import Shape
@@ -72,7 +72,7 @@ def write_logs(experiment: Experiment, logs: Iterable[Log], folder: Path) -> Pat
         require_free(folder / file_of(log))
     entries = []
     for log in logs:
-        entries.append(_entry(log, file_of(log)))
+        entries.append(LogEntry.of(file_of(log), log.added_mass, log.excitation))
         path = folder / entries[-1].file
         if log.servo is None:
             write_mat(log, path)
@@ -85,7 +85,7 @@ def write_logs(experiment: Experiment, logs: Iterable[Log], folder: Path) -> Pat
 
 def packed(experiment: Experiment, logs: Sequence[Log]) -> dict[str, bytes]:
     """Return the contents of the files of a data set, by name: logs as Parquet, and a manifest."""
-    entries = [_entry(log, f"{log.name}.parquet") for log in logs]
+    entries = [LogEntry.of(f"{log.name}.parquet", log.added_mass, log.excitation) for log in logs]
     files = {entry.file: parquet_bytes(log) for entry, log in zip(entries, logs, strict=True)}
     return files | {MANIFEST_NAME: manifest_text(_manifest(experiment, entries)).encode()}
 
@@ -93,18 +93,6 @@ def packed(experiment: Experiment, logs: Sequence[Log]) -> dict[str, bytes]:
 def file_of(log: Log) -> str:
     """Return the name of the file that `write_logs` writes a log to; a servo's has more columns."""
     return f"{log.name}.{'mat' if log.servo is None else 'parquet'}"
-
-
-def _entry(log: Log, file: str) -> LogEntry:
-    sine, added = log.excitation, log.added_mass
-    return LogEntry(
-        file=file,
-        added_mass=Known(value=added.mass, uncertainty=added.mass_uncertainty),
-        arm=Known(value=added.arm, uncertainty=added.arm_uncertainty) if added.arm else None,
-        inertia=added.own_inertia or None,
-        omega=sine.omega if sine else None,
-        amplitude=sine.amplitude if sine else None,
-    )
 
 
 def _manifest(experiment: Experiment, entries: list[LogEntry]) -> Manifest:

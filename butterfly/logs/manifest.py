@@ -118,6 +118,18 @@ class LogEntry(StrictModel):
     split: Recordings | None = None
     """``restarts``: each of these recordings is a log."""
 
+    @classmethod
+    def of(cls, file: str, added: AddedMass, sine: Sine | None = None) -> LogEntry:
+        """Return the entry of a log with an added mass, driven by a sine if given."""
+        return cls(
+            file=file,
+            added_mass=Known(value=added.mass, uncertainty=added.mass_uncertainty),
+            arm=Known(value=added.arm, uncertainty=added.arm_uncertainty) if added.arm else None,
+            inertia=added.own_inertia or None,
+            omega=sine.omega if sine else None,
+            amplitude=sine.amplitude if sine else None,
+        )
+
     @field_validator("file")
     @classmethod
     def _below_the_root(cls, value: str) -> str:
