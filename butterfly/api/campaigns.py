@@ -226,7 +226,8 @@ def _named(
         except (ImportError, AttributeError) as error:
             raise InputError("campaign", "robot", name, f"MODULE:FACTORY ({error})") from None
     experiment = read_experiment(locate(Path(name)))
-    rig, masses = experiment.plant.rig, tuple(experiment.added_masses)
+    rig = replace(experiment.plant.rig, fine=True)  # whose own error is none of the robot
+    masses = tuple(experiment.added_masses)
     if rig.servo is not None:
         expected = "a plant without a loop: a campaign commands the drive directly"
         raise InputError(name, "plant.loop", rig.servo.law, expected)

@@ -22,7 +22,7 @@ from butterfly.plant.robot import Assistance, Robot
 LONGEST_STEP = 1e-3
 """Longest step in s: RK4's error is then 1.5e-11 rad over 70 s of small swings."""
 
-_FINER, _SOFTER = 2, 10  # steps for one of a fine joint, and how much sooner friction grips it
+_FINER = 10  # steps for one of a fine joint
 _WHOLE = 0  # mj_forwardSkip: no stage of the dynamics is skipped,
 _NO_SENSORS = 1  # but sensors are
 
@@ -125,8 +125,7 @@ class MujocoJoint(Joint):
     """The robot in MuJoCo; with a ``scene`` its ``model`` and ``data`` can be viewed.
 
     MuJoCo's dry friction reverses before the joint does, by half its time constant, which is raised
-    to two steps. A ``fine`` joint takes half the step, and a tenth of the model's time constant as
-    it is: better where it slides, but it chatters where it sticks.
+    to two steps: with a ``fine`` joint, of a tenth of the step, by a tenth.
     """
 
     def __init__(
@@ -141,9 +140,6 @@ class MujocoJoint(Joint):
         super().__init__(robot, added, **start)
         self.model = compile_model(robot, added, scene=scene)
         self._finer = _FINER if fine else 1
-        if fine:
-            self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_REFSAFE
-            self.model.dof_solref[:, 0] /= _SOFTER
         self.data = data = mujoco.MjData(self.model)
         self._options, self._length = self.model.opt, 0.0
         self._hinge = hinge_of(self.model)

@@ -160,7 +160,7 @@ class Rig:
     run_in: float = 0.0
     """Time in s for which each sine drives the joint before its log begins; not that of a servo."""
     fine: bool = False
-    """Whether MuJoCo solves it more finely (see `MujocoJoint`), at over twice the cost."""
+    """Whether MuJoCo takes a tenth of the step (see `MujocoJoint`)."""
 
     @property
     def runs_in_mujoco(self) -> bool:
