@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from butterfly.arrays import Samples
 from butterfly.campaigns.laws import LAG, STILL, Brake, Law
@@ -18,6 +19,8 @@ from butterfly.plant.sensors import FilteredDifference
 
 _LATE = 0.1  # s between two readings, beyond which the drive was not under control
 _LONGEST_STOP = 60.0  # s in which a joint has to come to rest
+_RETURN = 5.0  # s in which it has to be near home, or is taken as it is
+_NEAR = 0.1  # share of the largest angle that is near
 _NOISES = 5.0  # standard deviations of the encoder's noise that are no motion
 _FINEST = 5e-4  # rad, below which nothing counts as motion
 _LAG = 0.01  # s, of the speed that is guarded
@@ -81,7 +84,9 @@ class Bench:
         """Robot time in s so far is `used`; the joint's resonance in rad/s, if known, the pace."""
         self.noise, self.rest = 0.0, 0.0
         """Of the encoder at rest, in rad: standard deviation, and reading."""
-        self._brake: Law | None = None
+        self.home: float | None = None
+        """Where the joint rested first, as it is loaded now: swings count from there."""
+        self._brake: tuple[float, float, float] | None = None
 
     @property
     def input_kind(self) -> InputKind:
@@ -89,7 +94,8 @@ class Bench:
         return self._motor.input_kind
 
     def changed(self, change: Callable[[], None]) -> None:
-        """Switch the drive off, let something be changed, and switch it on again."""
+        """Switch the drive off, let the load be changed, and switch it on again."""
+        self.home = None
         self._motor.command(0.0)
         self._motor.stop()
         change()
@@ -108,10 +114,15 @@ class Bench:
             self._motor.stop()
 
     def run(self, law: Law, duration: float, reach: float | None = None) -> Recording:
-        """Run a law for ``duration`` s or until it ends, within ``reach`` rad, or the limit."""
+        """Run a law within ``reach`` rad, or the limit, until it ends.
+
+        That is after ``duration`` s, or when the joint rests after the last command.
+        """
         motor, samples, cut = self._motor, [], ""
         speed, reach = FilteredDifference(_LAG), reach or self.limits.angle
+        home = self.rest if self.home is None else self.home
         begun = last = motor.read().time
+        free, window = math.inf, self._window
         while True:
             time, angle, current = motor.read()
             if not (math.isfinite(angle) and last <= time <= last + _LATE):
@@ -119,7 +130,7 @@ class Bench:
                 raise SafetyStop(_said_of_reading(time - last, angle))
             since, last = time - begun, time
             rate = speed.update(time, angle, 0.0)
-            swing = math.hypot(angle - self.rest, rate / self.pace)  # that it is about to reach
+            swing = math.hypot(angle - home, rate / self.pace)  # that it is about to reach
             cut = self._exceeded(swing, reach, rate, current)
             command = None if cut or since > duration else law(Reading(since, angle, current))
             if command is None:
@@ -127,6 +138,12 @@ class Bench:
             most = self.limits.command
             sent = motor.command(self.polarity * max(-most, min(most, command)))
             samples.append((since, sent, angle))
+            if sent:
+                free = since
+            elif since - free > window:
+                if self._is_still([x for t, _, x in samples if t > since - window]):
+                    break
+                free = since
             motor.wait(self.step)
         motor.command(0.0)
         self.used += since
@@ -143,24 +160,48 @@ class Bench:
                 "encoder's cable"
             )
 
-    def braked_with(self, size: float, speed: float) -> None:
-        """Brake from now on with a command of a size, full from a speed in rad/s on."""
-        self._brake = Brake(size, max(speed, _NOISES * self.noise / LAG))
+    @property
+    def near(self) -> float:
+        """Angle in rad about home in which runs begin."""
+        return _NEAR * self.limits.angle
+
+    def braked_with(self, size: float, speed: float, width: float = math.inf) -> None:
+        """Brake from now on with a command of a size, full from a speed in rad/s on.
+
+        Full too from ``width`` rad away from home on, back to there.
+        """
+        self._brake = size, max(speed, _NOISES * self.noise / LAG), width
 
     def settle(self) -> None:
-        """Brake and wait until the joint rests; measure where, and the encoder's noise."""
-        begun = self.used
-        while self.used - begun < _LONGEST_STOP:
+        """Bring the joint home and wait until it rests; measure where, and the encoder's noise."""
+        begun, length = self.used, self._window
+        while (passed := self.used - begun) < _LONGEST_STOP:
             if self._brake is not None:
-                self.run(self._brake, STILL, math.inf)
-            angle = self.run(lambda _: 0.0, max(STILL, 1 / self.pace), math.inf).angle
-            noise = float(np.std(np.diff(angle))) / math.sqrt(2)
-            if np.ptp([part.mean() for part in np.array_split(angle, 4)]) <= self._motion(noise):
-                self.noise, self.rest = max(noise, self.noise), float(angle.mean())
+                self.run(
+                    Brake(self.rest if self.home is None else self.home, *self._brake),
+                    length,
+                    math.inf,
+                )
+            angle = self.run(lambda _: 0.0, length, math.inf).angle
+            rest = float(angle.mean())
+            away = 0.0 if self.home is None else abs(rest - self.home)
+            if self._is_still(angle) and (away < self.near or passed > _RETURN):
+                self.noise, self.rest = max(_noise(angle), self.noise), rest
+                self.home = rest if self.home is None else self.home
                 return
         raise SafetyStop(
             f"the joint has not come to rest in {_LONGEST_STOP:g} s: check that nothing drives it"
         )
+
+    @property
+    def _window(self) -> float:
+        """Time in s in which a joint that swings moves for certain."""
+        return max(STILL, 1 / self.pace)
+
+    def _is_still(self, angle: ArrayLike) -> bool:
+        """Whether (n,) angles show no motion."""
+        parts = [part.mean() for part in np.array_split(angle, 4)]
+        return float(np.ptp(parts)) <= self._motion(_noise(angle))
 
     def _motion(self, noise: float) -> float:
         """Return the angle in rad that counts as motion."""
@@ -177,6 +218,11 @@ class Bench:
             if abs(value) > most:
                 return f"{what} {value:.3g} {unit} beyond {most:g} {unit}"
         return ""
+
+
+def _noise(angle: ArrayLike) -> float:
+    """Return the standard deviation of the noise of (n,) angles."""
+    return float(np.std(np.diff(angle))) / math.sqrt(2)
 
 
 def _said_of_reading(passed: float, angle: float) -> str:

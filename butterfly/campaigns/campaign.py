@@ -20,6 +20,7 @@ from butterfly.arrays import Samples
 from butterfly.campaigns.bench import Bench, Limits, SafetyStop, TimeUsed
 from butterfly.campaigns.contact import ENOUGH, make_contact
 from butterfly.campaigns.folder import Folder, Journal, Step
+from butterfly.campaigns.laws import LAG
 from butterfly.campaigns.plan import (
     PROBE,
     Plan,
@@ -173,14 +174,16 @@ class _Campaign:
         bench.pace = math.inf
         if before is not None and self._played_with(recipe.added_mass):
             bench.pace = pace_of(before.parameters, recipe.added_mass)
+            bench.braked_with(self._size, *self._damping(before, recipe.added_mass))
         bench.settle()
         self._require_no_slip()
-        law = recipe.law(bench.rest)
+        law = recipe.law(bench.rest if bench.home is None else bench.home)
         run = bench.run(law, recipe.duration, recipe.reach)
         bench.require_motion(run)
         size = getattr(law, "size", 0.0)
         self._size = size / 2 if run.cut and size else max(self._size, size)
-        bench.braked_with(self._size, float(np.std(np.gradient(run.angle, run.time))))
+        if before is None:
+            bench.braked_with(self._size, float(np.std(np.gradient(run.angle, run.time))))
         step = Step(
             what=recipe.what,
             why=why,
@@ -198,6 +201,13 @@ class _Campaign:
             self._folder.conclude(step)
             self._require_changed(before)
         return self._found is not None and self._found.estimate.level is not Level.WARNING
+
+    def _damping(self, found: Identified, mass: AddedMass) -> tuple[float, float]:
+        """Return speed in rad/s and angle in rad from which a critically damped brake is full."""
+        loaded, near = found.parameters.with_added_mass(mass), self._bench.near
+        torque = self._size * loaded.p4
+        damping = 2 * math.sqrt(loaded.p1 * max(loaded.p3 + torque / near, 0.0))
+        return torque / (damping + LAG * torque / near), near
 
     def _played_with(self, mass: AddedMass) -> bool:
         """Whether a mass was mounted before, so that the model is of it too."""

@@ -85,16 +85,17 @@ class Relay:
 
 
 class Brake:
-    """A command against the velocity, full from ``speed`` rad/s on."""
+    """A command back to ``home``, full from ``speed`` rad/s and from ``width`` rad on."""
 
-    def __init__(self, size: float, speed: float) -> None:
-        self._size, self._speed = size, speed
+    def __init__(self, home: float, size: float, speed: float, width: float) -> None:
+        self._home, self._size, self._speed, self._width = home, size, speed, width
         self._velocity = FilteredDifference(LAG)
 
     def __call__(self, reading: Reading) -> float:
         """Return the command for one reading."""
         velocity = self._velocity.update(reading.time, reading.angle, 0.0)
-        return -self._size * max(-1.0, min(1.0, velocity / self._speed))
+        away = (reading.angle - self._home) / self._width + velocity / self._speed
+        return -self._size * max(-1.0, min(1.0, away))
 
 
 class Signal:
