@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -34,8 +34,10 @@ from butterfly.campaigns.plan import (
     validation,
 )
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError, require_number
+from butterfly.identification.findings import FindingKind
 from butterfly.identification.identified import Identified
 from butterfly.identification.identify import identify
+from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.identifiability import with_scale
 from butterfly.identification.levels import MATTERS, PRECISE
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
@@ -52,7 +54,8 @@ OF_GOAL = tuple(name for name in PARAMETERS if name != "delay")
 
 _OPEN = 0.5  # share of the goal that ratios have to reach while the scale is open
 _OVER = 2.0  # command of the first relay, over what moves the joint
-_PROBES = 3  # runs in a row that may give no estimate to be used
+_IN_VAIN = 5  # runs in a row that may bring too little
+_TOUCHED = "check that the encoder does not slip, and that nothing touches the joint"
 _SLIPS = 2.0  # widths of the band in which friction holds a joint, within which it may rest
 
 
@@ -105,6 +108,14 @@ def conduct(
         return _Campaign(bench, replace(wish, masses=masses), folder, carry).run()
 
 
+class _Next(NamedTuple):
+    """What to play next and why; without a recipe, why nothing."""
+
+    why: str
+    recipe: Recipe | None = None
+    expected: float | None = None  # largest share after it
+
+
 class _Campaign:
     """The state of a campaign between two runs."""
 
@@ -124,23 +135,21 @@ class _Campaign:
     def run(self) -> Ended:
         """Go on until the goal is reached, or nothing more can be done."""
         self._begin()
-        failed, ending = 0, ""
+        ending = ""
         while not ending:
-            recipe, why = self._next()
-            if recipe is None:
-                ending = why
+            following = self._next()
+            if following.recipe is None:
+                ending = following.why
             else:
                 try:
-                    failed = 0 if self._played(recipe, why) else failed + 1
+                    self._play(following.recipe, following.why, following.expected)
                 except TimeUsed as error:
                     ending = str(error)
-                if failed == _PROBES:
-                    ending = "the model does not follow these runs"
         found = self._found
         if found is not None and self._folder.journal.steps[-1].held_out is False:
             unseen = validation(found.estimate, self._mounted, self._wish.limits)
             with suppress(TimeUsed):
-                self._played(unseen, "to be predicted, not fitted", held_out=True)
+                self._play(unseen, "to be predicted, not fitted", held_out=True)
         return Ended(
             journal=self._folder.journal,
             identified=self._found,
@@ -167,8 +176,10 @@ class _Campaign:
             self._bench.changed(lambda: carry(mass))
             self._mounted = mass
 
-    def _played(self, recipe: Recipe, why: str, *, held_out: bool = False) -> bool:
-        """Play a recipe, keep its log, and identify; return whether an estimate may be used."""
+    def _play(
+        self, recipe: Recipe, why: str, expected: float | None = None, *, held_out: bool = False
+    ) -> None:
+        """Play a recipe, keep its log, and identify."""
         before, bench = self._found, self._bench
         self._mount(recipe.added_mass)
         bench.pace = math.inf
@@ -186,10 +197,12 @@ class _Campaign:
             bench.braked_with(self._size, float(np.std(np.gradient(run.angle, run.time))))
         step = Step(
             what=recipe.what,
+            kind=recipe.kind,
             why=why,
             added_mass=recipe.added_mass,
             seconds=bench.used,
             cut=run.cut,
+            expected=expected,
             held_out=held_out,
         )
         self._folder.add(run, step)
@@ -197,10 +210,9 @@ class _Campaign:
         if self._found is not None:
             estimate = self._found.estimate
             shares = {} if held_out else self._shares
-            step = replace(step, verdict=estimate.level.verdict, shares=shares)
-            self._folder.conclude(step)
+            verdict, misses = estimate.level.verdict, _missed(estimate)
+            self._folder.conclude(replace(step, verdict=verdict, misses=misses, shares=shares))
             self._require_changed(before)
-        return self._found is not None and self._found.estimate.level is not Level.WARNING
 
     def _damping(self, found: Identified, mass: AddedMass) -> tuple[float, float]:
         """Return speed in rad/s and angle in rad from which a critically damped brake is full."""
@@ -230,21 +242,24 @@ class _Campaign:
             )
 
     def _require_changed(self, before: Identified | None) -> None:
-        """Raise `SafetyStop` if the first run with another mass shows the joint as it was."""
+        """Raise `SafetyStop` if the first run after a change of mass shows the joint as it was.
+
+        Of a run alone ratios to the inertia are known. Where the scale is known, and so what they
+        should have become, a change too small to be seen is none.
+        """
         steps = self._folder.journal.steps
-        masses = [step.added_mass for step in steps]
-        if masses[-1] in masses[:-1] or before is None or "p1" in before.estimate.names:
+        old, new = ([*([steps[-1]] * 2), *steps])[-2:]
+        if before is None or old.added_mass == new.added_mass:
             return
-        alone = self._identified(only=len(steps) - 1)
-        if alone is None:
+        alone, was = self._identified(only=len(steps) - 1), _ratios(before, old)
+        told = _ratios(before, new) if "p1" in before.estimate.names else math.inf
+        if alone is None or np.max(np.abs(told / was - 1)) < 2 * MATTERS:
             return
-        old, new = before.estimate.named, alone.estimate.named
-        if any(abs(new[name] / old[name] - 1) > MATTERS for name in ("p3", "p4")):
-            return
-        raise SafetyStop(
-            f"the joint moves as it did before the change: {steps[-1].added_mass} is not mounted, "
-            "or too small beside the joint to tell anything"
-        )
+        if np.max(np.abs(_ratios(alone, new) / was - 1)) <= MATTERS:
+            raise SafetyStop(
+                f"the joint moves as it did with {old.added_mass}: {new.added_mass}, which was "
+                "asked for, is not mounted, or too small beside the joint to tell anything"
+            )
 
     def _identified(self, only: int | None = None) -> Identified | None:
         """Identify from all logs so far, or one; None if they do not determine the parameters.
@@ -306,38 +321,70 @@ class _Campaign:
         good = found is not None and found.estimate.level is Level.GOOD
         return good and max(self._shares.values()) <= 1
 
-    def _next(self) -> tuple[Recipe | None, str]:
-        """Return what to play next and why; or nothing, and why not."""
+    def _next(self) -> _Next:
+        """Return what to play next, or why nothing."""
         wish, limits, found = self._wish, self._wish.limits, self._found
+        vain = self._folder.journal.in_vain
+        given_up = len(vain) >= _IN_VAIN
         if found is None:
-            return probe(self._mounted, self._size, limits, PROBE), "to see how it moves"
+            first = probe(self._mounted, self._size, limits, PROBE)
+            failed = f"the model does not follow {len(vain)} runs; {_TOUCHED}"
+            return _Next(failed) if given_up else _Next("to see how it moves", first)
         others = [mass for mass in wish.masses if mass != self._mounted]
         changes = self._open and others  # without another mass no scale
         if self._reached and not changes:
-            return None, "the goal is reached"
-        plan = None if self._reached else self._plan(found, [] if self._open else others)
-        hopeless = plan is None or plan.cost > (limits.seconds - self._bench.used) / 2
-        if changes and hopeless:
+            return _Next("the goal is reached")
+        plan = None
+        if not (self._reached or given_up):
+            plan = self._plan(found, [] if self._open else others, vain)
+        if changes and (plan is None or plan.cost > (limits.seconds - self._bench.used) / 2):
             heaviest = max(others, key=lambda mass: mass.inertia_and_moment)
             seconds = max(PROBE, duration_of(found.parameters, self._mounted))
-            return probe(heaviest, self._size, limits, seconds), "another mass gives the scale"
-        if plan is None:
-            return None, "no run stays within the limits"
+            mount = probe(heaviest, self._size, limits, seconds)
+            return _Next("another mass gives the scale", mount)
         worst, share = max(self._shares.items(), key=lambda pair: pair[1])
+        stays = f"{worst} is {share:.3g} times the goal"
+        if given_up:
+            return _Next(f"{stays}, and {len(vain)} runs brought too little")
+        if plan is None:
+            return _Next("no run stays within the limits")
         runs = f"{plan.runs} such runs" if plan.runs > 1 else "one such run"
-        return plan.recipe, f"{worst} is {share:.3g} times the goal; {runs} expected"
+        return _Next(f"{stays}; {runs} expected", plan.recipe, plan.expected)
 
-    def _plan(self, found: Identified, others: list[AddedMass]) -> Plan | None:
-        """Return the best plan with the mounted mass, or with others."""
+    def _plan(self, found: Identified, others: list[AddedMass], vain: list[Step]) -> Plan | None:
+        """Return the best plan with the mounted mass, or others, unlike what was in vain."""
         estimate, limits = found.estimate, self._wish.limits
         zeros = [offset.value for offset in found.data.offsets]
         logs = zip(found.data.logs, zeros, strict=True)
+        unlike = {(step.kind, step.added_mass) for step in vain}
+        recipes = [
+            recipe
+            for mass in [self._mounted, *others]
+            for recipe in candidates(estimate, mass, limits)
+            if (recipe.kind, mass) not in unlike
+        ]
         return best_plan(
             estimate,
             np.sum([information(estimate, *each) for each in logs], axis=0),
-            [each for m in [self._mounted, *others] for each in candidates(estimate, m, limits)],
+            recipes,
             self._wanted(found),
             limits,
             mounted=self._mounted,
             price=self._wish.price,
         )
+
+
+def _ratios(found: Identified, step: Step) -> Samples:
+    """Return (2,) gravity moment and gain over the inertia, with the mass of a run."""
+    loaded = found.parameters.with_added_mass(step.added_mass)
+    return np.array([loaded.p3, loaded.p4]) / loaded.p1
+
+
+def _missed(estimate: Estimate) -> str:
+    """Say what the model misses, by the engine's tests; empty if nothing."""
+    found = {each.kind: each for each in estimate.findings}
+    missing, beyond = found.get(FindingKind.MISSING_TERM), found.get(FindingKind.MISFIT)
+    said = [missing.parameters[0]] if missing else []
+    if beyond and beyond.number is not None:
+        said.append(f"error {beyond.number:.2g} times the noise")
+    return ", ".join(said)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -34,13 +35,21 @@ class Step:
     """A run, and what was known after it."""
 
     what: str  # was played, in words
+    kind: str = ""  # of it, such as are compared
     why: str
     added_mass: AddedMass
     seconds: float  # of robot time, up to its end
     cut: str = ""  # the limit that ended it early
     verdict: str = ""  # on the estimate after it; empty if there was none
     shares: dict[str, float] = field(default_factory=dict)  # of half-widths in what is wanted
+    expected: float | None = None  # the largest of them, before the run
+    misses: str = ""  # what the model misses, in words
     held_out: bool = False  # whether it was kept for the validation
+
+    @property
+    def largest(self) -> float:
+        """Largest of the shares; infinite without an estimate."""
+        return max(self.shares.values(), default=math.inf)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,6 +60,25 @@ class Journal:
     contact: Contact
     known: dict[str, Any] = field(default_factory=dict)
     steps: tuple[Step, ...] = ()
+
+    @property
+    def in_vain(self) -> list[Step]:
+        """The last runs in a row that brought less than half of what was expected of them.
+
+        That is of the way, in logarithms, from the smallest of the largest shares so far. The first
+        with which the scale is no longer open is compared to nothing.
+        """
+        vain, least, scaled = list[Step](), math.inf, False
+        for step in (step for step in self.steps if not step.held_out):
+            if scaled != ("p1" in step.shares) and step.shares:
+                least, scaled = math.inf, not scaled
+            promised = least if step.expected is None else min(step.expected, least)
+            if math.isinf(step.largest) or step.largest > math.sqrt(least * promised):
+                vain.append(step)
+            else:
+                vain.clear()
+            least = min(least, step.largest)
+        return vain
 
 
 _JOURNAL = TypeAdapter(Journal)

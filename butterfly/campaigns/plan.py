@@ -53,6 +53,7 @@ class Recipe:
     """A run that can be played: on the robot, and on the model before."""
 
     what: str  # in words
+    kind: str  # of the same, whatever the estimate: how far it reaches, at which tone
     added_mass: AddedMass
     duration: float  # s
     law: Callable[[float], Law]  # for a rest angle in rad
@@ -66,6 +67,7 @@ class Plan:
     recipe: Recipe
     runs: int
     cost: float  # s of robot time, changes of the mass included
+    expected: float  # largest half-width after one run, over what is wanted
 
 
 def probe(mass: AddedMass, size: float, limits: Limits, duration: float) -> Recipe:
@@ -78,15 +80,17 @@ def _relay(mass: AddedMass, reach: float, size: float, limits: Limits, duration:
     driven = _DRIVEN * duration
     return Recipe(
         what=f"relay of {reach:.2g} rad for {driven:.3g} s, then free",
+        kind=f"relay of {reach:.2g} rad",
         added_mass=mass,
         duration=duration,
         law=lambda rest: Relay(rest, reach, size, RESERVE * limits.command, driven),
     )
 
 
-def _sine(mass: AddedMass, omega: float, amplitude: float, duration: float) -> Recipe:
+def _sine(mass: AddedMass, omega: float, amplitude: float, duration: float, kind: str) -> Recipe:
     return Recipe(
         what=f"sine of {omega:.3g} rad/s, amplitude {amplitude:.2g}",
+        kind=kind,
         added_mass=mass,
         duration=duration,
         law=lambda _: Signal(lambda time: amplitude * math.sin(omega * time)),
@@ -103,6 +107,7 @@ def validation(estimate: Estimate, mass: AddedMass, limits: Limits) -> Recipe:
     signal = Multisine(base=base, harmonics=lines, peak=min(peak, RESERVE * limits.command))
     return Recipe(
         what=f"multisine about {resonance:.3g} rad/s, peak {signal.peak:.2g}",
+        kind="multisine",
         added_mass=mass,
         duration=duration_of(estimate.parameters, mass),
         law=lambda _: Signal(lambda time: float(signal.sample(np.array([time]))[0])),
@@ -131,12 +136,14 @@ def candidates(estimate: Estimate, mass: AddedMass, limits: Limits) -> list[Reci
         _relay(mass, reach, 2 * dry + _static(loaded, reach / 4), limits, duration)
         for reach in reaches
     ]
-    for omega in (tone * resonance for tone in _TONES):
+    for tone in _TONES:
+        omega = tone * resonance
         for reach in reaches[1:]:
             force = math.hypot(loaded.p3 - loaded.p1 * omega**2, loaded.p2 * omega) * reach / 2
             amplitude = force / abs(loaded.p4) + 4 / math.pi * dry
             if amplitude <= RESERVE * limits.command:
-                found.append(_sine(mass, omega, amplitude, duration))
+                kind = f"sine at {tone:g} of the resonance, of {reach:.2g} rad"
+                found.append(_sine(mass, omega, amplitude, duration, kind))
     return found
 
 
@@ -194,13 +201,12 @@ def best_plan(
             continue
         more = worth * information(estimate, log)
         fixed = price * (recipe.added_mass != mounted)
-        for count in range(1, _MOST_RUNS + 1):
-            expected = SPREADS * np.sqrt(np.diag(updated(covariance, count * more)))
-            if (expected <= wanted).all():
-                break
-        short = float(np.max(expected / wanted))
-        cost = (fixed + count * (recipe.duration + _OVERHEAD)) * max(short, 1.0) ** 2
-        plans.append(Plan(recipe=recipe, runs=count, cost=cost))
+        left: list[float] = []
+        while len(left) < _MOST_RUNS and (not left or left[-1] > 1):
+            after = np.diag(updated(covariance, (len(left) + 1) * more))
+            left.append(float(np.max(SPREADS * np.sqrt(after) / wanted)))
+        cost = (fixed + len(left) * (recipe.duration + _OVERHEAD)) * max(left[-1], 1.0) ** 2
+        plans.append(Plan(recipe=recipe, runs=len(left), cost=cost, expected=left[0]))
     return min(plans, key=lambda plan: plan.cost, default=None)
 
 
