@@ -66,6 +66,7 @@ class Campaign(Answer):
                 "why": step.why,
                 "ended early": step.cut,
                 "verdict": step.verdict,
+                "the model misses": step.misses,
                 **{name: step.shares.get(name) for name in OF_GOAL},
             }
             for number, (step, begin) in enumerate(zip(steps, begins, strict=False))
@@ -73,7 +74,7 @@ class Campaign(Answer):
         verdict = None if found is None else estimate_verdict(found.estimate)
         return cls(
             title=f"Campaign {folder.name!r}",
-            summary=(*(verdict.lines if verdict else ()), *_sentences(ended, wish)),
+            summary=(*(verdict.lines if verdict else ()), *_sentences(ended, wish, folder)),
             judged=verdict,
             content={
                 "goal": wish.goal,
@@ -263,7 +264,7 @@ def _changes(ended: Ended) -> int:
     return sum(a != b for a, b in itertools.pairwise(masses))
 
 
-def _sentences(ended: Ended, wish: Wish) -> list[str]:
+def _sentences(ended: Ended, wish: Wish, folder: Path) -> list[str]:
     """Say whether the goal is reached, with what, and what is missing."""
     steps, changes = ended.journal.steps, _changes(ended)
     seconds = steps[-1].seconds if steps else 0.0
@@ -279,6 +280,12 @@ def _sentences(ended: Ended, wish: Wish) -> list[str]:
     if far:
         listed = ", ".join(f"{name} {share:.2g} times" for name, share in far.items())
         lines.append(f"Half-widths over what is wanted: {listed}.")
+    misses = next((step.misses for step in reversed(steps) if step.verdict), "")
+    if misses:
+        lines.append(
+            f"The model misses something ({misses}): `butterfly residual {folder}` shows what "
+            f"torque is left; `butterfly identify {folder} --terms NAME` fits a term."
+        )
     for name, fit in (ended.identified.held_out if ended.identified else {}).items():
         lines.append(f"The last run ({name}) was not fitted: predicted with a FIT of {fit:.4g} %.")
     return lines

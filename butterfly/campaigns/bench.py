@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -71,6 +72,15 @@ class Recording(NamedTuple):
         )
 
 
+@contextmanager
+def _answering() -> Iterator[None]:
+    """Raise `SafetyStop` if the drive does not answer."""
+    try:
+        yield
+    except OSError as error:
+        raise SafetyStop(f"the drive no longer answers: {error}") from error
+
+
 class Bench:
     """A motor between two runs and during them; a context that always switches the drive off.
 
@@ -102,21 +112,25 @@ class Bench:
         self._motor.start()
         self._motor.command(0.0)
 
+    @_answering()
     def __enter__(self) -> Bench:
         self._motor.start()
         self._motor.command(0.0)
         return self
 
+    @_answering()
     def __exit__(self, *_: object) -> None:
         try:
             self._motor.command(0.0)
         finally:
             self._motor.stop()
 
+    @_answering()
     def run(self, law: Law, duration: float, reach: float | None = None) -> Recording:
         """Run a law within ``reach`` rad, or the limit, until it ends.
 
-        That is after ``duration`` s, or when the joint rests after the last command.
+        That is after ``duration`` s, or when the joint rests after the last command. An infinite
+        reach is that of a brake, of which no speed is too large.
         """
         motor, samples, cut = self._motor, [], ""
         speed, reach = FilteredDifference(_LAG), reach or self.limits.angle
@@ -177,12 +191,9 @@ class Bench:
         begun, length = self.used, self._window
         while (passed := self.used - begun) < _LONGEST_STOP:
             if self._brake is not None:
-                self.run(
-                    Brake(self.rest if self.home is None else self.home, *self._brake),
-                    length,
-                    math.inf,
-                )
-            angle = self.run(lambda _: 0.0, length, math.inf).angle
+                home = self.rest if self.home is None else self.home
+                self._brought_to_rest(Brake(home, *self._brake), length)
+            angle = self._brought_to_rest(lambda _: 0.0, length)
             rest = float(angle.mean())
             away = 0.0 if self.home is None else abs(rest - self.home)
             if self._is_still(angle) and (away < self.near or passed > _RETURN):
@@ -192,6 +203,13 @@ class Bench:
         raise SafetyStop(
             f"the joint has not come to rest in {_LONGEST_STOP:g} s: check that nothing drives it"
         )
+
+    def _brought_to_rest(self, law: Law, length: float) -> Samples:
+        """Return the (n,) angles of a law that brakes for some s."""
+        run = self.run(law, length, math.inf)
+        if run.cut:
+            raise SafetyStop(f"{run.cut} while the joint is brought to rest: check the drive")
+        return run.angle
 
     @property
     def _window(self) -> float:
@@ -212,7 +230,7 @@ class Bench:
         limits = self.limits
         for what, value, most, unit in (
             ("swing", swing, reach, "rad"),
-            ("speed", speed, limits.speed, "rad/s"),
+            ("speed", speed, limits.speed if reach < math.inf else math.inf, "rad/s"),
             ("current", current, limits.current, "A"),
         ):
             if abs(value) > most:

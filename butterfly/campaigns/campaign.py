@@ -40,6 +40,7 @@ from butterfly.identification.identify import identify
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.identifiability import with_scale
 from butterfly.identification.levels import MATTERS, PRECISE
+from butterfly.identification.plausibility import judge_fit
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 from butterfly.model.prior import Prior
 from butterfly.model.terms import PARAMETERS
@@ -55,7 +56,9 @@ OF_GOAL = tuple(name for name in PARAMETERS if name != "delay")
 _OPEN = 0.5  # share of the goal that ratios have to reach while the scale is open
 _OVER = 2.0  # command of the first relay, over what moves the joint
 _IN_VAIN = 5  # runs in a row that may bring too little
-_TOUCHED = "check that the encoder does not slip, and that nothing touches the joint"
+_REACHED = "the goal is reached"
+_RATIOS = "ratios are known so well, and without another mass, or a known value, nothing more is"
+_TOUCHED = "check that the encoder does not slip, and that no end stop or cable touches the joint"
 _SLIPS = 2.0  # widths of the band in which friction holds a joint, within which it may rest
 
 
@@ -150,10 +153,13 @@ class _Campaign:
             unseen = validation(found.estimate, self._mounted, self._wish.limits)
             with suppress(TimeUsed):
                 self._play(unseen, "to be predicted, not fitted", held_out=True)
+        seen = {} if self._found is None else self._found.held_out
+        if any(judge_fit(np.array([fit])) for fit in seen.values()):
+            ending = f"the last run, which was not fitted, is not predicted; {_TOUCHED}"
         return Ended(
             journal=self._folder.journal,
             identified=self._found,
-            reached=not self._open and self._reached,
+            reached=ending == _REACHED,
             ending=ending,
         )
 
@@ -182,14 +188,15 @@ class _Campaign:
         """Play a recipe, keep its log, and identify."""
         before, bench = self._found, self._bench
         self._mount(recipe.added_mass)
-        bench.pace = math.inf
-        if before is not None and self._played_with(recipe.added_mass):
-            bench.pace = pace_of(before.parameters, recipe.added_mass)
+        bench.pace = self._pace(recipe.added_mass)
+        if before is not None and self._is_known(recipe.added_mass):
             bench.braked_with(self._size, *self._damping(before, recipe.added_mass))
         bench.settle()
         self._require_no_slip()
         law = recipe.law(bench.rest if bench.home is None else bench.home)
         run = bench.run(law, recipe.duration, recipe.reach)
+        if run.cut:
+            bench.settle()
         bench.require_motion(run)
         size = getattr(law, "size", 0.0)
         self._size = size / 2 if run.cut and size else max(self._size, size)
@@ -221,9 +228,23 @@ class _Campaign:
         damping = 2 * math.sqrt(loaded.p1 * max(loaded.p3 + torque / near, 0.0))
         return torque / (damping + LAG * torque / near), near
 
-    def _played_with(self, mass: AddedMass) -> bool:
-        """Whether a mass was mounted before, so that the model is of it too."""
-        return any(step.added_mass == mass for step in self._folder.journal.steps)
+    def _is_known(self, mass: AddedMass) -> bool:
+        """Whether the model is of the joint with this mass, too."""
+        return not self._open or any(e.added_mass == mass for e in self._folder.journal.steps)
+
+    def _pace(self, mass: AddedMass) -> float:
+        """Return the resonance in rad/s with a mass; of a heavier one than known at most.
+
+        It lies between that of the last one and that of what is added, by itself.
+        """
+        if self._found is None:
+            return math.inf
+        last = self._folder.journal.steps[-1].added_mass
+        more = np.subtract(mass.inertia_and_moment, last.inertia_and_moment)
+        alone = math.sqrt(max(more[1] / more[0], 0.0)) if more[0] > 0 else math.inf
+        known = self._is_known(mass)
+        resonance = pace_of(self._found.parameters, mass if known else last)
+        return resonance if known else max(resonance, alone)
 
     def _require_no_slip(self) -> None:
         """Raise `SafetyStop` if the joint rests where gravity and friction do not let it."""
@@ -326,14 +347,15 @@ class _Campaign:
         wish, limits, found = self._wish, self._wish.limits, self._found
         vain = self._folder.journal.in_vain
         given_up = len(vain) >= _IN_VAIN
+        if given_up and (found is None or found.estimate.level is Level.WARNING):
+            return _Next(f"the model does not follow these runs; {_TOUCHED}")
         if found is None:
             first = probe(self._mounted, self._size, limits, PROBE)
-            failed = f"the model does not follow {len(vain)} runs; {_TOUCHED}"
-            return _Next(failed) if given_up else _Next("to see how it moves", first)
+            return _Next("to see how it moves", first)
         others = [mass for mass in wish.masses if mass != self._mounted]
         changes = self._open and others  # without another mass no scale
         if self._reached and not changes:
-            return _Next("the goal is reached")
+            return _Next(_RATIOS if self._open else _REACHED)
         plan = None
         if not (self._reached or given_up):
             plan = self._plan(found, [] if self._open else others, vain)
@@ -344,10 +366,9 @@ class _Campaign:
             return _Next("another mass gives the scale", mount)
         worst, share = max(self._shares.items(), key=lambda pair: pair[1])
         stays = f"{worst} is {share:.3g} times the goal"
-        if given_up:
-            return _Next(f"{stays}, and {len(vain)} runs brought too little")
         if plan is None:
-            return _Next("no run stays within the limits")
+            few = f"{stays}, and {len(vain)} runs brought too little"
+            return _Next(few if given_up else "no run stays within the limits")
         runs = f"{plan.runs} such runs" if plan.runs > 1 else "one such run"
         return _Next(f"{stays}; {runs} expected", plan.recipe, plan.expected)
 

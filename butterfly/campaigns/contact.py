@@ -29,7 +29,11 @@ def make_contact(bench: Bench) -> Contact:
         bench.settle()
         enough = max(ENOUGH, _NOISES * bench.noise)
         push = Push(bench.rest, enough, side * _FIRST * most, most)
-        bench.run(push, _LONGEST)
+        cut = bench.run(push, _LONGEST).cut
+        if cut:
+            raise SafetyStop(
+                f"{cut} before the joint has moved by {enough:.2g} rad: check the drive"
+            )
         if abs(push.moved) < enough:
             raise SafetyStop(
                 f"nothing moves at a command of {push.command:g}, the largest allowed: check "

@@ -42,7 +42,7 @@ class Faulty:
         self._rig, self._wrong, self._since = of or rig(), wrong, since
         self._inner = robot(self._rig)
         self.input_kind = self._inner.input_kind
-        self.commands, self.stopped, self._time = [], 0, 0.0
+        self.commands, self.stopped, self._passed, self._mounts = [], 0, 0.0, 0
 
     def start(self):
         self._inner.start()
@@ -52,36 +52,40 @@ class Faulty:
         self.stopped += 1
 
     def command(self, value):
+        if self._wrong == "unplugged" and self._passed >= self._since:
+            raise OSError("device not configured")
         self.commands.append(value)
-        acts = self._wrong == "no supply" and self._time >= self._since
+        acts = self._wrong == "no supply" and self._passed >= self._since
         sent = {"reversed": -value, "one way": abs(value)}.get(self._wrong, value)
-        return self._inner.command(0.0 if acts else sent) if acts else self._sent(sent, value)
-
-    def _sent(self, sent, value):
-        self._inner.command(sent)
+        self._inner.command(0.0 if acts else sent)
         return max(-COMMAND, min(COMMAND, value))
 
     def read(self):
         time, angle, current = self._inner.read()
-        self._time = time
         at_rest = not any(self.commands[-50:])
-        if time < self._since or (self._since > 0 and self._wrong == "slips" and not at_rest):
+        if self._passed < self._since or (
+            self._since > 0 and self._wrong == "slips" and not at_rest
+        ):
             return Reading(time, angle, current)
+        beyond = self._passed - self._since
         self._since = -math.inf if self._wrong == "slips" else self._since
         return {
             "cable": Reading(time, math.nan, current),
             "frozen": Reading(time, 0.0, current),
-            "late": Reading(time + (time - self._since) * 200, angle, current),
-            "back": Reading(2 * self._since - time, angle, current),
+            "late": Reading(time + beyond * 200, angle, current),
+            "back": Reading(time - 2 * beyond, angle, current),
             "slips": Reading(time, angle + 0.3, current),
             "current": Reading(time, angle, 50.0),
+            "end stop": Reading(time, min(angle, 0.05), current),
         }.get(self._wrong, Reading(time, angle, current))
 
     def wait(self, duration):
+        self._passed += duration
         self._inner.wait(duration)
 
     def carry(self, mass):
-        if self._wrong != "not mounted":
+        self._mounts += 1
+        if self._wrong != "not mounted" and (self._wrong != "mounted once" or self._mounts == 1):
             self._inner.mount(self._rig.joint(mass))
 
 
@@ -128,6 +132,7 @@ def test_a_known_gain_needs_no_change_of_mass(tmp_path):
 def test_without_a_mass_ratios_are_all_that_is_claimed(tmp_path):
     found = run(Faulty(""), tmp_path / "a", masses=(0.0,), change=None)
     assert not found.reached
+    assert "ratios are known" in found.content["ending"]
     assert found.identification.estimate.named["p3"] == pytest.approx(12.5, rel=0.01)
 
 
@@ -153,28 +158,42 @@ def test_a_campaign_that_was_killed_goes_on_and_ends_alike(tmp_path, monkeypatch
     assert len(found.rows()) == len(list((tmp_path / "a").glob("*.parquet")))
 
 
-FAILURES = {
-    "no supply": (0.0, "nothing moves"),
-    "one way": (0.0, "both signs"),
-    "cable": (12.0, "no number"),
-    "frozen": (12.0, "no longer moves|nothing moves"),
-    "late": (12.0, "passed between two readings"),
-    "back": (12.0, "ran back"),
-    "slips": (14.0, "slips"),
-    "not mounted": (0.0, "not mounted"),
-}
+FAILURES = [
+    ("no supply", 0.0, "nothing moves", {}),
+    ("no supply", 12.0, "no longer moves", {}),
+    ("one way", 0.0, "both signs", {}),
+    ("cable", 12.0, "no number", {}),
+    ("frozen", 12.0, "no longer moves|nothing moves", {}),
+    ("late", 12.0, "passed between two readings", {}),
+    ("back", 12.0, "ran back", {}),
+    ("slips", 14.0, "slips", {}),
+    ("slips", 18.0, "slips", {}),
+    ("not mounted", 0.0, "not mounted", {}),
+    ("mounted once", 0.0, "as it did with 100 g at 100 mm", {"goal": 1e-4, "price": 0.0}),
+    ("current", 0.0, "50 A beyond 10 A", {"current": 10.0}),
+    ("current", 12.0, "50 A beyond 10 A", {"current": 10.0}),
+    ("unplugged", 12.0, "no longer answers", {}),
+]
 
 
-@pytest.mark.parametrize("wrong", FAILURES)
-def test_what_is_wrong_ends_in_words_with_the_drive_off_and_nothing_lost(tmp_path, wrong):
-    since, said = FAILURES[wrong]
+@pytest.mark.parametrize(("wrong", "since", "said", "options"), FAILURES)
+def test_what_is_wrong_ends_in_words_with_the_drive_off_and_nothing_lost(
+    tmp_path, wrong, since, said, options
+):
     motor = Faulty(wrong, since)
     with pytest.raises(SafetyStop, match=said):
-        run(motor, tmp_path / "a")
-    assert motor.commands[-1] == 0
+        run(motor, tmp_path / "a", **options)
+    assert motor.commands[-1] == 0 or wrong == "unplugged"
     assert motor.stopped
     kept = len(list((tmp_path / "a").glob("*.parquet"))) if (tmp_path / "a").exists() else 0
     assert kept == (len(bf.read(tmp_path / "a").recorded) if kept else 0)
+
+
+def test_an_end_stop_is_no_robot_that_the_model_follows(tmp_path):
+    found = run(Faulty("end stop"), tmp_path / "a")
+    assert not found.reached
+    assert "no end stop or cable touches" in found.content["ending"]
+    assert "butterfly residual" in str(found)
 
 
 def test_a_limit_cuts_a_run_short_and_is_not_exceeded_by_a_tenth():
