@@ -195,13 +195,14 @@ class _Campaign:
         self._require_no_slip()
         law = recipe.law(bench.rest if bench.home is None else bench.home)
         run = bench.run(law, recipe.duration, recipe.reach)
+        size = getattr(law, "size", 0.0)
+        if before is None:
+            fast = float(np.std(np.gradient(run.angle, run.time)))
+            bench.braked_with(max(self._size, size), fast)
         if run.cut:
             bench.settle()
         bench.require_motion(run)
-        size = getattr(law, "size", 0.0)
         self._size = size / 2 if run.cut and size else max(self._size, size)
-        if before is None:
-            bench.braked_with(self._size, float(np.std(np.gradient(run.angle, run.time))))
         step = Step(
             what=recipe.what,
             kind=recipe.kind,
