@@ -11,7 +11,6 @@ import pytest
 
 import butterfly as bf
 from butterfly.identification.data import DataSet
-from butterfly.identification.design import rank_experiments
 from butterfly.identification.estimators import HarmonicBalance, Linear, OutputError, WeakForm
 from butterfly.identification.estimators.start import starts
 from butterfly.identification.findings import Ending, Finding, FindingKind
@@ -22,7 +21,7 @@ from butterfly.identification.validate import bootstrap, cross_validate, select_
 from butterfly.progress import budget, current_search, in_threads, untracked
 from butterfly.verdict import Level
 from tests.conftest import MASSES
-from tests.identification.simulated import ROBOT, SWINGS, steady
+from tests.identification.simulated import ROBOT, SWINGS, next_runs, steady
 
 STOPPED = "Search stopped after 0 s. Skipped: "
 
@@ -127,8 +126,8 @@ def test_a_band_is_made_of_the_draws_for_which_there_was_time(data):
 def test_candidates_of_further_masses_are_left_out_when_time_is_over(data):
     estimate = HarmonicBalance(terms=())(data)
     with budget(0.0) as search:
-        ranked = rank_experiments(estimate, MASSES, 0.05)
-    assert {each.added_mass for each in ranked} == {MASSES[0]}
+        ranked = next_runs(data, estimate)
+    assert {each.recipe.log.added_mass for each in ranked} == {MASSES[0]}
     assert search.left_out == ["candidates with some of the added masses"]
 
 

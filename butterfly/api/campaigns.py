@@ -15,12 +15,14 @@ import numpy as np
 
 from butterfly.api.identification import Identification
 from butterfly.api.sources import Named
+from butterfly.api.verbs import share_of
 from butterfly.campaigns.bench import Limits
-from butterfly.campaigns.campaign import OF_GOAL, Ended, Wish, conduct
+from butterfly.campaigns.campaign import Ended, Wish, conduct
 from butterfly.campaigns.folder import Folder
 from butterfly.errors import InputError
 from butterfly.experiment.source import read_experiment
 from butterfly.files import locate
+from butterfly.identification.design import OF_GOAL
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 from butterfly.model.prior import Prior, plain
 from butterfly.outputs import call
@@ -203,7 +205,7 @@ def campaign(
         given["masses"] = tuple(AddedMass(mass=each, arm=arm if each else 0.0) for each in masses)
     limits = {"command": command, "angle": angle, "speed": speed, "current": current}
     wish = Wish(
-        goal=_share(goal),
+        goal=share_of(goal),
         limits=Limits(seconds=seconds, **{k: v for k, v in limits.items() if v is not None}),
         price=price,
         **own | {name: value for name, value in given.items() if value is not None},
@@ -244,19 +246,6 @@ def _named(
     known = {name: plain(value) for name, value in Prior.of(experiment.known).parameters.items()}
     own = {"masses": masses, "known": known, "step": rig.clock.step}
     return motor, own, lambda mass: motor.mount(rig.joint(mass)), limit
-
-
-def _share(goal: float | str) -> float:
-    """Return a goal as a share, given as one or in per cent."""
-    try:
-        share = (
-            float(goal[:-1]) / 100 if isinstance(goal, str) and goal[-1:] == "%" else float(goal)
-        )
-    except ValueError:
-        share = float("nan")
-    if not 0 < share < 1:
-        raise InputError("campaign", "goal", goal, "a share between 0 and 1, such as 0.01 or 1%")
-    return share
 
 
 def _changes(ended: Ended) -> int:

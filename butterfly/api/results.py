@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from butterfly.identification.data import DataSet
-from butterfly.identification.design import HELPS, Candidate
+from butterfly.identification.design import Candidate, Plan
 from butterfly.identification.diagnostics.residuals import residual_units, residuals_of
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary
@@ -23,13 +23,13 @@ from butterfly.identification.validate import Bootstrap, CrossValidation, Struct
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import JointKind
 from butterfly.report.finding_texts import estimate_verdict
-from butterfly.report.format import fit_text, label_of, with_error
+from butterfly.report.format import counted, fit_text, label_of, with_error
 from butterfly.report.numbers import RESIDUAL_CAPTION, residual_numbers, residual_row, rests_on
 from butterfly.report.page import Fact, PageTable
 from butterfly.report.summary import (
-    best_experiment_text,
     held_out_sentences,
     medians_of,
+    next_run_text,
     selection_texts,
 )
 from butterfly.result import Answer, cell_text
@@ -201,7 +201,7 @@ def _in_interval(*found: float | None) -> list[str]:
 
 
 class Designed(Tabulated):
-    """Next experiments, the most informative first."""
+    """Next experiments, the cheapest way to a goal first."""
 
     kind: ClassVar[str] = "design"
     plots: ClassVar[Mapping[str, str]] = {"ranking": "ranking"}
@@ -212,27 +212,37 @@ class Designed(Tabulated):
         data: DataSet,
         estimator: Estimator | None,
         found: Estimate,
-        ranked: Sequence[Candidate],
+        ranked: Sequence[Plan[Candidate]],
+        *,
+        goal: float,
+        now: float,
     ) -> Designed:
-        """Tabulate candidates with their standard errors relative to the present ones."""
+        """Tabulate candidates; ``goal``: share asked for, ``now``: the largest half-width's."""
         verdict = estimate_verdict(found)
         rows = [
             {
-                "added mass": str(each.added_mass),
-                "input": each.what,
-                f"swing in {data.joint.way}": each.swing,
-                "mean": each.score,
+                "added mass": str(each.recipe.log.added_mass),
+                "input": each.recipe.what,
+                f"swing in {data.joint.way}": each.recipe.swing,
+                "runs": each.runs,
+                "robot time in s": round(each.seconds),
+                "reached in %": 100 * goal * each.expected[1],
                 **dict(zip(found.names, map(float, each.errors), strict=True)),
-                "warning": each.warning,
+                "warning": each.recipe.warning,
             }
             for each in ranked
         ]
         return cls(
-            title=f"Next experiments for {data.name!r}: new standard errors over the present ones",
-            summary=(*verdict.lines, best_experiment_text(ranked[0])),
+            title=f"Next runs for {data.name!r}: standard errors after one over the present ones",
+            summary=(*verdict.lines, next_run_text(ranked[0], found.names, goal, now)),
             judged=verdict,
-            content={**rests_on(data, found, estimator), "rows": rows},
-            units={"rows.mean": "1"} | {f"rows.{name}": "1" for name in found.names},
+            content={
+                **rests_on(data, found, estimator),
+                "goal": goal,
+                "half_width": now,
+                "rows": rows,
+            },
+            units={f"rows.{name}": "1" for name in found.names},
         )
 
     def shown_rows(self) -> list[dict[str, str]]:
@@ -243,26 +253,15 @@ class Designed(Tabulated):
             for rank, row in enumerate(self.rows(), start=1)
         ]
 
-    def tables(self) -> list[PageTable]:
-        """Return the candidates; in detail if none helps."""
-        return [each._replace(detail=not self._helps) for each in super().tables()]
-
-    @property
-    def _helps(self) -> bool:
-        """Whether the first candidate shrinks the standard errors by what matters."""
-        return bool(or_nan(self.rows()[0]["mean"]) <= HELPS)
-
     def facts(self) -> list[Fact]:
         """Return the numbers that matter most: of the first candidate."""
         best, *_ = rows = self.rows()
-        (swing,) = (name for name in best if name.startswith("swing in "))
-        mean = cell_text(100 * or_nan(best["mean"]))
+        now, goal = (cell_text(100 * or_nan(self.content[k])) for k in ("half_width", "goal"))
+        reached = cell_text(best["reached in %"])
         return [
-            Fact("best next experiment", best["input"], best["added mass"])
-            if self._helps
-            else Fact("best next experiment", "none helps", "standard errors stay as they are"),
-            Fact("standard errors after it", f"{mean} %", "of those now, mean"),
-            Fact("swing", f"{cell_text(best[swing])} {swing.removeprefix('swing in ')}"),
+            Fact("next run", best["input"], best["added mass"]),
+            Fact("robot time", f"{best['robot time in s']} s", counted(best["runs"], "run")),
+            Fact("largest half-width after", f"{reached} %", f"now {now} %, goal {goal} %"),
             Fact("candidates", str(len(rows))),
         ]
 

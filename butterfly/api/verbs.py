@@ -7,6 +7,8 @@ from numbers import Real
 from operator import index
 from typing import Any
 
+import numpy as np
+
 from butterfly.api.compared import Compared, Leaderboard
 from butterfly.api.identification import Identification
 from butterfly.api.results import Designed, Residual, Selection, Validated
@@ -15,7 +17,7 @@ from butterfly.api.sources import Data, names_result, read
 from butterfly.errors import InputError
 from butterfly.experiment.methods import DEFAULT_METHOD, make_estimator
 from butterfly.identification.data import DataSet
-from butterfly.identification.design import next_experiments
+from butterfly.identification.design import next_experiments, wanted
 from butterfly.identification.diagnostics.residuals import residuals_of
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.identify import identify as identify_data
@@ -237,32 +239,57 @@ def compare(
 
 def design(
     data: Data,
-    method: Method | None = None,
     *,
+    goal: float | str = "1%",
+    duration: float = 40.0,
+    command: float | None = None,
     swing: float | None = None,
-    holdout: Sequence[str] = (),
+    price: float = 120.0,
     track: Track = untracked,
-    **options: Any,  # noqa: ANN401 - the fields of the estimator
 ) -> Designed:
-    """Rank next experiments by how much they would shrink the standard errors.
+    """Say which run to do next: the one from which a goal is reached for the least robot time.
 
     Candidates: sines, multisines and free decays, with each added mass and without. Each one is
     simulated with the identified parameters.
 
     Parameters
     ----------
-    data, method, holdout, options
-        As in `residual`.
+    data
+        As in `residual`; logs are identified by the default method.
+    goal, price
+        As in `campaign`. The last log's mass is taken as mounted.
+    duration
+        Length of a run in s; of a servo at most that of its logs.
+    command
+        Largest command, in units of the input. Default: the largest one logged.
     swing
         Largest allowed swing in rad (m on a slide). Default: 1; on a slide or servo, the logs'
         largest.
     track
         Progress callback.
     """
-    logs, estimator, found = _estimated(data, method, options, holdout)
+    share = share_of(goal)
+    logs, estimator, found = _estimated(data, None, {}, ())
     require_possible(found)
-    ranked = next_experiments(logs, found, largest_swing=swing, track=track)
-    return Designed.of(logs, estimator, found, ranked)
+    aim = wanted(found, logs.logs, share)
+    told: dict[str, Any] = {"duration": duration, "command": command, "swing": swing}
+    ranked = next_experiments(logs, found, aim, **told, price=price, track=track)
+    now = float(np.max(found.farther / aim))
+    return Designed.of(logs, estimator, found, ranked, goal=share, now=share * now)
+
+
+def share_of(goal: float | str) -> float:
+    """Return a goal as a share, given as one or in per cent."""
+    try:
+        share = (
+            float(goal[:-1]) / 100 if isinstance(goal, str) and goal[-1:] == "%" else float(goal)
+        )
+    except ValueError:
+        share = float("nan")
+    if not 0 < share < 1:
+        expected = "a share between 0 and 1, such as 0.01 or 1%"
+        raise InputError("butterfly", "goal", goal, expected)
+    return share
 
 
 def saved_identification(data: Data) -> Identification | None:

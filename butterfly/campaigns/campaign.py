@@ -23,37 +23,31 @@ from butterfly.campaigns.folder import Folder, Journal, Step
 from butterfly.campaigns.laws import LAG
 from butterfly.campaigns.plan import (
     PROBE,
-    Plan,
     Recipe,
-    best_plan,
     candidates,
     duration_of,
-    information,
     pace_of,
+    played,
     probe,
     validation,
 )
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError, require_number
+from butterfly.identification.design import OF_GOAL, Plan, plans, wanted
 from butterfly.identification.findings import FindingKind
 from butterfly.identification.identified import Identified
 from butterfly.identification.identify import identify
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.identifiability import with_scale
-from butterfly.identification.levels import MATTERS, PRECISE
+from butterfly.identification.levels import MATTERS
 from butterfly.identification.plausibility import judge_fit
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 from butterfly.model.prior import Prior
-from butterfly.model.terms import PARAMETERS
 from butterfly.plant.motor import Motor
 from butterfly.verdict import Level
 
 GOAL = 0.01
 """Half-width of the 95 % interval, over the value, that is asked of p1..p4 and Coulomb friction."""
 
-OF_GOAL = tuple(name for name in PARAMETERS if name != "delay")
-"""Parameters that the goal concerns."""
-
-_OPEN = 0.5  # share of the goal that ratios have to reach while the scale is open
 _OVER = 2.0  # command of the first relay, over what moves the joint
 _IN_VAIN = 5  # runs in a row that may bring too little
 _REACHED = "the goal is reached"
@@ -308,23 +302,9 @@ class _Campaign:
         return False
 
     def _wanted(self, found: Identified) -> Samples:
-        """Return (n,) half-widths that the goal asks for, infinite where it asks for none.
-
-        Of friction that may be 0 the share in all friction counts.
-        """
-        halved = self._open and len(self._wish.masses) > 1
-        share = self._wish.goal * (_OPEN if halved else 1.0)
-        estimate = found.estimate
-        speed = float(np.median([log.rms_speed for log in found.data.logs]))
-        friction = abs(estimate.parameters.p2) * speed + estimate.parameters.coulomb
-        least = {"p2": PRECISE * friction / speed, "coulomb": PRECISE * friction}
-        sizes = np.abs(estimate.values)
-        for k, name in enumerate(estimate.names):
-            if name not in OF_GOAL:
-                sizes[k] = math.inf
-            elif estimate.lower[k] <= 0:
-                sizes[k] = max(sizes[k], least.get(name, 0.0))
-        return share * sizes
+        """Return (n,) half-widths that the goal asks for."""
+        open_ = self._open and len(self._wish.masses) > 1
+        return wanted(found.estimate, found.data.logs, self._wish.goal, scale_open=open_)
 
     @property
     def _shares(self) -> dict[str, float]:
@@ -371,29 +351,23 @@ class _Campaign:
             few = f"{stays}, and {len(vain)} runs brought too little"
             return _Next(few if given_up else "no run stays within the limits")
         runs = f"{plan.runs} such runs" if plan.runs > 1 else "one such run"
-        return _Next(f"{stays}; {runs} expected", plan.recipe, plan.expected)
+        return _Next(f"{stays}; {runs} expected", plan.recipe, plan.expected[0])
 
-    def _plan(self, found: Identified, others: list[AddedMass], vain: list[Step]) -> Plan | None:
+    def _plan(
+        self, found: Identified, others: list[AddedMass], vain: list[Step]
+    ) -> Plan[Recipe] | None:
         """Return the best plan with the mounted mass, or others, unlike what was in vain."""
         estimate, limits = found.estimate, self._wish.limits
-        zeros = [offset.value for offset in found.data.offsets]
-        logs = zip(found.data.logs, zeros, strict=True)
         unlike = {(step.kind, step.added_mass) for step in vain}
-        recipes = [
-            recipe
+        logs = [
+            (recipe, log)
             for mass in [self._mounted, *others]
             for recipe in candidates(estimate, mass, limits)
-            if (recipe.kind, mass) not in unlike
+            if (recipe.kind, mass) not in unlike and (log := played(estimate, recipe, limits))
         ]
-        return best_plan(
-            estimate,
-            np.sum([information(estimate, *each) for each in logs], axis=0),
-            recipes,
-            self._wanted(found),
-            limits,
-            mounted=self._mounted,
-            price=self._wish.price,
-        )
+        aim, mounted, price = self._wanted(found), self._mounted, self._wish.price
+        every = plans(found.data, estimate, logs, aim, mounted=mounted, price=price)
+        return min(every, key=lambda plan: plan.cost, default=None)
 
 
 def _ratios(found: Identified, step: Step) -> Samples:

@@ -1,26 +1,16 @@
-"""Which run to play next: the one from which the goal is reached for the least cost.
-
-Each candidate is played on the model by the same laws as on the robot. Its information is
-J' J / s^2 (Walter & Pronzato, Identification of Parametric Models from Experimental Data, 1997,
-ch. 6), in units in which the runs so far have the information that their intervals show: so
-whatever errors are not white, or rest on something else, counts as often as it did before.
-"""
+"""Runs that a campaign can play: each is played on the model by the same laws as on the robot."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from butterfly.arrays import Samples
 from butterfly.campaigns.bench import Bench, Limits
 from butterfly.campaigns.laws import STILL, Law, Relay, Signal
-from butterfly.identification.design import updated
 from butterfly.identification.inference.estimate import Estimate
-from butterfly.identification.levels import SPREADS
-from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import Log
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass, LumpedParameters
@@ -38,13 +28,11 @@ RESERVE = 0.6
 PROBE = 12.5
 """Length in s of a run with a joint that is not known yet."""
 
-_OVERHEAD = 3.0  # s between two runs
 _PERIODS = 8  # of the resonance, in a run
 _SHORTEST, _LONGEST = 5.0, 30.0  # s of a run
 _DRIVEN = 2 / 3  # share of a relay's run in which it drives
 _REACHES = (0.3, 0.6, 1.0)  # of the allowed swing
 _TONES = (0.6, 0.8, 1.25, 1.6, 2.5)  # of the resonance
-_MOST_RUNS = 50  # alike, in a plan
 _STEP = 0.004  # s, of the model's cycle
 
 
@@ -58,16 +46,6 @@ class Recipe:
     duration: float  # s
     law: Callable[[float], Law]  # for a rest angle in rad
     reach: float | None = None  # rad, beyond which the run ends; None: at the limit
-
-
-@dataclass(frozen=True, kw_only=True)
-class Plan:
-    """A recipe, to be played some times, and what that costs."""
-
-    recipe: Recipe
-    runs: int
-    cost: float  # s of robot time, changes of the mass included
-    expected: float  # largest half-width after one run, over what is wanted
 
 
 def probe(mass: AddedMass, size: float, limits: Limits, duration: float) -> Recipe:
@@ -165,53 +143,3 @@ def played(estimate: Estimate, recipe: Recipe, limits: Limits) -> Log | None:
         bench.pace = pace_of(parameters, recipe.added_mass)
         run = bench.run(recipe.law(0.0), recipe.duration)
     return None if run.cut else run.log(added_mass=recipe.added_mass)
-
-
-def information(estimate: Estimate, log: Log, zero: float = 0.0) -> Samples:
-    """Return (n, n) J' J of a log, of its angle in rad by the estimated parameters."""
-    simulation = Simulation(log, estimate.parameters)
-    _, rows = simulation.linearised(estimate.names, estimate.parameters, zero)
-    counts, *_ = simulation.averages(estimate.parameters)
-    return np.asarray((rows * counts[:, None]).T @ rows)
-
-
-def best_plan(
-    estimate: Estimate,
-    so_far: Samples,
-    recipes: Sequence[Recipe],
-    wanted: Samples,
-    limits: Limits,
-    *,
-    mounted: AddedMass,
-    price: float,
-) -> Plan | None:
-    """Return the plan that reaches the wanted (n,) half-widths for the least cost.
-
-    ``so_far``: (n, n) J' J of the runs so far; ``price``: of a change of mass in
-    s. None if no recipe can be played.
-    """
-    covariance = estimate.interval_covariance
-    errors = np.sqrt(np.diag(covariance))
-    shown = _errors(so_far * np.outer(errors, errors))
-    worth = float(np.exp(2 * np.mean(np.log(shown))))  # of the runs' information, as intervals show
-    plans = []
-    for recipe in recipes:
-        log = played(estimate, recipe, limits)
-        if log is None:
-            continue
-        more = worth * information(estimate, log)
-        fixed = price * (recipe.added_mass != mounted)
-        left: list[float] = []
-        while len(left) < _MOST_RUNS and (not left or left[-1] > 1):
-            after = np.diag(updated(covariance, (len(left) + 1) * more))
-            left.append(float(np.max(SPREADS * np.sqrt(after) / wanted)))
-        cost = (fixed + len(left) * (recipe.duration + _OVERHEAD)) * max(left[-1], 1.0) ** 2
-        plans.append(Plan(recipe=recipe, runs=len(left), cost=cost, expected=left[0]))
-    return min(plans, key=lambda plan: plan.cost, default=None)
-
-
-def _errors(information: Samples) -> Samples:
-    """Return (n,) standard errors of an (n, n) information."""
-    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    inverse = np.linalg.pinv(information / np.outer(scale, scale), hermitian=True)
-    return np.asarray(np.sqrt(np.maximum(np.diag(inverse), 1e-300)) / scale)

@@ -88,7 +88,7 @@ EXAMPLES = {
     "identify": "butterfly identify real-logs --report report.html --save result.json; "
     "butterfly identify a.csv b.csv --columns time=t,input=tau,angle=q --input torque",
     "select": "butterfly select real-logs --candidates drag,stribeck",
-    "design": "butterfly design result.json --swing 0.5",
+    "design": "butterfly design result.json --goal 0.5% --swing 0.5",
     "validate": "butterfly validate real-logs --split mass; "
     "butterfly validate real-logs --method harmonic-balance,output-error",
     "residual": "butterfly residual result.json --log 2 --report residual.html",

@@ -33,7 +33,7 @@ _WITHOUT = {
     "select": ("terms",),
     "validate": ("others",),
     **dict.fromkeys(("compare", "inspect"), ("hand_mass",)),
-    "campaign": ("change", "known", "price", "step"),
+    "campaign": ("change", "known", "step"),
 }
 """Parameters of verbs, or options of their methods, that are no options of their commands."""
 

@@ -162,21 +162,21 @@ def choices(result: Result) -> Figure | None:
 
 
 def ranking(result: Result, count: int = 12) -> Figure:
-    """Draw the mean of the standard errors after each of the first candidates, over now's."""
+    """Draw the robot time of each of the first candidates, with the half-width that it reaches."""
     rows = result.rows()[:count]
     names = [f"{row['input']}, {row['added mass']}" for row in rows]
     short = [wrap(name, _BROAD, max_lines=2, placeholder=" …") for name in names]
-    across = "standard errors after this run<br>in % of the present ones"
+    across = "robot time in s, and the largest half-width that it reaches"
     figure = rows_panel(["\n".join(lines) for lines in short], across)
-    means = [100 * or_nan(row["mean"]) for row in rows]
-    return figure.update_xaxes(range=[min(0.0, *means), 105.0]).add_scatter(
-        x=means,
+    times = [or_nan(row["robot time in s"]) for row in rows]
+    return figure.update_xaxes(range=[-0.2 * max(times), 1.05 * max(times)]).add_scatter(
+        x=times,
         y=list(range(len(rows))),
-        text=[f"{mean:.3g} %" for mean in means],
+        text=[f"{or_nan(row['reached in %']):.2g} %" for row in rows],
         textposition="middle left",
         mode="markers+text",
         hovertext=[*map(escape, names)],
-        hovertemplate="%{hovertext}: %{x:.3g} %<extra></extra>",
+        hovertemplate="%{hovertext}: %{x:.3g} s<extra></extra>",
         marker={"color": PALETTE[0], "size": 9},
     )
 

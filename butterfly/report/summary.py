@@ -14,7 +14,7 @@ import numpy as np
 
 from butterfly.errors import InputError, listed
 from butterfly.identification.data import DataSet
-from butterfly.identification.design import HELPS, Candidate
+from butterfly.identification.design import MOST_RUNS, OF_GOAL, Candidate, Plan
 from butterfly.identification.encoder_offset import EncoderOffset, OffsetKind, encoder_offsets
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identified import Identified
@@ -26,7 +26,7 @@ from butterfly.model.prior import Prior
 from butterfly.model.terms import PARAMETERS, TERMS, offered
 from butterfly.report.agreement_texts import agreement_table
 from butterfly.report.finding_texts import REMEDY, estimate_verdict, grave_notes, minor_notes
-from butterfly.report.format import counted, fit_text, times_text
+from butterfly.report.format import counted, fit_text, times_text, upwards
 from butterfly.report.inspection import conditions_text
 from butterfly.report.page import Fact, PageTable
 from butterfly.report.parameter_table import parameter_texts, physical_table
@@ -270,15 +270,21 @@ def _response(log: Log) -> ResponsePoint | None:
         return None
 
 
-def best_experiment_text(best: Candidate) -> str:
-    """Say which experiment comes first, and how far it would shrink the standard errors."""
-    warning = f"; but: {best.warning}." if best.warning else "."
-    if not best.score <= HELPS:
-        return "No candidate helps: none shrinks the standard errors by 1 % (--verbose lists them)."
-    return (
-        f"Best next experiment: {best.what}, with {best.added_mass}. It shrinks the standard "
-        f"errors to {100 * best.score:.0f} % of now on average{warning}"
+def next_run_text(best: Plan[Candidate], names: Sequence[str], goal: float, now: float) -> str:
+    """Say what to run next, what it costs, and what half-widths it gives; ``now``: the largest."""
+    concerned, aim = ", ".join(n for n in names if n in OF_GOAL), f"{100 * goal:.3g} %"
+    if now <= goal:
+        return f"No run is needed: {concerned} are within {aim}."
+    run, short = best.recipe, best.expected[1] > 1
+    change = ", a change of mass included" if best.change else ""
+    text = (
+        f"Run next: {run.what}, with {run.log.added_mass}, {counted(best.runs, 'run')} of "
+        f"{best.duration:.3g} s ({best.seconds:.0f} s of robot time{change}): {concerned} within "
+        f"{upwards(goal * best.expected[1]) if short else aim}"
     )
+    text += f" (now {upwards(now)})" if math.isfinite(now) else ""
+    text += f"; {aim} is not reached in {MOST_RUNS} runs" if short else ""
+    return f"{text}; but: {run.warning}." if run.warning else f"{text}."
 
 
 def selection_texts(passed: Sequence[Structure], nested: CrossValidation | None) -> list[str]:

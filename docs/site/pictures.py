@@ -64,7 +64,7 @@ def main() -> None:
 def _pages_of_tasks(folder: Path) -> None:
     """Draw the first screens of the pages that other tasks write."""
     data = "results/quickstart"
-    _butterfly("design", data, "--report", "design.html", folder=folder)
+    _butterfly("design", data, "--goal", "0.05%", "--report", "design.html", folder=folder)
     _butterfly("identify", data, "--save", "result.json", folder=folder)
     ahead = ("predict", data, "--with", "result.json", "--bands", "--report", "prediction.html")
     _butterfly(*ahead, folder=folder)

@@ -27,14 +27,14 @@ SAYS = {
     "validate {data} --terms= --split frequency": ("out by frequency: as requested", "9 of 9"),
     "select {data} -m harmonic-balance --candidates drag,load": ("Chosen: --terms",),
     "residual {data}": ("of the 9 logs",),
-    "design {few} --limit 3": (r"^ +3  ",),
+    "design {few} --limit 3 --goal 5% --price 9": (r"^ +3  ", "Run next|No run is needed"),
     "predict {data} --with {saved}": ("median FIT",),
     "predict {quick} --with {saved} --bands --draws 40": ("no measurement to compare",),
 }
 """Patterns of what answers say."""
 
 SAYS_NOT = {
-    "design {few} --limit 3": r"(?m)^ +4  ",
+    "design {few} --limit 3 --goal 5% --price 9": r"(?m)^ +4  ",
     "predict {data} --with {saved}": "band",
     "predict {quick} --with {saved} --bands --draws 40": "FIT",
 }
@@ -54,7 +54,7 @@ REFUSED = {
     "predict nowhere --with {saved}": "nowhere",
     f"predict {{data}} --with {GIVEN} --out d.csv": "an identification to draw from",
     "compare {saved} {data}": "two runs of sweeps",
-    "design {saved} --method linear": "got --method; expected no such option with a saved result",
+    "residual {saved} --method linear": "got --method; expected no such option with a saved result",
     "residual {saved} --holdout x --terms drag": "got --holdout, --terms; expected no such",
     "compare {saved} {saved} --terms drag --log 1": "got --log, --terms; expected no such",
     "validate {data} --bootstrap 3": "bootstrap: got 3; expected an integer of 20 or more",
@@ -70,7 +70,7 @@ REFUSED = {
     },
     **{
         f"{command} {{data}} --holdout nowhere*": "nowhere*"
-        for command in ("residual", "design", "compare", "validate", "select")
+        for command in ("residual", "compare", "validate", "select")
     },
 }
 

@@ -6,6 +6,7 @@ from itertools import product
 
 import numpy as np
 
+from butterfly.identification.design import next_experiments, wanted
 from butterfly.identification.inference.equations import CellEquations
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
@@ -51,6 +52,12 @@ def simulated(
     angle, _ = simulate(robot.with_added_mass(mass), time, inputs, start)
     properties |= {"input_kind": InputKind.TORQUE, "intersample": Intersample.FIRST_ORDER_HOLD}
     return Log(time, signal(time), zero + angle, added_mass=mass, excitation=sine, **properties)
+
+
+def next_runs(data, found, *, goal=0.01, **asked):
+    """Plans of next runs, to a goal in per cent of the default, as `bf.design` makes them."""
+    asked = {"duration": 40.0, "price": 120.0} | asked
+    return next_experiments(data, found, wanted(found, data.logs, goal), **asked)
 
 
 def noisy(logs, noise, rng):

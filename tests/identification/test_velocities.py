@@ -11,7 +11,6 @@ from butterfly.api.changed import Changed
 from butterfly.comparison.three_way import compare_three
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
-from butterfly.identification.design import next_experiments
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
 from butterfly.identification.inference.infer import conditioning_of
 from butterfly.identification.parameters_by_hand import given_estimate
@@ -23,7 +22,7 @@ from butterfly.plant.robot import Robot
 from butterfly.report.inspection import health_rows
 from butterfly.report.summary import summary
 from tests.benchmarks.kinds import score
-from tests.identification.simulated import cells, driven, noisy
+from tests.identification.simulated import cells, driven, next_runs, noisy
 from tests.independent.integrator import Joint, motion
 
 METHODS = ("output-error", "weak-form")
@@ -253,7 +252,7 @@ def test_free_decays_need_no_delay_to_be_known():
     assert {row.name for row in found.estimate.table()} == {"p1", "p2", "coulomb", "p3"}
     for use in (
         partial(Robot.of_lumped, found.parameters),
-        partial(next_experiments, DataSet.of(free), found.estimate),
+        partial(next_runs, DataSet.of(free), found.estimate),
     ):
         with pytest.raises(InputError, match=r"p4: got 0 \(no log is driven\)"):
             use()
@@ -274,7 +273,7 @@ def test_what_is_told_of_a_slide_is_in_its_units_and_completed_by_what_is_known(
 
 def test_a_slide_is_not_driven_further_than_its_logs_have_shown(slide):
     way = max(np.ptp(log.angle) for log in slide.logs) / 2
-    ranked = next_experiments(slide, WeakForm(terms=())(slide))
+    ranked = [each.recipe for each in next_runs(slide, WeakForm(terms=())(slide))]
     assert not any("decay" in each.what for each in ranked)
     trusted = [each for each in ranked if not each.warning]
     assert trusted
