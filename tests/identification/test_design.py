@@ -115,7 +115,9 @@ def test_a_campaign_plans_the_same_run_alike(data, found):
     for plan in plans_[:5]:
         sine, mass = plan.recipe.signal, plan.recipe.log.added_mass
         law = Signal(lambda t, sine=sine: sine.amplitude * math.sin(sine.omega * t))
-        recipe = Recipe(what="", added_mass=mass, duration=40 + STILL, law=lambda _, law=law: law)
+        recipe = Recipe(
+            what="", kind="", added_mass=mass, duration=40 + STILL, law=lambda _, law=law: law
+        )
         log, aim = played(found, recipe, Limits(command=1.0)), wanted(found, data.logs, 0.15)
         (same,) = plans(data, found, [(recipe, log)], aim, mounted=mass, price=0.0)
         assert same.expected == pytest.approx(plan.expected, rel=0.05)
