@@ -191,8 +191,10 @@ class Bench:
         begun, length = self.used, self._window
         while (passed := self.used - begun) < _LONGEST_STOP:
             if self._brake is not None:
+                size, speed, width = self._brake
                 home = self.rest if self.home is None else self.home
-                self._brought_to_rest(Brake(home, *self._brake), length)
+                width = width if passed < _RETURN else math.inf  # where it is, if not at home
+                self._brought_to_rest(Brake(home, size, speed, width), length)
             angle = self._brought_to_rest(lambda _: 0.0, length)
             rest = float(angle.mean())
             away = 0.0 if self.home is None else abs(rest - self.home)

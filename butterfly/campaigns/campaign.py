@@ -142,12 +142,12 @@ class _Campaign:
                     self._play(following.recipe, following.why, following.expected)
                 except TimeUsed as error:
                     ending = str(error)
-        found = self._found
+        found = self._sound
         if found is not None and self._folder.journal.steps[-1].held_out is False:
             unseen = validation(found.estimate, self._mounted, self._wish.limits)
             with suppress(TimeUsed):
                 self._play(unseen, "to be predicted, not fitted", held_out=True)
-        seen = {} if self._found is None else self._found.held_out
+        seen = {} if self._sound is None else self._sound.held_out
         if any(judge_fit(np.array([fit])) for fit in seen.values()):
             ending = f"the last run, which was not fitted, is not predicted; {_TOUCHED}"
         return Ended(
@@ -180,7 +180,7 @@ class _Campaign:
         self, recipe: Recipe, why: str, expected: float | None = None, *, held_out: bool = False
     ) -> None:
         """Play a recipe, keep its log, and identify."""
-        before, bench = self._found, self._bench
+        before, bench = self._sound, self._bench
         self._mount(recipe.added_mass)
         bench.pace = self._pace(recipe.added_mass)
         if before is not None and self._is_known(recipe.added_mass):
@@ -232,22 +232,22 @@ class _Campaign:
 
         It lies between that of the last one and that of what is added, by itself.
         """
-        if self._found is None:
+        if self._sound is None:
             return math.inf
         last = self._folder.journal.steps[-1].added_mass
         more = np.subtract(mass.inertia_and_moment, last.inertia_and_moment)
         alone = math.sqrt(max(more[1] / more[0], 0.0)) if more[0] > 0 else math.inf
         known = self._is_known(mass)
-        resonance = pace_of(self._found.parameters, mass if known else last)
+        resonance = pace_of(self._sound.parameters, mass if known else last)
         return resonance if known else max(resonance, alone)
 
     def _require_no_slip(self) -> None:
         """Raise `SafetyStop` if the joint rests where gravity and friction do not let it."""
         rest = self._bench.rest
         first = self._rests.setdefault(self._mounted, rest)
-        if self._found is None:
+        if self._sound is None:
             return
-        estimate = self._found.estimate
+        estimate = self._sound.estimate
         most = dict(zip(estimate.names, estimate.upper.tolist(), strict=True))
         loaded = estimate.parameters.with_added_mass(self._mounted)
         width = 2 * most.get("coulomb", 0.0) / loaded.p3 if loaded.p3 > 0 else math.inf
@@ -292,6 +292,13 @@ class _Campaign:
         return found if min(found.parameters.p1, found.parameters.p4) > 0 else None
 
     @property
+    def _sound(self) -> Identified | None:
+        """What was identified, if it may be used."""
+        found = self._found
+        used = found is not None and found.estimate.level is not Level.WARNING
+        return found if used else None
+
+    @property
     def _open(self) -> bool:
         """Whether the runs so far leave the scale open."""
         masses = {step.added_mass for step in self._folder.journal.steps}
@@ -312,7 +319,8 @@ class _Campaign:
         found = self._found
         if found is None:
             return {}
-        shares = found.estimate.farther / self._wanted(found)
+        with np.errstate(divide="ignore"):  # of a value that is 0
+            shares = found.estimate.farther / self._wanted(found)
         pairs = zip(found.estimate.names, shares.tolist(), strict=True)
         return {name: share for name, share in pairs if name in OF_GOAL}
 
@@ -325,14 +333,13 @@ class _Campaign:
 
     def _next(self) -> _Next:
         """Return what to play next, or why nothing."""
-        wish, limits, found = self._wish, self._wish.limits, self._found
+        wish, limits, found = self._wish, self._wish.limits, self._sound
         vain = self._folder.journal.in_vain
         given_up = len(vain) >= _IN_VAIN
-        if given_up and (found is None or found.estimate.level is Level.WARNING):
-            return _Next(f"the model does not follow these runs; {_TOUCHED}")
         if found is None:
             first = probe(self._mounted, self._size, limits, PROBE)
-            return _Next("to see how it moves", first)
+            failed = f"the model does not follow these runs; {_TOUCHED}"
+            return _Next(failed) if given_up else _Next("to see how it moves", first)
         others = [mass for mass in wish.masses if mass != self._mounted]
         changes = self._open and others  # without another mass no scale
         if self._reached and not changes:
@@ -363,7 +370,8 @@ class _Campaign:
             (recipe, log)
             for mass in [self._mounted, *others]
             for recipe in candidates(estimate, mass, limits)
-            if (recipe.kind, mass) not in unlike and (log := played(estimate, recipe, limits))
+            if (recipe.kind, mass) not in unlike
+            and (log := played(found.data, estimate, recipe, limits))
         ]
         aim, mounted, price = self._wanted(found), self._mounted, self._wish.price
         every = plans(found.data, estimate, logs, aim, mounted=mounted, price=price)

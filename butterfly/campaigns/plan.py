@@ -1,4 +1,4 @@
-"""Runs that a campaign can play: each is played on the model by the same laws as on the robot."""
+"""Runs that a campaign can play, and what the model makes of them."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ import numpy as np
 
 from butterfly.campaigns.bench import Bench, Limits
 from butterfly.campaigns.laws import STILL, Law, Relay, Signal
+from butterfly.identification.data import DataSet
+from butterfly.identification.design import expected_log
 from butterfly.identification.inference.estimate import Estimate
-from butterfly.logs.log import Log
+from butterfly.logs.log import Log, Sine
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.terms import IDEAL
@@ -20,7 +22,7 @@ from butterfly.plant.motor import CommandPath
 from butterfly.plant.rig import SimulatedMotor
 from butterfly.plant.robot import Robot
 from butterfly.plant.sensors import FINEST, Encoder
-from butterfly.signals.excitations import Multisine
+from butterfly.signals.excitations import Excitation, Multisine
 
 RESERVE = 0.6
 """Share of the limits that plans use."""
@@ -46,6 +48,7 @@ class Recipe:
     duration: float  # s
     law: Callable[[float], Law]  # for a rest angle in rad
     reach: float | None = None  # rad, beyond which the run ends; None: at the limit
+    signal: Excitation | None = None  # that the law follows
 
 
 def probe(mass: AddedMass, size: float, limits: Limits, duration: float) -> Recipe:
@@ -65,13 +68,14 @@ def _relay(mass: AddedMass, reach: float, size: float, limits: Limits, duration:
     )
 
 
-def _sine(mass: AddedMass, omega: float, amplitude: float, duration: float, kind: str) -> Recipe:
+def _signal(kind: str, what: str, mass: AddedMass, duration: float, signal: Excitation) -> Recipe:
     return Recipe(
-        what=f"sine of {omega:.3g} rad/s, amplitude {amplitude:.2g}",
+        what=what,
         kind=kind,
         added_mass=mass,
         duration=duration,
-        law=lambda _: Signal(lambda time: amplitude * math.sin(omega * time)),
+        law=lambda _: Signal(lambda time: float(signal.sample(np.array([time]))[0])),
+        signal=signal,
     )
 
 
@@ -83,13 +87,8 @@ def validation(estimate: Estimate, mass: AddedMass, limits: Limits) -> Recipe:
     peak = 2 * loaded.coulomb / abs(loaded.p4) + _static(loaded, reach)
     lines, base = (5, 8, 11, 17, 23), resonance / 10
     signal = Multisine(base=base, harmonics=lines, peak=min(peak, RESERVE * limits.command))
-    return Recipe(
-        what=f"multisine about {resonance:.3g} rad/s, peak {signal.peak:.2g}",
-        kind="multisine",
-        added_mass=mass,
-        duration=duration_of(estimate.parameters, mass),
-        law=lambda _: Signal(lambda time: float(signal.sample(np.array([time]))[0])),
-    )
+    what = f"multisine about {resonance:.3g} rad/s, peak {signal.peak:.2g}"
+    return _signal("multisine", what, mass, duration_of(estimate.parameters, mass), signal)
 
 
 def pace_of(parameters: LumpedParameters, mass: AddedMass) -> float:
@@ -121,7 +120,9 @@ def candidates(estimate: Estimate, mass: AddedMass, limits: Limits) -> list[Reci
             amplitude = force / abs(loaded.p4) + 4 / math.pi * dry
             if amplitude <= RESERVE * limits.command:
                 kind = f"sine at {tone:g} of the resonance, of {reach:.2g} rad"
-                found.append(_sine(mass, omega, amplitude, duration, kind))
+                what = f"sine of {omega:.3g} rad/s, amplitude {amplitude:.2g}"
+                sine = Sine(omega=omega, amplitude=amplitude)
+                found.append(_signal(kind, what, mass, duration, sine))
     return found
 
 
@@ -130,16 +131,23 @@ def _static(loaded: LumpedParameters, angle: float) -> float:
     return max(loaded.p3, loaded.p1) * angle / abs(loaded.p4)
 
 
-def played(estimate: Estimate, recipe: Recipe, limits: Limits) -> Log | None:
-    """Play a recipe on the model; None if it leaves the limits."""
-    parameters = estimate.parameters
+def played(data: DataSet, estimate: Estimate, recipe: Recipe, limits: Limits) -> Log | None:
+    """Play a recipe on the model of some data; None if it leaves the limits."""
+    parameters, mass = estimate.parameters, recipe.added_mass
+    pace = pace_of(parameters, mass)
+    if recipe.signal is not None:
+        log = expected_log(data, parameters, mass, recipe.signal, recipe.duration)
+        speed = np.gradient(log.measured, log.time)
+        swing = np.hypot(log.measured, speed / pace)
+        within = np.max(swing) <= limits.angle and np.max(np.abs(speed)) <= limits.speed
+        return log if within else None
     plain = replace(parameters, delay=0.0, **vars(IDEAL))
     motor = SimulatedMotor(
-        GreyBoxJoint(Robot.of_lumped(plain), recipe.added_mass),
+        GreyBoxJoint(Robot.of_lumped(plain), mass),
         path=CommandPath(delay=max(parameters.delay, 0.0), **vars(parameters.drive)),
         encoder=Encoder(steps=FINEST),
     )
     with Bench(motor, limits, _STEP) as bench:
-        bench.pace = pace_of(parameters, recipe.added_mass)
+        bench.pace = pace
         run = bench.run(recipe.law(0.0), recipe.duration)
-    return None if run.cut else run.log(added_mass=recipe.added_mass)
+    return None if run.cut else run.log(added_mass=mass)

@@ -254,7 +254,7 @@ def next_experiments(
             way = swing if data.joint is JointKind.SLIDE else widest
             jobs = [(each, None) for each in _inputs(loaded, way, command)]
         for signal, servo in jobs:
-            log = _expected(data, estimate.parameters, mass, signal, servo, duration=duration)
+            log = expected_log(data, estimate.parameters, mass, signal, duration, servo=servo)
             recipes.append((Candidate(signal=signal, log=log), log))
     every = plans(data, estimate, recipes, aim, mounted=mounted, price=price, track=track)
     ranked = [
@@ -311,16 +311,16 @@ def _setpoints(
     return inputs
 
 
-def _expected(
+def expected_log(
     data: DataSet,
     parameters: LumpedParameters,
     mass: AddedMass,
     signal: Excitation,
-    servo: Log | None,
-    *,
     duration: float,
+    *,
+    servo: Log | None = None,
 ) -> Log:
-    """Return the log of a candidate from rest, as it is expected; of a servo no longer than its.
+    """Return the log of some s from rest, as it is expected; of a servo no longer than its.
 
     A clock of two regimes is slow at its end.
     """

@@ -18,6 +18,8 @@ from pathlib import Path
 from front_page import draw_front_page
 from PIL import Image
 
+import butterfly
+
 PICTURES = Path(__file__).parents[1] / "pictures"
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PROGRAM = shutil.which("butterfly", path=str(Path(sys.executable).parent))
@@ -75,6 +77,10 @@ def _pages_of_tasks(folder: Path) -> None:
     (folder / "sweep.yaml").write_text(sweep, encoding="utf-8")
     _butterfly("run", "sweep.yaml", folder=folder)
     _butterfly("run", "orbit-recalibration", folder=folder)
+    _butterfly("campaign", "quickstart", "--goal", "0.15%", "--out", "campaign", folder=folder)
+    butterfly.load(folder / "campaign/report.json").report(folder / "campaign.html", figures=True)
+    for figure in ("shrinking", "played"):
+        _keep(folder / f"campaign-figures/{figure}.png", figure)
     pages = {
         "design": folder / "design.html",
         "prediction": folder / "prediction.html",

@@ -118,7 +118,7 @@ def test_a_campaign_plans_the_same_run_alike(data, found):
         recipe = Recipe(
             what="", kind="", added_mass=mass, duration=40 + STILL, law=lambda _, law=law: law
         )
-        log, aim = played(found, recipe, Limits(command=1.0)), wanted(found, data.logs, 0.15)
+        log, aim = played(data, found, recipe, Limits(command=1.0)), wanted(found, data.logs, 0.15)
         (same,) = plans(data, found, [(recipe, log)], aim, mounted=mass, price=0.0)
         assert same.expected == pytest.approx(plan.expected, rel=0.05)
 
