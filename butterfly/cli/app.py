@@ -124,12 +124,21 @@ _SEARCHING = {"Identify", "Check a result"}
 _EVERYWHERE = Group("Any command", sort_key=9)
 
 
+_HOW: dict[str, Any] = {
+    "name": "butterfly",
+    "print_error": False,
+    "exit_on_error": False,
+    "suppress_keyboard_interrupt": False,
+    "result_action": "return_value",
+}
+
+
 def program(called: Sequence[str] = ()) -> App:
     """Return the program; only the called command's help comes from its whole docstring."""
     call = _name_of(called)
     plain = Parameter(negative=(), show_default=_worth_showing)
     app = App(
-        name="butterfly",
+        **_HOW,
         version=f"butterfly {__version__}",
         help="Identify and simulate a motor-driven joint from its logs.",
         help_format="markdown",
@@ -138,10 +147,6 @@ def program(called: Sequence[str] = ()) -> App:
         default_parameter=plain,
         group_commands=_EVERYWHERE,
         group_parameters=Group("Options", sort_key=1),
-        print_error=False,
-        exit_on_error=False,
-        suppress_keyboard_interrupt=False,
-        result_action="return_value",
     )
     results = App(name="results", help="List, show, export and clean up the results of sweeps.")
     results.group = Group("Results", sort_key=8)
@@ -264,7 +269,12 @@ def main() -> None:
     try:
         with warnings.catch_warnings():
             warnings.showwarning = lambda message, *_, **__: print_warning(str(message))
-            ended = program(tokens).meta(tokens)
+            app = program(tokens)
+            # `app.meta` would read the command's options too, before the command does
+            general = App(**_HOW, help_flags=(), version_flags=(), end_of_options_delimiter="")
+            general.default_parameter = app.default_parameter
+            general.default(_launch(app))
+            ended = general(tokens)
         sys.stdout.flush()
         sys.exit(ended or ExitCode.DONE)
     except (StoppedError, KeyboardInterrupt) as stopped:
