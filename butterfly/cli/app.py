@@ -124,19 +124,9 @@ _SEARCHING = {"Identify", "Check a result"}
 _EVERYWHERE = Group("Any command", sort_key=9)
 
 
-_HOW: dict[str, Any] = {
-    "name": "butterfly",
-    "print_error": False,
-    "exit_on_error": False,
-    "suppress_keyboard_interrupt": False,
-    "result_action": "return_value",
-}
-
-
 def program(called: Sequence[str] = ()) -> App:
     """Return the program; only the called command's help comes from its whole docstring."""
     call = _name_of(called)
-    plain = Parameter(negative=(), show_default=_worth_showing)
     app = App(
         **_HOW,
         version=f"butterfly {__version__}",
@@ -144,7 +134,6 @@ def program(called: Sequence[str] = ()) -> App:
         help_format="markdown",
         help_epilogue="Start: butterfly run quickstart. Help: butterfly COMMAND --help."
         * (not call),
-        default_parameter=plain,
         group_commands=_EVERYWHERE,
         group_parameters=Group("Options", sort_key=1),
     )
@@ -171,6 +160,11 @@ def program(called: Sequence[str] = ()) -> App:
 def _worth_showing(default: object) -> str | None:
     """Return a default as help shows it: switches and empty lists have none."""
     return None if default is None or isinstance(default, bool | tuple) else str(default)
+
+
+_HOW: dict[str, Any] = {"name": "butterfly", "result_action": "return_value"}
+_HOW |= dict.fromkeys(("print_error", "exit_on_error", "suppress_keyboard_interrupt"), False)
+_HOW["default_parameter"] = Parameter(negative=(), show_default=_worth_showing)
 
 
 def _launch(app: App) -> Callable[..., ExitCode | None]:
@@ -269,11 +263,9 @@ def main() -> None:
     try:
         with warnings.catch_warnings():
             warnings.showwarning = lambda message, *_, **__: print_warning(str(message))
-            app = program(tokens)
-            # `app.meta` would read the command's options too, before the command does
-            general = App(**_HOW, help_flags=(), version_flags=(), end_of_options_delimiter="")
-            general.default_parameter = app.default_parameter
-            general.default(_launch(app))
+            # the program's own `meta` would read the command's options too, before the command does
+            general = App(**_HOW, help_flags=(), version_flags=(), end_of_options_delimiter="\0")
+            general.default(_launch(program(tokens)))
             ended = general(tokens)
         sys.stdout.flush()
         sys.exit(ended or ExitCode.DONE)

@@ -11,7 +11,8 @@ import __future__
 import ast
 import builtins
 import re
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections import abc
+from collections.abc import Callable, Collection, Sequence
 from enum import Enum
 from functools import partial
 from inspect import BoundArguments, Signature, signature
@@ -69,19 +70,14 @@ def verb_named(name: str) -> Callable[..., Any]:
     source = ast.parse(source_of(name)).body
     (verb,) = [each for each in source if isinstance(each, ast.FunctionDef) and each.name == name]
     if "method" in {each.arg for each in ast.walk(verb.args) if isinstance(each, ast.arg)}:
-        found: Callable[..., Any] = getattr(bf, name)
-        return found
+        return cast(Callable[..., Any], getattr(bf, name))
     defaults = {each.id for each in verb.args.kw_defaults if isinstance(each, ast.Name)}
-    imports = [
-        each
-        for each in source
-        if isinstance(each, ast.ImportFrom) and defaults & {one.name for one in each.names}
-    ]
+    imports = [each for each in source if isinstance(each, ast.ImportFrom)]
+    imports = [each for each in imports if defaults & {one.name for one in each.names}]
     verb.body, verb.returns = verb.body[:1], None
     types = {each.id for each in ast.walk(verb.args) if isinstance(each, ast.Name)}
     space: dict[str, Any] = dict.fromkeys(types - vars(builtins).keys(), PathLike[str])
-    space |= {"Any": Any, "Callable": Callable, "Literal": Literal}
-    space |= {"Mapping": Mapping, "Sequence": Sequence}
+    space |= {**vars(abc), "Any": Any, "Literal": Literal}
     flags = __future__.annotations.compiler_flag
     exec(compile(ast.Module([*imports, verb], []), name, "exec", flags), space)  # noqa: S102 - our own source
     return cast(Callable[..., Any], space[name])

@@ -1,6 +1,5 @@
 """Levels of significance, precision, relevance and rounding: one number each."""
 
-import math
 import sys
 from statistics import NormalDist
 
@@ -49,5 +48,5 @@ PASSES = 12
 WEIGHED = 0.2
 """Relative tolerance of a variance, and of weights by it: scatter estimates none better."""
 
-ROUNDING = math.sqrt(sys.float_info.epsilon)
+ROUNDING: float = sys.float_info.epsilon**0.5
 """Share below which a difference is none: half the digits are left to conditioning."""

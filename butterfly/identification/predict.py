@@ -49,7 +49,6 @@ OF_NEW_LOG = "new log"
 _STEP = 0.02  # s, between the samples at which a band is computed
 _TAILS = ((1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2)
 
-
 LEAST = 2 * DRAWS
 """Fewest draws: one is expected beyond either edge of a band."""
 
