@@ -1,5 +1,6 @@
 """Data that several tests share."""
 
+import gc
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -35,6 +36,10 @@ _CHECKOUT = Path(__file__).parents[1]
 
 ROBOT = LumpedParameters(p1=0.00325, p2=0.00145, p3=0.04905, p4=0.025, coulomb=3e-4, delay=0.002)
 MASSES = (AddedMass(), AddedMass(mass=0.05, arm=0.104), AddedMass(mass=0.12, arm=0.104))
+
+
+def pytest_collection_finish():
+    gc.freeze()  # what is imported by now is not looked through again and again
 
 
 @pytest.fixture(scope="session")

@@ -24,10 +24,10 @@ from butterfly.files import locate
 from butterfly.identification.data import DataSet
 from butterfly.identification.free_run import Setting
 from butterfly.identification.inference.estimate import Estimate
+from butterfly.identification.levels import BAND_DRAWS
 from butterfly.identification.parameters_by_hand import given_estimate
 from butterfly.identification.plausibility import judge_fit
 from butterfly.identification.predict import (
-    COUNT,
     LEAST,
     ExpectedErrors,
     ParameterDraws,
@@ -50,7 +50,7 @@ def predict(
     result: Identification | Named | LumpedParameters | Mapping[str, object],
     *,
     bands: bool | None = None,
-    draws: int = COUNT,
+    draws: int = BAND_DRAWS,
     seed: int = 0,
     track: Track = untracked,
 ) -> Predicted:
@@ -78,7 +78,7 @@ def predict(
     track
         Progress callback.
     """
-    require_draws(COUNT if bands is False else draws, seed)
+    require_draws(BAND_DRAWS if bands is False else draws, seed)
     source = _source(data)
     logs: Sequence[Log]
     errors: Sequence[ExpectedErrors] = ()
@@ -135,7 +135,7 @@ def predict(
     )
 
 
-def draws(result: Identification | Named, n: int = COUNT, seed: int = 0) -> Drawn:
+def draws(result: Identification | Named, n: int = BAND_DRAWS, seed: int = 0) -> Drawn:
     """Draw parameters from the uncertainty of an identification, for domain randomisation.
 
     Draws are normally distributed within the parameters' bounds, all with the same weight.

@@ -127,21 +127,15 @@ _EVERYWHERE = Group("Any command", sort_key=9)
 def program(called: Sequence[str] = ()) -> App:
     """Return the program; only the called command's help comes from its whole docstring."""
     call = _name_of(called)
-    plain = Parameter(negative=(), show_default=_worth_showing)
     app = App(
-        name="butterfly",
+        **_HOW,
         version=f"butterfly {__version__}",
         help="Identify and simulate a motor-driven joint from its logs.",
         help_format="markdown",
         help_epilogue="Start: butterfly run quickstart. Help: butterfly COMMAND --help."
         * (not call),
-        default_parameter=plain,
         group_commands=_EVERYWHERE,
         group_parameters=Group("Options", sort_key=1),
-        print_error=False,
-        exit_on_error=False,
-        suppress_keyboard_interrupt=False,
-        result_action="return_value",
     )
     results = App(name="results", help="List, show, export and clean up the results of sweeps.")
     results.group = Group("Results", sort_key=8)
@@ -166,6 +160,11 @@ def program(called: Sequence[str] = ()) -> App:
 def _worth_showing(default: object) -> str | None:
     """Return a default as help shows it: switches and empty lists have none."""
     return None if default is None or isinstance(default, bool | tuple) else str(default)
+
+
+_HOW: dict[str, Any] = {"name": "butterfly", "result_action": "return_value"}
+_HOW |= dict.fromkeys(("print_error", "exit_on_error", "suppress_keyboard_interrupt"), False)
+_HOW["default_parameter"] = Parameter(negative=(), show_default=_worth_showing)
 
 
 def _launch(app: App) -> Callable[..., ExitCode | None]:
@@ -264,7 +263,10 @@ def main() -> None:
     try:
         with warnings.catch_warnings():
             warnings.showwarning = lambda message, *_, **__: print_warning(str(message))
-            ended = program(tokens).meta(tokens)
+            # the program's own `meta` would read the command's options too, before the command does
+            general = App(**_HOW, help_flags=(), version_flags=(), end_of_options_delimiter="\0")
+            general.default(_launch(program(tokens)))
+            ended = general(tokens)
         sys.stdout.flush()
         sys.exit(ended or ExitCode.DONE)
     except (StoppedError, KeyboardInterrupt) as stopped:

@@ -11,6 +11,7 @@ import __future__
 import ast
 import builtins
 import re
+from collections import abc
 from collections.abc import Callable, Collection, Sequence
 from enum import Enum
 from functools import partial
@@ -35,7 +36,6 @@ from butterfly.cli.options import (
 )
 from butterfly.cli.output import ExitCode, show_progress
 from butterfly.cli.written import FOLDER
-from butterfly.progress import untracked
 
 Ask: TypeAlias = partial[Any]
 """A verb with the values of its options, its ``keywords``; a call of it may replace some."""
@@ -69,17 +69,17 @@ def verb_named(name: str) -> Callable[..., Any]:
     """Return a verb, or without a slow import its signature and docstring, types as paths."""
     source = ast.parse(source_of(name)).body
     (verb,) = [each for each in source if isinstance(each, ast.FunctionDef) and each.name == name]
-    defaults = [each for each in verb.args.kw_defaults if not isinstance(each, ast.Constant)]
-    light = [ast.unparse(each) for each in defaults if each] == [untracked.__name__]
-    if not light or "method" in {each.arg for each in verb.args.kwonlyargs}:
-        found: Callable[..., Any] = getattr(bf, name)
-        return found
+    if "method" in {each.arg for each in ast.walk(verb.args) if isinstance(each, ast.arg)}:
+        return cast(Callable[..., Any], getattr(bf, name))
+    defaults = {each.id for each in verb.args.kw_defaults if isinstance(each, ast.Name)}
+    imports = [each for each in source if isinstance(each, ast.ImportFrom)]
+    imports = [each for each in imports if defaults & {one.name for one in each.names}]
     verb.body, verb.returns = verb.body[:1], None
     types = {each.id for each in ast.walk(verb.args) if isinstance(each, ast.Name)}
     space: dict[str, Any] = dict.fromkeys(types - vars(builtins).keys(), PathLike[str])
-    space |= {"Any": Any, "Literal": Literal, "Sequence": Sequence, "untracked": untracked}
+    space |= {**vars(abc), "Any": Any, "Literal": Literal}
     flags = __future__.annotations.compiler_flag
-    exec(compile(ast.Module([verb], []), name, "exec", flags), space)  # noqa: S102 - our own source
+    exec(compile(ast.Module([*imports, verb], []), name, "exec", flags), space)  # noqa: S102 - our own source
     return cast(Callable[..., Any], space[name])
 
 

@@ -1,7 +1,5 @@
 """Options that several commands take, and values as NAME=VALUE by commas."""
 
-from __future__ import annotations
-
 import re
 import sys
 from dataclasses import dataclass, fields

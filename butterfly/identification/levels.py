@@ -1,18 +1,18 @@
 """Levels of significance, precision, relevance and rounding: one number each."""
 
-import numpy as np
-from scipy.special import ndtri
+import sys
+from statistics import NormalDist
 
 CONFIDENCE = 0.95
 """Level of all intervals; tests have a false-alarm rate of 1 less it."""
 
-SPREADS = float(ndtri(0.5 + CONFIDENCE / 2))
+SPREADS = NormalDist().inv_cdf(0.5 + CONFIDENCE / 2)
 """Half width of an interval, in standard deviations of a normal distribution."""
 
 ACCUSED = 1e-3
 """False-alarm rate of tests of given values, and of the homogeneity of logs."""
 
-CLEARLY = float(-ndtri(ACCUSED / 2))
+CLEARLY = -NormalDist().inv_cdf(ACCUSED / 2)
 """Standard errors above which two values contradict each other."""
 
 PRECISE = 0.1
@@ -36,6 +36,9 @@ FEW = 3
 DRAWS = round(1 / (1 - CONFIDENCE))
 """Random draws of which one is expected outside an interval."""
 
+BAND_DRAWS = 10 * DRAWS
+"""Default number of draws of a band: five are expected beyond either edge."""
+
 MOST = 60
 """Largest number of iterations; one that goes on has not converged."""
 
@@ -45,5 +48,5 @@ PASSES = 12
 WEIGHED = 0.2
 """Relative tolerance of a variance, and of weights by it: scatter estimates none better."""
 
-ROUNDING: float = float(np.finfo(float).eps) ** 0.5
+ROUNDING: float = sys.float_info.epsilon**0.5
 """Share below which a difference is none: half the digits are left to conditioning."""

@@ -35,7 +35,7 @@ from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.inference.blocks import length_of
 from butterfly.identification.inference.covariance import honest_limits, widened
 from butterfly.identification.inference.estimate import Estimate
-from butterfly.identification.levels import CONFIDENCE, DRAWS, SPREADS
+from butterfly.identification.levels import BAND_DRAWS, CONFIDENCE, DRAWS, SPREADS
 from butterfly.identification.sensor_errors import SensorErrors
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
@@ -49,12 +49,8 @@ OF_NEW_LOG = "new log"
 _STEP = 0.02  # s, between the samples at which a band is computed
 _TAILS = ((1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2)
 
-
 LEAST = 2 * DRAWS
 """Fewest draws: one is expected beyond either edge of a band."""
-
-COUNT = 5 * LEAST
-"""Default number of draws: five are expected beyond either edge of a band."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -86,7 +82,7 @@ def require_draws(count: int, seed: int) -> None:
 
 
 def draw_parameters(
-    estimate: Estimate, count: int = COUNT, *, masses: Iterable[AddedMass] = (), seed: int = 0
+    estimate: Estimate, count: int = BAND_DRAWS, *, masses: Iterable[AddedMass] = (), seed: int = 0
 ) -> ParameterDraws:
     """Draw parameters within their bounds, with equal weights.
 

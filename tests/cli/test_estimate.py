@@ -20,8 +20,8 @@ SAYS = {
     "identify {few} -m weak-form": ("weak",),
     "identify {files} -m linear -v": ("linear", "6 logs, 3 added masses, "),
     "identify {data} --terms= --against p1=0.004,p2=0.001,p3=0.05": ("best p4",),
-    "validate {data} --terms= --split mass --bootstrap 20": (
-        *("Held out by mass: as requested", "9 of 9"),
+    "validate {few} -m weak-form --terms= --split mass --bootstrap 20": (
+        *("Held out by mass: as requested", "6 of 6"),
         *(r"^ +p1 .*kg m²$", "bootstrap over logs"),
     ),
     "validate {data} --terms= --split frequency": ("out by frequency: as requested", "9 of 9"),

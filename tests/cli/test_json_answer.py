@@ -30,7 +30,7 @@ def _words(command, data, few, place):
         "compare": (saved, "--log", "0"),
         "design": (saved,),
         "run": (place / "quick.yaml", "--out", results),
-        "campaign": ("quickstart", "--out", place / "campaign"),
+        "campaign": (place / "quick.yaml", "--out", place / "campaign"),
         "reproduce": ("thesis",),
         "results list": (place / "results",),
         "results show": (results, 0),

@@ -49,38 +49,33 @@ def _outputs(name):
 WRITING = [(name, option) for name in COMMANDS for option in _outputs(name)]
 
 
-@pytest.fixture
-def folder(saved, quick_data, tmp_path, monkeypatch):
-    """A folder with what the calls read, and with files of somebody else."""
-    monkeypatch.chdir(tmp_path)
-    data = bf.read(quick_data)
-    (tmp_path / "logs").mkdir()
-    for number, log in enumerate(data.logs[:2]):
-        write_csv(log, tmp_path / f"logs/run{number}.csv")
-    shutil.copy(quick_data / "manifest.yaml", tmp_path / "logs/manifest.yaml")
-    shutil.copy(quick_data.parent / "quick.yaml", tmp_path / "plan.yaml")
+@pytest.fixture(scope="module")
+def files(saved, quick_data, tmp_path_factory):
+    """What the calls read, and files of somebody else, to be copied."""
+    made = tmp_path_factory.mktemp("files")
+    (made / "logs").mkdir()
+    for number, log in enumerate(bf.read(quick_data).logs[:2]):
+        write_csv(log, made / f"logs/run{number}.csv")
+    shutil.copy(quick_data / "manifest.yaml", made / "logs/manifest.yaml")
+    shutil.copy(quick_data.parent / "quick.yaml", made / "plan.yaml")
     for name in ("result.json", "other.json"):
-        shutil.copy(saved, tmp_path / name)
-    (tmp_path / "results").mkdir()
-    for ending in (
-        ".html",
-        ".json",
-        ".csv",
-        ".parquet",
-        ".yaml",
-        ".yml",
-        ".xml",
-        ".urdf",
-        ".h",
-        ".py",
-    ):
-        (tmp_path / f"theirs{ending}").write_text("t,u,q\n0,0,0\n")
-    for ending in (".gif", ".mp4", ".webp", ".png", ".jpg", ".jpeg"):
-        (tmp_path / f"theirs{ending}").write_bytes(b"\x89PNG of somebody")
-    (tmp_path / "folder.d").mkdir()
-    (tmp_path / "folder.d/theirs.txt").write_text("text")
-    (tmp_path / "link.json").symlink_to("result.json")
-    return tmp_path
+        shutil.copy(saved, made / name)
+    (made / "results").mkdir()
+    for ending in ["html", "json", "csv", "parquet", "yaml", "yml", "xml", "urdf", "h", "py"]:
+        (made / f"theirs.{ending}").write_text("t,u,q\n0,0,0\n")
+    for ending in ["gif", "mp4", "webp", "png", "jpg", "jpeg"]:
+        (made / f"theirs.{ending}").write_bytes(b"\x89PNG of somebody")
+    (made / "folder.d").mkdir()
+    (made / "folder.d/theirs.txt").write_text("text")
+    (made / "link.json").symlink_to("result.json")
+    return made
+
+
+@pytest.fixture
+def folder(files, tmp_path, monkeypatch):
+    """A folder with them."""
+    monkeypatch.chdir(tmp_path)
+    return shutil.copytree(files, tmp_path, symlinks=True, dirs_exist_ok=True)
 
 
 def _contents(folder):
