@@ -354,9 +354,11 @@ class _Campaign:
             return _Next("another mass gives the scale", mount)
         worst, share = max(self._shares.items(), key=lambda pair: pair[1])
         stays = f"{worst} is {share:.3g} times the goal"
-        if plan is None:
-            few = f"{stays}, and {len(vain)} runs brought too little"
-            return _Next(few if given_up else "no run stays within the limits")
+        if given_up:
+            return _Next(f"{stays}, and {len(vain)} runs brought too little")
+        if plan is None:  # by a model that hardly knows
+            again = probe(self._mounted, self._size, limits, PROBE)
+            return _Next(f"{stays}, and nothing that is planned stays within the limits", again)
         runs = f"{plan.runs} such runs" if plan.runs > 1 else "one such run"
         return _Next(f"{stays}; {runs} expected", plan.recipe, plan.expected[0])
 

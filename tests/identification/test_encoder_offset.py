@@ -179,6 +179,19 @@ def test_output_error_tells_a_bias_from_a_zero_that_is_told():
     assert alone.parameters.bias == pytest.approx(2e-3, rel=0.01)
 
 
+def test_a_bare_joint_hangs_at_its_zero_whatever_half_turn_the_search_ends_at():
+    bare = [log for log in _logs(0.3, turns=(0, 0, 0)) if log.added_mass == MASSES[0]]
+    fit, data = OutputError(terms=(), workers=1), DataSet.of(bare, known=Prior.of({"p4": ROBOT.p4}))
+    (start,) = starts(data, ())[:1]
+    turned = Start(
+        replace(start.parameters, p3=-start.parameters.p3),
+        {mass: zero + np.pi for mass, zero in start.zeros.items()},
+    )
+    found, same = (fit.of_logs(data.logs, [each], data.known) for each in (start, turned))
+    assert same.parameters.p3 == pytest.approx(found.parameters.p3, rel=1e-6)
+    assert same.local[None]["zero"] == pytest.approx(found.local[None]["zero"], abs=1e-6)
+
+
 def test_no_logs_and_logs_of_different_kinds_of_input_are_refused(sine_log):
     with pytest.raises(InputError, match=r"bench.*at least one log"):
         DataSet.of([], name="bench")

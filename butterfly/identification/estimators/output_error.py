@@ -21,7 +21,13 @@ from butterfly.errors import IdentifiabilityError, InputError, require_number
 from butterfly.identification.chosen_terms import Fitted, offered_rows, separable, stagewise_fit
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
-from butterfly.identification.estimators.start import ProblemOf, lowest_end, servo_start, starts
+from butterfly.identification.estimators.start import (
+    ProblemOf,
+    hanging,
+    lowest_end,
+    servo_start,
+    starts,
+)
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Loss
 from butterfly.identification.free_run import horizon_of
@@ -191,7 +197,7 @@ class OutputError(Estimator):
         every = [self.problem(logs, each, known).without(absent) for each in first]
         bare = [each.without([n for n in rows[0] if not getattr(each.start, n)]) for each in every]
         # a fit that is but the first need not be exact
-        fitted = lowest_end(bare, SHOWS if rows[0] else ROUNDING)
+        fitted = hanging(lowest_end(bare, SHOWS if rows[0] else ROUNDING))
         choosing = bool(rows[0]) and not out_of_time("the selection of terms")
         fitted = separable(stagewise_fit(every[0], fitted, *rows) if choosing else fitted)
         weighed = weighed_from(fitted.problem, fitted.end)

@@ -18,6 +18,7 @@ from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError, IdentifiabilityError
 from butterfly.identification.chosen_terms import Fitted, chosen_at_once, offered_rows
 from butterfly.identification.data import DataSet
+from butterfly.identification.encoder_offset import near
 from butterfly.identification.estimators.base import Estimator, usable
 from butterfly.identification.estimators.harmonic_balance import HarmonicBalance
 from butterfly.identification.estimators.weak_form import WeakForm
@@ -33,7 +34,7 @@ from butterfly.logs.log import Log
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Known, Prior
-from butterfly.model.terms import GEAR, GROWING, LOOP_TERMS, OF_SERVO, offered
+from butterfly.model.terms import GEAR, GROWING, LOOP_TERMS, OF_ANGLE, OF_SERVO, offered
 from butterfly.progress import out_of_time
 
 _ELSEWHERE = 1.05  # ratio of costs, above which two ends are not the same
@@ -180,6 +181,23 @@ def lowest_end(problems: Sequence[Problem], enough: float = ROUNDING) -> Fitted:
     elsewhere = [ratio for ratio in (cost / end.at.cost for cost in costs) if ratio > _ELSEWHERE]
     findings = tuple(Finding(FindingKind.OTHER_END, number=min(elsewhere)) for _ in elsewhere[:1])
     return Fitted(problem=problem, end=end, findings=findings)
+
+
+def hanging(fitted: Fitted) -> Fitted:
+    """Return the same fit, the encoder's zero where a joint without added masses hangs.
+
+    Half a turn of the zero and the other sign of gravity are the same motion.
+    """
+    problem, values = fitted.problem, fitted.end.values.copy()
+    at = {name: k for k, (name, whose) in enumerate(problem.keys) if whose is None}
+    turns = {"p3", "zero"} <= at.keys() and not (OF_ANGLE - {"p3", "p3_offset"}) & at.keys()
+    if any(log.added_mass.mass for log in problem.logs) or not turns or values[at["p3"]] >= 0:
+        return fitted
+    for name in {"p3", "p3_offset"} & at.keys():
+        values[at[name]] *= -1
+    home = float(np.median(problem.logs[0].angle))
+    values[at["zero"]] = near(values[at["zero"]] + math.pi, home)
+    return replace(fitted, end=problem.descend(problem.equations(values)))
 
 
 def _leaves_noise(at: Equations) -> bool:
