@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
 from os import PathLike
@@ -17,7 +17,7 @@ from butterfly.api.identification import Identification
 from butterfly.api.sources import Named
 from butterfly.api.verbs import share_of
 from butterfly.campaigns.bench import Limits
-from butterfly.campaigns.campaign import Ended, Wish, conduct
+from butterfly.campaigns.campaign import Carry, Ended, Wish, conduct
 from butterfly.campaigns.folder import Folder
 from butterfly.errors import InputError
 from butterfly.experiment.source import read_experiment
@@ -84,8 +84,7 @@ class Campaign(Answer):
                 "ending": ended.ending,
                 "robot_time": steps[-1].seconds if steps else 0.0,
                 "changes": _changes(ended),
-                "polarity": ended.journal.contact.polarity,
-                "breakaway": ended.journal.contact.breakaway,
+                **ended.journal.contact._asdict(),
                 "held_out": {} if found is None else found.held_out,
                 "rows": rows,
             },
@@ -100,15 +99,12 @@ class Campaign(Answer):
 
     def shown_rows(self) -> list[dict[str, str]]:
         """Return the runs, half-widths over what is wanted with two digits."""
-        hidden = {"length in s", "why", "ended early"}
-        return [
-            {
-                name: f"{value:.2g}" if name in OF_GOAL and value else cell_text(value)
-                for name, value in row.items()
-                if name not in hidden
-            }
-            for row in self.rows()
-        ]
+        hidden = {"length in s", "why", "ended early", *OF_GOAL}
+        shown = []
+        for row in self.rows():
+            shares = {f"{k} / goal": f"{row[k]:.2g}" if row[k] else "–" for k in OF_GOAL}
+            shown.append({k: cell_text(v) for k, v in row.items() if k not in hidden} | shares)
+        return shown
 
     def figures(self) -> dict[str, Figure]:
         """Return how intervals shrank, and what was played."""
@@ -145,7 +141,7 @@ def campaign(
     price: float = 120.0,
     step: float | None = None,
     known: Mapping[str, Any] | None = None,
-    change: Callable[[AddedMass], None] | None = None,
+    change: Carry | None = None,
 ) -> Campaign:
     """Run experiments on an unknown joint that choose themselves, until a goal is reached.
 
@@ -218,8 +214,8 @@ def campaign(
 
 
 def _named(
-    name: str, own: dict[str, Any], change: Callable[[AddedMass], None] | None
-) -> tuple[Motor, dict[str, Any], Callable[[AddedMass], None] | None, float | None]:
+    name: str, own: dict[str, Any], change: Carry | None
+) -> tuple[Motor, dict[str, Any], Carry | None, float | None]:
     """Return the motor that a name stands for, what goes with it, and its largest command."""
     module, colon, factory = name.rpartition(":")
     if colon and module.replace(".", "").replace("_", "").isalnum():
@@ -234,13 +230,9 @@ def _named(
     if rig.servo is not None:
         expected = "a plant without a loop: a campaign commands the drive directly"
         raise InputError(name, "plant.loop", rig.servo.law, expected)
-    motor = SimulatedMotor(
-        rig.joint(masses[0]),
-        path=rig.path,
-        encoder=rig.encoder,
-        clock=rig.clock,
-        rng=np.random.default_rng(experiment.seed),
-    )
+    seen: dict[str, Any] = {"path": rig.path, "encoder": rig.encoder, "clock": rig.clock}
+    rng = np.random.default_rng(experiment.seed)
+    motor = SimulatedMotor(rig.joint(masses[0]), rng=rng, **seen)
     sizes = [sine.amplitude for sine in experiment.excitations]
     limit = rig.path.limit if np.isfinite(rig.path.limit) else max(sizes, default=None)
     known = {name: plain(value) for name, value in Prior.of(experiment.known).parameters.items()}

@@ -66,10 +66,8 @@ class Recording(NamedTuple):
 
     def log(self, **about: Any) -> Log:  # noqa: ANN401 - fields of the log
         """Return its log."""
-        kind = {"input_kind": self.input_kind}
-        return recorded(
-            self.time, self.input, self.angle, **kind, **{"source": "campaign", **about}
-        )
+        about = {"source": "campaign", "input_kind": self.input_kind, **about}
+        return recorded(self.time, self.input, self.angle, **about)
 
 
 @contextmanager
@@ -94,8 +92,8 @@ class Bench:
         """Robot time in s so far is `used`; the joint's resonance in rad/s, if known, the pace."""
         self.noise, self.rest = 0.0, 0.0
         """Of the encoder at rest, in rad: standard deviation, and reading."""
-        self.home: float | None = None
-        """Where the joint rested first, as it is loaded now: swings count from there."""
+        self.home, self._is_new = 0.0, True
+        """Angle in rad of the first rest with the present load: swings count from there."""
         self._brake: tuple[float, float, float] | None = None
 
     @property
@@ -105,7 +103,7 @@ class Bench:
 
     def changed(self, change: Callable[[], None]) -> None:
         """Switch the drive off, let the load be changed, and switch it on again."""
-        self.home = None
+        self._is_new = True
         self._motor.command(0.0)
         self._motor.stop()
         change()
@@ -134,7 +132,6 @@ class Bench:
         """
         motor, samples, cut = self._motor, [], ""
         speed, reach = FilteredDifference(_LAG), reach or self.limits.angle
-        home = self.rest if self.home is None else self.home
         begun = last = motor.read().time
         free, window = math.inf, self._window
         while True:
@@ -144,7 +141,7 @@ class Bench:
                 raise SafetyStop(_said_of_reading(time - last, angle))
             since, last = time - begun, time
             rate = speed.update(time, angle, 0.0)
-            swing = math.hypot(angle - home, rate / self.pace)  # that it is about to reach
+            swing = math.hypot(angle - self.home, rate / self.pace)  # that it is about to reach
             cut = self._exceeded(swing, reach, rate, current)
             command = None if cut or since > duration else law(Reading(since, angle, current))
             if command is None:
@@ -192,15 +189,15 @@ class Bench:
         while (passed := self.used - begun) < _LONGEST_STOP:
             if self._brake is not None:
                 size, speed, width = self._brake
-                home = self.rest if self.home is None else self.home
-                width = width if passed < _RETURN else math.inf  # where it is, if not at home
-                self._brought_to_rest(Brake(home, size, speed, width), length)
+                if self._is_new or passed > _RETURN:  # where it is, if not at home
+                    width = math.inf
+                self._brought_to_rest(Brake(self.home, size, speed, width), length)
             angle = self._brought_to_rest(lambda _: 0.0, length)
             rest = float(angle.mean())
-            away = 0.0 if self.home is None else abs(rest - self.home)
-            if self._is_still(angle) and (away < self.near or passed > _RETURN):
+            near = self._is_new or abs(rest - self.home) < self.near or passed > _RETURN
+            if near and self._is_still(angle):
                 self.noise, self.rest = max(_noise(angle), self.noise), rest
-                self.home = rest if self.home is None else self.home
+                self.home, self._is_new = rest if self._is_new else self.home, False
                 return
         raise SafetyStop(
             f"the joint has not come to rest in {_LONGEST_STOP:g} s: check that nothing drives it"

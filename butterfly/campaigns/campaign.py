@@ -48,7 +48,11 @@ from butterfly.verdict import Level
 GOAL = 0.01
 """Half-width of the 95 % interval, over the value, that is asked of p1..p4 and Coulomb friction."""
 
+Carry = Callable[[AddedMass], None]
+"""Mounts a mass, and returns when it is mounted."""
+
 _OVER = 2.0  # command of the first relay, over what moves the joint
+_LEAST = 1e-9  # of a half-width, that counts as wanted of a value that is 0
 _IN_VAIN = 5  # runs in a row that may bring too little
 _REACHED = "the goal is reached"
 _RATIOS = "ratios are known so well, and without another mass, or a known value, nothing more is"
@@ -91,9 +95,7 @@ class Ended:
     """Why it ended, in words."""
 
 
-def conduct(
-    motor: Motor, wish: Wish, folder: Folder, carry: Callable[[AddedMass], None] | None = None
-) -> Ended:
+def conduct(motor: Motor, wish: Wish, folder: Folder, carry: Carry | None = None) -> Ended:
     """Run a campaign, or go on with one, to its end.
 
     ``carry`` mounts a mass, or asks a person to, and returns when it is mounted; without it the
@@ -116,13 +118,7 @@ class _Next(NamedTuple):
 class _Campaign:
     """The state of a campaign between two runs."""
 
-    def __init__(
-        self,
-        bench: Bench,
-        wish: Wish,
-        folder: Folder,
-        carry: Callable[[AddedMass], None] | None,
-    ) -> None:
+    def __init__(self, bench: Bench, wish: Wish, folder: Folder, carry: Carry | None) -> None:
         self._bench, self._wish, self._folder, self._carry = bench, wish, folder, carry
         self._mounted = wish.masses[0]
         self._found: Identified | None = None
@@ -150,12 +146,8 @@ class _Campaign:
         seen = {} if self._sound is None else self._sound.held_out
         if any(judge_fit(np.array([fit])) for fit in seen.values()):
             ending = f"the last run, which was not fitted, is not predicted; {_TOUCHED}"
-        return Ended(
-            journal=self._folder.journal,
-            identified=self._found,
-            reached=ending == _REACHED,
-            ending=ending,
-        )
+        journal, reached = self._folder.journal, ending == _REACHED
+        return Ended(journal=journal, identified=self._found, reached=reached, ending=ending)
 
     def _begin(self) -> None:
         """Make contact, or take up where the journal ends."""
@@ -187,7 +179,7 @@ class _Campaign:
             bench.braked_with(self._size, *self._damping(before, recipe.added_mass))
         bench.settle()
         self._require_no_slip()
-        law = recipe.law(bench.rest if bench.home is None else bench.home)
+        law = recipe.law(bench.home)
         run = bench.run(law, recipe.duration, recipe.reach)
         size = getattr(law, "size", 0.0)
         if before is None:
@@ -282,7 +274,7 @@ class _Campaign:
 
         While the scale is open, p1 is held at 1: all others are ratios to it.
         """
-        data = self._folder.data() if only is None else self._folder.one(only)
+        data = self._folder.data(only)
         if self._open or only is not None:
             data = data.knowing(Prior.of({"p1": 1.0}))
         try:
@@ -319,8 +311,8 @@ class _Campaign:
         found = self._found
         if found is None:
             return {}
-        with np.errstate(divide="ignore"):  # of a value that is 0
-            shares = found.estimate.farther / self._wanted(found)
+        widths = found.estimate.farther
+        shares = widths / np.maximum(self._wanted(found), _LEAST * widths)
         pairs = zip(found.estimate.names, shares.tolist(), strict=True)
         return {name: share for name, share in pairs if name in OF_GOAL}
 

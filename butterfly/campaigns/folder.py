@@ -15,14 +15,7 @@ from butterfly.errors import InputError
 from butterfly.files import finite, json_text, read_file, write_file
 from butterfly.identification.data import DataSet, read_data_set
 from butterfly.logs.log import InputKind, Intersample
-from butterfly.logs.manifest import (
-    MANIFEST_NAME,
-    LogEntry,
-    Manifest,
-    Uncertain,
-    manifest_text,
-    read_manifest,
-)
+from butterfly.logs.manifest import MANIFEST_NAME, LogEntry, Manifest, manifest_text, read_manifest
 from butterfly.logs.parquet import parquet_bytes
 from butterfly.model.parameters import AddedMass
 
@@ -134,14 +127,11 @@ class Folder:
         """Say of the last run what was known after it."""
         self._keep(replace(self.journal, steps=(*self.journal.steps[:-1], step)))
 
-    def data(self) -> DataSet:
-        """Return the logs so far, as `identify` reads them."""
-        return read_data_set(read_manifest(self.path / MANIFEST_NAME))
-
-    def one(self, number: int) -> DataSet:
-        """Return one of the logs."""
+    def data(self, only: int | None = None) -> DataSet:
+        """Return the logs so far, or one of them, as `identify` reads them."""
         manifest = read_manifest(self.path / MANIFEST_NAME)
-        return read_data_set(manifest.model_copy(update={"logs": [manifest.logs[number]]}))
+        logs = manifest.logs if only is None else [manifest.logs[only]]
+        return read_data_set(manifest.model_copy(update={"logs": logs}))
 
     def _keep(self, journal: Journal) -> None:
         self._journal = journal
@@ -154,14 +144,13 @@ def _file(number: int) -> str:
 
 
 def _manifest(name: str, journal: Journal) -> Manifest:
-    known: dict[str, Uncertain] = journal.known
     return Manifest(
         name=name,
         description="made by a campaign",
         input=journal.input_kind,
         intersample=Intersample.ZERO_ORDER_HOLD,
         sign=1 if journal.contact.polarity > 0 else -1,
-        known=known,
+        known=journal.known,
         holdout=[
             _file(k).removesuffix(".parquet") for k, s in enumerate(journal.steps) if s.held_out
         ],

@@ -9,6 +9,8 @@ import pytest
 import butterfly as bf
 from butterfly.campaigns.bench import Bench, Limits, SafetyStop
 from butterfly.campaigns.campaign import OF_GOAL
+from butterfly.campaigns.contact import Contact
+from butterfly.campaigns.folder import Journal, Step
 from butterfly.campaigns.laws import Relay, Signal
 from butterfly.errors import InputError
 from butterfly.model.parameters import NO_ADDED_MASS, LumpedParameters
@@ -43,6 +45,7 @@ class Faulty:
         self._inner = robot(self._rig)
         self.input_kind = self._inner.input_kind
         self.commands, self.stopped, self._passed, self._mounts = [], 0, 0.0, 0
+        self.farthest = 0.0
 
     def start(self):
         self._inner.start()
@@ -62,6 +65,7 @@ class Faulty:
 
     def read(self):
         time, angle, current = self._inner.read()
+        self.farthest = max(self.farthest, abs(angle))
         at_rest = not any(self.commands[-50:])
         if self._passed < self._since or (
             self._since > 0 and self._wrong == "slips" and not at_rest
@@ -196,6 +200,30 @@ def test_what_the_model_does_not_follow_ends_in_words_after_small_runs(tmp_path,
     assert "encoder does not slip, and that no end stop" in found.content["ending"]
     assert "butterfly residual" in str(found)
     assert all("relay of 0.18 rad" in row["played"] for row in found.rows())
+
+
+def test_where_friction_holds_the_joint_anywhere_it_stays_within_a_tenth_of_its_limit(tmp_path):
+    stiff = Faulty("", of=rig(true=replace(TRUE, p3=0.01, coulomb=0.01)))
+    found = run(stiff, tmp_path / "a", angle=0.3)
+    assert found.reached
+    assert stiff.farthest < 0.33
+
+
+def test_runs_that_bring_less_than_half_of_what_was_expected_are_in_vain():
+    def step(share, expected=None, name="p2", **more):
+        about = {"what": "", "why": "", "added_mass": NO_ADDED_MASS, "seconds": 1.0}
+        return Step(**about, shares={name: share} if share else {}, expected=expected, **more)
+
+    def in_vain(*steps):
+        journal = Journal(input_kind="torque", contact=Contact(1, 0.1), steps=steps)
+        return len(journal.in_vain)
+
+    assert in_vain(step(None), step(None)) == 2
+    assert in_vain(step(8.0), step(3.9, 2.0)) == 0  # half of the way is to 4
+    assert in_vain(step(8.0), step(4.1, 2.0), step(6.0, 1.0)) == 2
+    assert in_vain(step(8.0), step(9.0, 2.0), step(1.0, 2.0)) == 0
+    assert in_vain(step(8.0), step(9.0, 2.0), step(30.0, 2.0, "p1")) == 0  # the scale is known
+    assert in_vain(step(8.0), step(9.0, 2.0), step(None, held_out=True)) == 1
 
 
 def test_a_limit_cuts_a_run_short_and_is_not_exceeded_by_a_tenth():
