@@ -241,8 +241,7 @@ def _named(
 
 
 def _changes(ended: Ended) -> int:
-    masses = [step.added_mass for step in ended.journal.steps]
-    return sum(a != b for a, b in itertools.pairwise(masses))
+    return sum(a.added_mass != b.added_mass for a, b in itertools.pairwise(ended.journal.steps))
 
 
 def _sentences(ended: Ended, wish: Wish, folder: Path) -> list[str]:

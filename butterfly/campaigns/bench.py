@@ -157,6 +157,8 @@ class Bench:
                 free = since
             motor.wait(self.step)
         motor.command(0.0)
+        if cut and not samples:
+            raise SafetyStop(f"{cut} before the run: turn the joint back, and go on")
         self.used += since
         if self.used > self.limits.seconds:
             raise TimeUsed(f"the robot time of {self.limits.seconds:g} s is used up")

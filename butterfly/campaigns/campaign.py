@@ -102,8 +102,7 @@ def conduct(motor: Motor, wish: Wish, folder: Folder, carry: Carry | None = None
     mass is never changed.
     """
     masses = wish.masses if carry is not None else wish.masses[:1]
-    bench = Bench(motor, wish.limits, wish.step)
-    with bench:
+    with Bench(motor, wish.limits, wish.step) as bench:
         return _Campaign(bench, replace(wish, masses=masses), folder, carry).run()
 
 
@@ -183,8 +182,8 @@ class _Campaign:
         run = bench.run(law, recipe.duration, recipe.reach)
         size = getattr(law, "size", 0.0)
         if before is None:
-            fast = float(np.std(np.gradient(run.angle, run.time)))
-            bench.braked_with(max(self._size, size), fast)
+            fast = float(np.std(np.diff(run.angle))) / self._wish.step
+            bench.braked_with(max(self._size, size), fast, float(np.ptp(run.angle)) / 2)
         if run.cut:
             bench.settle()
         bench.require_motion(run)
