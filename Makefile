@@ -15,7 +15,7 @@ WITH_KERNELS = NUMBA_CACHE_DIR=$$($(BIN)/python -m tests.kernels) && export NUMB
 # A module is compiled when it is first imported, not by each process anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: constraints demo docs lowest outputs pictures profile test test-slow film lint types bench bench-short coverage kinds forecasts fuzz readers readback record record-check texts wheel clean
+.PHONY: constraints demo docs lowest outputs pictures profile test test-slow film lint types bench bench-short campaigns coverage kinds forecasts fuzz readers readback record record-check texts wheel clean
 
 demo: $(VENV)/.runtime
 	$(BIN)/butterfly run experiments/quickstart.yaml
@@ -77,6 +77,10 @@ coverage: $(VENV)/.development
 # The same of robots of unknown kind, each as its owner knows it: 20 of each by ROBOTS=20.
 kinds: $(VENV)/.development
 	$(ONE_THREAD) $(BIN)/python -m tests.benchmarks.kinds --robots $(ROBOTS) --seed $(SEED)
+
+# How campaigns end on random robots, and on such as the model misses: 20 of each by ROBOTS=20.
+campaigns: $(VENV)/.development
+	$(ONE_THREAD) $(BIN)/python -m tests.benchmarks.campaigns --robots $(ROBOTS) --seed $(SEED)
 
 # How often what inspect says before a fit comes true: 15 kinds of data sets, 5 of each by ROBOTS=5.
 forecasts: $(VENV)/.development
