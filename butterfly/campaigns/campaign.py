@@ -382,6 +382,5 @@ def _missed(estimate: Estimate) -> str:
     found = {each.kind: each for each in estimate.findings}
     missing, beyond = found.get(FindingKind.MISSING_TERM), found.get(FindingKind.MISFIT)
     said = [missing.parameters[0]] if missing else []
-    if beyond and beyond.number is not None:
-        said.append(f"error {beyond.number:.2g} times the noise")
+    said += [f"error {beyond.number:.2g} times the noise"] if beyond and beyond.number else []
     return ", ".join(said)

@@ -83,6 +83,8 @@ class Folder:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._journal = self._read()
+        if self._journal is not None:  # what was killed may have left a manifest ahead of it
+            self._keep(self._journal)
 
     @property
     def is_begun(self) -> bool:
@@ -116,12 +118,9 @@ class Folder:
     def add(self, run: Recording, step: Step) -> None:
         """Keep a run: its log first, then the manifest, then the journal."""
         steps = (*self.journal.steps, step)
-        log = run.log(added_mass=step.added_mass)
-        write_file(self.path / _file(len(steps) - 1), parquet_bytes(log))
-        journal = replace(self.journal, steps=steps)
-        text = manifest_text(_manifest(self.path.name, journal))
-        write_file(self.path / MANIFEST_NAME, text, own=True)
-        self._keep(journal)
+        log = parquet_bytes(run.log(added_mass=step.added_mass))
+        write_file(self.path / _file(len(steps) - 1), log)
+        self._keep(replace(self.journal, steps=steps))
 
     def conclude(self, step: Step) -> None:
         """Say of the last run what was known after it."""
@@ -135,6 +134,9 @@ class Folder:
 
     def _keep(self, journal: Journal) -> None:
         self._journal = journal
+        if journal.steps:
+            manifest = manifest_text(_manifest(self.path.name, journal))
+            write_file(self.path / MANIFEST_NAME, manifest, own=True)
         content = json_text(finite(_JOURNAL.dump_python(journal, mode="json")))
         write_file(self.path / JOURNAL, content, own=True)
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import butterfly as bf
+from butterfly.campaigns import folder
 from butterfly.campaigns.bench import Bench, Limits, SafetyStop
 from butterfly.campaigns.campaign import OF_GOAL
 from butterfly.campaigns.contact import Contact
@@ -140,17 +141,19 @@ def test_without_a_mass_ratios_are_all_that_is_claimed(tmp_path):
     assert found.identification.estimate.named["p3"] == pytest.approx(12.5, rel=0.01)
 
 
-@pytest.mark.parametrize("stop_after", [1, 2])
-def test_a_campaign_that_was_killed_goes_on_and_ends_alike(tmp_path, monkeypatch, stop_after):
-    kept, runs = Bench.run, []
+@pytest.mark.parametrize(("owner", "after"), [(Bench, 1), (Bench, 2), (folder, 7)])
+def test_a_campaign_that_was_killed_goes_on_and_ends_alike(tmp_path, monkeypatch, owner, after):
+    name = "run" if owner is Bench else "write_file"  # a manifest then, before its journal
+    kept, calls = getattr(owner, name), []
 
-    def killed(self, law, duration, reach=None):
-        runs.append(isinstance(self._motor, Faulty) and isinstance(law, Relay | Signal))
-        if sum(runs) > stop_after:
+    def killed(of, what, *more, **options):
+        laws = isinstance(getattr(of, "_motor", None), Faulty) and isinstance(what, Relay | Signal)
+        calls.append(laws or owner is folder)
+        if sum(calls) > after:
             raise KeyboardInterrupt
-        return kept(self, law, duration, reach)
+        return kept(of, what, *more, **options)
 
-    monkeypatch.setattr(Bench, "run", killed)
+    monkeypatch.setattr(owner, name, killed)
     motor = Faulty("")
     with pytest.raises(KeyboardInterrupt):
         run(motor, tmp_path / "a")
@@ -170,13 +173,10 @@ FAILURES = [
     ("frozen", 12.0, "no longer moves|nothing moves", {}),
     ("late", 12.0, "passed between two readings", {}),
     ("back", 12.0, "ran back", {}),
-    ("slips", 14.0, "slips", {}),
-    ("slips", 18.0, "slips", {}),
-    ("slips", 22.0, "slips", {}),
+    *[("slips", since, "slips", {}) for since in (14.0, 18.0, 22.0)],
     ("not mounted", 0.0, "not mounted", {}),
     ("mounted once", 0.0, "as it did with 100 g at 100 mm", {"goal": 1e-4, "price": 0.0}),
-    ("current", 0.0, "50 A beyond 10 A", {"current": 10.0}),
-    ("current", 12.0, "50 A beyond 10 A", {"current": 10.0}),
+    *[("current", since, "50 A beyond 10 A", {"current": 10.0}) for since in (0.0, 12.0)],
     ("unplugged", 12.0, "no longer answers", {}),
 ]
 
