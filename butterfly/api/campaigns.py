@@ -206,6 +206,8 @@ def campaign(
         price=price,
         **own | {name: value for name, value in given.items() if value is not None},
     )
+    if isinstance(robot, SimulatedMotor) and change is not None:
+        change(wish.masses[0])
     folder = Path(out or "campaign")
     with call(folder=folder):
         found = Campaign.of(conduct(robot, wish, Folder(folder), change), wish, folder)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -66,14 +65,10 @@ class Wish:
 
     goal: float = GOAL
     limits: Limits
-    masses: tuple[AddedMass, ...] = (NO_ADDED_MASS,)
-    """Masses at hand; the first is mounted at the beginning."""
-    known: dict[str, Any] = field(default_factory=dict)
-    """Known values, as in a manifest."""
-    price: float = 120.0
-    """Of a change of mass, in s of robot time."""
-    step: float = 0.002
-    """Cycle of the controller in s."""
+    masses: tuple[AddedMass, ...] = (NO_ADDED_MASS,)  # at hand; the first one is mounted
+    known: dict[str, Any] = field(default_factory=dict)  # as in a manifest
+    price: float = 120.0  # of a change of mass, in s of robot time
+    step: float = 0.002  # cycle of the controller in s
 
     def __post_init__(self) -> None:
         require_number("campaign", positive=True, goal=self.goal, step=self.step)
@@ -89,10 +84,8 @@ class Ended:
 
     journal: Journal
     identified: Identified | None
-    reached: bool
-    """Whether all of `OF_GOAL` are claimed to the goal, under a verdict *good*."""
-    ending: str
-    """Why it ended, in words."""
+    reached: bool  # whether all of `OF_GOAL` are claimed to the goal, under a verdict *good*
+    ending: str  # why it ended, in words
 
 
 def conduct(motor: Motor, wish: Wish, folder: Folder, carry: Carry | None = None) -> Ended:
@@ -140,21 +133,27 @@ class _Campaign:
         found = self._sound
         if found is not None and self._folder.journal.steps[-1].held_out is False:
             unseen = validation(found.estimate, self._mounted, self._wish.limits)
-            with suppress(TimeUsed):
+            try:
                 self._play(unseen, "to be predicted, not fitted", held_out=True)
+            except TimeUsed as error:
+                ending = f"{error}, before a run that is predicted, not fitted"
         seen = {} if self._sound is None else self._sound.held_out
         if any(judge_fit(np.array([fit])) for fit in seen.values()):
             ending = f"the last run, which was not fitted, is not predicted; {_TOUCHED}"
-        journal, reached = self._folder.journal, ending == _REACHED
+        journal, reached = self._folder.journal, ending == _REACHED and bool(seen)
         return Ended(journal=journal, identified=self._found, reached=reached, ending=ending)
 
     def _begin(self) -> None:
         """Make contact, or take up where the journal ends."""
-        if not self._folder.is_begun:
-            contact = make_contact(self._bench)
-            kind = self._bench.input_kind
-            self._folder.begin(Journal(input_kind=kind, contact=contact, known=self._wish.known))
-        contact, steps = self._folder.journal.contact, self._folder.journal.steps
+        if self._folder.is_begun:
+            journal = self._folder.journal
+            journal = replace(journal, known=journal.known | self._wish.known)
+        else:
+            kind, contact = self._bench.input_kind, make_contact(self._bench)
+            journal = Journal(input_kind=kind, contact=contact, known=self._wish.known)
+        self._folder.begin(journal)  # whose manifest a kill may have left ahead of it
+        self._wish = replace(self._wish, known=journal.known)
+        contact, steps = journal.contact, journal.steps
         self._bench.polarity, self._size = contact.polarity, _OVER * contact.breakaway
         if steps:
             self._bench.used = steps[-1].seconds
@@ -241,7 +240,7 @@ class _Campaign:
         estimate = self._sound.estimate
         most = dict(zip(estimate.names, estimate.upper.tolist(), strict=True))
         loaded = estimate.parameters.with_added_mass(self._mounted)
-        width = 2 * most.get("coulomb", 0.0) / loaded.p3 if loaded.p3 > 0 else math.inf
+        width = 2 * most.get("coulomb", loaded.coulomb) / loaded.p3 if loaded.p3 > 0 else math.inf
         if abs(rest - first) > _SLIPS * width + ENOUGH:
             raise SafetyStop(
                 f"the joint rests {abs(rest - first):.3g} rad from where it rested first, and "
@@ -310,7 +309,7 @@ class _Campaign:
         found = self._found
         if found is None:
             return {}
-        widths = found.estimate.farther
+        widths = np.minimum(found.estimate.farther, 1e300)
         shares = widths / np.maximum(self._wanted(found), _LEAST * widths)
         pairs = zip(found.estimate.names, shares.tolist(), strict=True)
         return {name: share for name, share in pairs if name in OF_GOAL}
@@ -320,7 +319,7 @@ class _Campaign:
         """Whether all half-widths are as wanted, under a verdict *good*."""
         found = self._found
         good = found is not None and found.estimate.level is Level.GOOD
-        return good and max(self._shares.values()) <= 1
+        return good and max(self._shares.values(), default=0.0) <= 1
 
     def _next(self) -> _Next:
         """Return what to play next, or why nothing."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from butterfly.campaigns.bench import Bench, SafetyStop
-from butterfly.campaigns.laws import LAG, Push
+from butterfly.campaigns.laws import LAG, RESERVE, Push
 
 ENOUGH = 8e-3
 """Rad by which the joint has to move."""
@@ -24,7 +24,7 @@ class Contact(NamedTuple):
 
 def make_contact(bench: Bench) -> Contact:
     """Push either way with a growing command until the joint moves; `SafetyStop` if it does not."""
-    most, commands = bench.limits.command, []
+    most, commands = RESERVE * bench.limits.command, []
     for side in (1, -1):
         bench.settle()
         enough = max(ENOUGH, _NOISES * bench.noise)
@@ -36,8 +36,8 @@ def make_contact(bench: Bench) -> Contact:
             )
         if abs(push.moved) < enough:
             raise SafetyStop(
-                f"nothing moves at a command of {push.command:g}, the largest allowed: check "
-                "supply, enable, brake, and the encoder's cable"
+                f"nothing moves at a command of {push.command:g}, {RESERVE:.0%} of the largest "
+                "allowed: check supply, enable, brake, and the encoder's cable"
             )
         if side > 0:
             bench.polarity = 1 if push.moved > 0 else -1

@@ -83,8 +83,6 @@ class Folder:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._journal = self._read()
-        if self._journal is not None:  # what was killed may have left a manifest ahead of it
-            self._keep(self._journal)
 
     @property
     def is_begun(self) -> bool:
@@ -111,7 +109,7 @@ class Folder:
             raise InputError(file, "journal", str(error), "an undamaged journal") from None
 
     def begin(self, journal: Journal) -> None:
-        """Begin a campaign."""
+        """Begin a campaign, or take it up."""
         self.path.mkdir(parents=True, exist_ok=True)
         self._keep(journal)
 
@@ -129,8 +127,8 @@ class Folder:
     def data(self, only: int | None = None) -> DataSet:
         """Return the logs so far, or one of them, as `identify` reads them."""
         manifest = read_manifest(self.path / MANIFEST_NAME)
-        logs = manifest.logs if only is None else [manifest.logs[only]]
-        return read_data_set(manifest.model_copy(update={"logs": logs}))
+        one = {} if only is None else {"logs": [manifest.logs[only]], "holdout": []}
+        return read_data_set(manifest.model_copy(update=one))
 
     def _keep(self, journal: Journal) -> None:
         self._journal = journal

@@ -14,6 +14,9 @@ Law = Callable[[Reading], float | None]
 STILL = 0.5
 """Time in s at rest at the beginning of each run: what the joint starts from is measured there."""
 
+RESERVE = 0.6
+"""Share of the limits that is used."""
+
 LAG = 0.02
 """Lag in s of the velocity that a brake goes by."""
 

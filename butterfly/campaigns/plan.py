@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from butterfly.campaigns.bench import Bench, Limits
-from butterfly.campaigns.laws import STILL, Law, Relay, Signal
+from butterfly.campaigns.laws import RESERVE, STILL, Law, Relay, Signal
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import expected_log
 from butterfly.identification.inference.estimate import Estimate
@@ -23,9 +23,6 @@ from butterfly.plant.rig import SimulatedMotor
 from butterfly.plant.robot import Robot
 from butterfly.plant.sensors import FINEST, Encoder
 from butterfly.signals.excitations import Excitation, Multisine
-
-RESERVE = 0.6
-"""Share of the limits that plans use."""
 
 PROBE = 12.5
 """Length in s of a run with a joint that is not known yet."""
