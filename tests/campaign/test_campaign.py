@@ -169,7 +169,6 @@ FAILURES = [
     ("no supply", 0.0, "nothing moves", {}),
     ("no supply", 12.0, "no longer moves", {}),
     ("one way", 0.0, "both signs", {}),
-    ("end stop", 0.0, "end stops", {}),
     ("cable", 12.0, "no number", {}),
     ("frozen", 12.0, "no longer moves|nothing moves", {}),
     ("late", 12.0, "passed between two readings", {}),
@@ -195,8 +194,9 @@ def test_what_is_wrong_ends_in_words_with_the_drive_off_and_nothing_lost(
     assert kept == (len(bf.read(tmp_path / "a").recorded) if kept else 0)
 
 
-def test_what_the_model_does_not_follow_ends_in_words_after_small_runs(tmp_path):
-    found = run(Faulty("loose"), tmp_path / "a")
+@pytest.mark.parametrize("wrong", ["end stop", "loose"])
+def test_what_the_model_does_not_follow_ends_in_words_after_small_runs(tmp_path, wrong):
+    found = run(Faulty(wrong), tmp_path / "a")
     assert not found.reached
     assert "encoder does not slip, and that no end stop" in found.content["ending"]
     assert "butterfly residual" in str(found)
