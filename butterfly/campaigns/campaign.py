@@ -228,7 +228,10 @@ class _Campaign:
         more = np.subtract(mass.inertia_and_moment, last.inertia_and_moment)
         alone = math.sqrt(max(more[1] / more[0], 0.0)) if more[0] > 0 else math.inf
         known = self._is_known(mass)
-        resonance = pace_of(self._sound.parameters, mass if known else last)
+        estimate, p3 = self._sound.estimate, self._sound.parameters.p3
+        lower = dict(zip(estimate.names, estimate.lower.tolist(), strict=True)).get("p3", p3)
+        least = replace(estimate.parameters, p3=max(lower, p3 / 2))  # as little as holds it back
+        resonance = pace_of(least, mass if known else last)
         return resonance if known else max(resonance, alone)
 
     def _require_no_slip(self) -> None:
