@@ -18,7 +18,7 @@ PACKAGE = ROOT / "butterfly"
 
 CEILINGS = {
     "files of the package": 227,
-    "lines of the package": 45_686,
+    "lines of the package": 45_688,
     "lines of tests": 34_475,
     "names of classes that exist twice": 0,
     "modules in import circles": 0,

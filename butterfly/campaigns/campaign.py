@@ -114,6 +114,7 @@ class _Campaign:
         self._bench, self._wish, self._folder, self._carry = bench, wish, folder, carry
         self._mounted = wish.masses[0]
         self._found: Identified | None = None
+        self._last_sound: Identified | None = None
         self._size = 0.0  # of a relay's command, so far
         self._rests: dict[AddedMass, float] = {}  # angle of the first rest with each mass
 
@@ -238,9 +239,10 @@ class _Campaign:
         """Raise `SafetyStop` if the joint rests where gravity and friction do not let it."""
         rest = self._bench.rest
         first = self._rests.setdefault(self._mounted, rest)
-        if self._sound is None:
+        self._last_sound = self._sound or self._last_sound
+        if self._last_sound is None:
             return
-        estimate = self._sound.estimate
+        estimate = self._last_sound.estimate
         most = dict(zip(estimate.names, estimate.upper.tolist(), strict=True))
         loaded = estimate.parameters.with_added_mass(self._mounted)
         width = 2 * most.get("coulomb", loaded.coulomb) / loaded.p3 if loaded.p3 > 0 else math.inf
