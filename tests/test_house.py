@@ -1,4 +1,4 @@
-"""The house stays small: what is counted here may fall, and is then lowered; it is never raised.
+"""What makes a house hard to live in is counted: it may fall, and is then lowered, never raised.
 
 Only a decision about the whole project raises a ceiling, in a change of its own that says why.
 """
@@ -17,9 +17,6 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "butterfly"
 
 CEILINGS = {
-    "files of the package": 227,
-    "lines of the package": 45_688,
-    "lines of tests": 34_475,
     "names of classes that exist twice": 0,
     "modules in import circles": 0,
     "tuned numbers of identification": 61,
@@ -35,10 +32,6 @@ def _trees(folder=PACKAGE):
         name = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
         trees[name] = ast.parse(path.read_text(encoding="utf-8"))
     return trees
-
-
-def _lines(folder):
-    return sum(len(path.read_text(encoding="utf-8").splitlines()) for path in folder.rglob("*.py"))
 
 
 def _classes_twice():
@@ -78,9 +71,6 @@ def _in_circles():
 
 
 COUNTS = {
-    "files of the package": lambda: len(_trees()),
-    "lines of the package": lambda: _lines(PACKAGE),
-    "lines of tests": lambda: _lines(ROOT / "tests"),
     "names of classes that exist twice": lambda: len(_classes_twice()),
     "modules in import circles": lambda: len(_in_circles()),
     "tuned numbers of identification": lambda: len(tuned_numbers()),
