@@ -16,9 +16,9 @@ import numpy as np
 from butterfly.api.identification import Identification
 from butterfly.api.sources import Named
 from butterfly.api.verbs import share_of
-from butterfly.campaigns.bench import Limits
 from butterfly.campaigns.campaign import Carry, Ended, Wish, conduct
 from butterfly.campaigns.folder import Folder
+from butterfly.campaigns.guard import Limits
 from butterfly.errors import InputError
 from butterfly.experiment.source import read_experiment
 from butterfly.files import locate

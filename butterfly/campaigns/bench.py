@@ -1,54 +1,28 @@
-"""A motor kept on through many runs, under guard: limits, a watchdog, a brake, a log of each."""
+"""A motor between two runs and during them: what is played, a brake, a way home, a log of each."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from butterfly.arrays import Samples
+from butterfly.campaigns.drive import Drive, DriveFault, SafetyStop, TimeUsed
+from butterfly.campaigns.guard import FINEST, NOISES, SOFT, Expected, Limits, MotionGuard
 from butterfly.campaigns.laws import LAG, STILL, Brake, Law
-from butterfly.errors import ButterflyError, require_number
 from butterfly.logs.log import InputKind, Log
 from butterfly.plant.motor import Motor, Reading, Sample, recorded
-from butterfly.plant.sensors import FilteredDifference
 
-_LATE = 0.1  # s between two readings, beyond which the drive was not under control
 _LONGEST_STOP = 60.0  # s in which a joint has to come to rest
 _RETURN = 5.0  # s in which it has to be near home, or is taken as it is
 _NEAR = 0.1  # share of the largest angle that is near
-_NOISES = 5.0  # standard deviations of the encoder's noise that are no motion
-_FINEST = 5e-4  # rad, below which nothing counts as motion
-_LAG = 0.01  # s, of the speed that is guarded
+_STILL_UNKNOWN = 1.0  # s in which a joint that is not known yet would be seen to swing
 
-
-class SafetyStop(ButterflyError):  # noqa: N818 - it is what happens, not only an error
-    """The drive was switched off: the joint, its drive or its encoder is not as it should be."""
-
-
-class TimeUsed(SafetyStop):
-    """The robot time is used up."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Limits:
-    """What a run may not exceed; beyond, the joint is braked and the run ends."""
-
-    command: float  # in units of the input
-    angle: float = 1.0  # from rest, in rad
-    speed: float = math.inf  # rad/s
-    current: float = math.inf  # A
-    seconds: float = 600.0  # robot time of the whole campaign in s
-
-    def __post_init__(self) -> None:
-        require_number("Limits", positive=True, command=self.command, angle=self.angle)
-        speed, current = (min(each, 1e9) for each in (self.speed, self.current))
-        require_number("Limits", positive=True, seconds=self.seconds, speed=speed, current=current)
+Watch = Callable[[Reading, float], None]
+"""Is shown each reading, and the command that answers it."""
 
 
 class Recording(NamedTuple):
@@ -59,6 +33,7 @@ class Recording(NamedTuple):
     angle: Samples
     cut: str  # the limit that ended it early; empty if none did
     input_kind: InputKind
+    fault: DriveFault | None = None  # of the drive, when the run had ended
 
     def log(self, **about: Any) -> Log:  # noqa: ANN401 - fields of the log
         """Return its log."""
@@ -66,103 +41,118 @@ class Recording(NamedTuple):
         return recorded(self.time, self.input, self.angle, **about)
 
 
-@contextmanager
-def _answering() -> Iterator[None]:
-    """Raise `SafetyStop` if the drive does not answer."""
-    try:
-        yield
-    except OSError as error:
-        raise SafetyStop(f"the drive no longer answers: {error}") from error
-
-
 class Bench:
-    """A motor between two runs and during them; a context that always switches the drive off.
+    """A motor under a `MotionGuard`; a context that always switches the drive off.
 
     Commands are those of laws times the ``polarity``: 1, or -1 where a positive command turns
     towards negative angles.
     """
 
-    def __init__(self, motor: Motor, limits: Limits, step: float) -> None:
-        self._motor, self.limits, self.step = motor, limits, step
-        self.polarity, self.used, self.pace = 1, 0.0, math.inf
-        """Robot time in s so far is `used`; the joint's resonance in rad/s, if known, the pace."""
-        self.noise, self.rest = 0.0, 0.0
-        """Of the encoder at rest, in rad: standard deviation, and reading."""
-        self.home, self._is_new = 0.0, True
-        """Angle in rad of the first rest with the present load: swings count from there."""
+    def __init__(
+        self, motor: Motor, limits: Limits, step: float, watch: Watch | None = None
+    ) -> None:
+        self._drive, self.limits, self.step = Drive(motor), limits, step
+        self.guard = MotionGuard(limits, step)
+        self.input_kind, self._watch = self._drive.input_kind, watch
+        self.polarity, self.used = 1, 0.0
+        """Robot time in s so far is `used`."""
+        self.rest, self._is_new, self._moves = 0.0, True, False
+        """Angle in rad at which the joint rested last."""
         self._brake: tuple[float, float, float] | None = None
 
-    @property
-    def input_kind(self) -> InputKind:
-        """Kind of the command."""
-        return self._motor.input_kind
-
-    def changed(self, change: Callable[[], None]) -> None:
-        """Switch the drive off, let the load be changed, and switch it on again."""
-        self._is_new = True
-        self.__exit__()
-        change()
-        self.__enter__()
-
-    @_answering()
     def __enter__(self) -> Bench:
-        self._motor.start()  # with command 0
+        self.switch_on()
         return self
 
-    @_answering()
     def __exit__(self, *_: object) -> None:
-        try:
-            self._motor.command(0.0)
-        finally:
-            self._motor.stop()
+        self.switch_off()
 
-    @_answering()
+    def switch_on(self) -> None:
+        """Enable the drive, with command 0."""
+        self.guard.begin()
+        self._drive.start()
+
+    def switch_off(self) -> None:
+        """Switch the drive off, whatever happens meanwhile."""
+        self._drive.switch_off()
+
+    def loaded_anew(self) -> None:
+        """Take the next rest as home: the load is another one."""
+        self._is_new, self.guard.home = True, None
+
+    @property
+    def is_loaded_anew(self) -> bool:
+        """Whether the joint has not yet rested with its load."""
+        return self._is_new
+
+    @property
+    def home(self) -> float:
+        """Angle in rad of the first rest with the present load: swings count from there."""
+        return self.guard.home or 0.0
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of the encoder's noise at rest in rad."""
+        return self.guard.noise
+
+    def expect(self, model: Expected | None) -> None:
+        """Take what a model says of the joint as it is loaded."""
+        self.guard.model = model
+
     def run(self, law: Law, duration: float, reach: float | None = None) -> Recording:
-        """Run a law within ``reach`` rad, or the limit, until it ends.
+        """Run a law within ``reach`` rad, by default nearly the limit, until it ends.
 
-        That is after ``duration`` s, or when the joint rests after the last command. An infinite
-        reach is that of a brake, of which no speed is too large.
+        That is after ``duration`` s, or when the joint rests after the last command. `TimeUsed`
+        instead of a run for which no robot time is left.
         """
-        motor, cut, samples = self._motor, "", list[Sample]()
-        speed, reach = FilteredDifference(_LAG), reach or self.limits.angle
-        begun = last = motor.read().time
-        free, window, stands = math.inf, self._window, 0
+        if self.used >= self.limits.seconds:
+            raise TimeUsed(f"the robot time of {self.limits.seconds:g} s is used up")
+        run = self._play(law, duration, reach or SOFT * self.limits.angle)
+        if run.cut and not run.input.size:
+            raise SafetyStop(f"{run.cut} before the run: check joint and drive, and go on")
+        return run
+
+    def _play(self, law: Law, duration: float, reach: float = math.inf) -> Recording:
+        """Return what a law makes of the joint within ``reach`` rad; cycle by cycle under guard."""
+        drive, guard, cut, samples = self._drive, self.guard, "", list[Sample]()
+        begun, free, window = math.nan, math.inf, self._window
+        fault: DriveFault | None = None
+        if isinstance(law, Brake):
+            guard.save()
         while True:
-            time, angle, current = motor.read()
-            stands = 0 if time > last else stands + 1  # cycles: a clock may be coarse
-            in_time = last <= time <= last + _LATE and stands * self.step <= _LATE
-            if not (math.isfinite(angle) and in_time):
-                motor.command(0.0)
-                raise SafetyStop(_said_of_reading(time - last, angle))
-            since, last = time - begun, time
-            rate = speed.update(time, angle, 0.0)
-            swing = math.hypot(angle - self.home, rate / self.pace)  # that it is about to reach
-            cut = self._exceeded(swing, reach, rate, current)
-            command = None if cut or since > duration else law(Reading(since, angle, current))
+            reading = drive.read()
+            begun = reading.time if math.isnan(begun) else begun
+            since = reading.time - begun
+            guard.saw(reading)
+            cut = guard.exceeded(reach) if reach < math.inf else ""
+            command = None if cut or since > duration else law(reading._replace(time=since))
             if command is None:
                 break
             most = self.limits.command
-            sent = motor.command(self.polarity * max(-most, min(most, command)))
-            samples.append((since, sent, angle))
+            sent = drive.command(self.polarity * max(-most, min(most, command)))
+            guard.sent(sent)
+            samples.append((since, sent, reading.angle))
+            if self._watch is not None:
+                self._watch(reading, sent)
             if sent:
-                free = since
+                free, self._moves = since, True
             elif since - free > window:
                 if self._is_still([x for t, _, x in samples if t > since - window]):
                     break
                 free = since
-            motor.wait(self.step)
-        motor.command(0.0)
-        if cut and not samples:
-            raise SafetyStop(f"{cut} before the run: check joint and drive, and go on")
+            drive.wait(self.step)
+            guard.waited(self.step)
+        try:
+            guard.sent(drive.command(0.0))
+        except DriveFault as error:
+            fault = error  # the run is over, and worth keeping
         self.used += since
-        if self.used > self.limits.seconds:
-            raise TimeUsed(f"the robot time of {self.limits.seconds:g} s is used up")
-        times, inputs, angles = np.array(samples or [(0.0, 0.0, angle)]).T
-        return Recording(times, inputs, angles, cut, motor.input_kind)
+        times, inputs, angles = np.array(samples or np.empty((0, 3))).T
+        return Recording(times, inputs, angles, cut, self.input_kind, fault)
 
     def require_motion(self, run: Recording) -> None:
         """Raise `SafetyStop` if a run that was driven did not move the joint."""
-        if np.any(run.input != 0) and float(np.ptp(run.angle)) <= 2 * self._motion(self.noise):
+        if np.any(run.input != 0) and float(np.ptp(run.angle)) <= 2 * self.guard.motion:
             raise SafetyStop(
                 "the joint no longer moves when it is driven: check supply, enable, end stops, and "
                 "that the encoder has its cable and slips nowhere"
@@ -178,74 +168,44 @@ class Bench:
 
         Full too from ``width`` rad away from home on, back to there.
         """
-        self._brake = size, max(_FINEST / LAG, _NOISES * self.noise / LAG, speed), width or math.inf
+        noise = NOISES * self.noise / LAG
+        self._brake = size, max(FINEST / LAG, noise, speed), width or math.inf
 
     def settle(self) -> None:
         """Bring the joint home and wait until it rests; measure where, and the encoder's noise."""
-        begun, length = self.used, self._window
+        begun = self.used
         while (passed := self.used - begun) < _LONGEST_STOP:
-            if self._brake is not None:
+            if self._brake is not None and self._moves:
                 size, speed, width = self._brake
                 if self._is_new or passed > _RETURN:  # where it is, if not at home
                     width = math.inf
-                self._brought_to_rest(Brake(self.home, size, speed, width), length)
-            angle = self._brought_to_rest(lambda _: 0.0, length)
+                self._play(Brake(self.home, size, speed, width), self._window)
+            angle = self._play(lambda _: 0.0, self._window).angle
             rest = float(angle.mean())
             near = self._is_new or abs(rest - self.home) < self.near or passed > _RETURN
             if near and self._is_still(angle):
-                self.noise, self.rest = max(_noise(angle), self.noise), rest
-                self.home, self._is_new = rest if self._is_new else self.home, False
+                self.guard.noise, self.rest = max(_noise(angle), self.noise), rest
+                self.guard.home = rest if self._is_new else self.home
+                self._is_new = self._moves = False
+                self.guard.at_rest()
                 return
+            self._moves = True
         raise SafetyStop(
             f"the joint has not come to rest in {_LONGEST_STOP:g} s: check that nothing drives it"
         )
 
-    def _brought_to_rest(self, law: Law, length: float) -> Samples:
-        """Return the (n,) angles of a law that brakes for some s."""
-        run = self.run(law, length, math.inf)
-        if run.cut:
-            raise SafetyStop(f"{run.cut} while the joint is brought to rest: check the drive")
-        return run.angle
-
     @property
     def _window(self) -> float:
         """Time in s in which a joint that swings moves for certain."""
-        return max(STILL, 1 / self.pace)
+        model = self.guard.model
+        return max(STILL, 2 / model.resonance) if model is not None else _STILL_UNKNOWN
 
     def _is_still(self, angle: ArrayLike) -> bool:
         """Whether (n,) angles show no motion."""
         parts = [part.mean() for part in np.array_split(angle, 4)]
-        return float(np.ptp(parts)) <= self._motion(_noise(angle))
-
-    def _motion(self, noise: float) -> float:
-        """Return the angle in rad that counts as motion."""
-        return max(_NOISES * max(noise, self.noise), _FINEST)
-
-    def _exceeded(self, swing: float, reach: float, speed: float, current: float) -> str:
-        """Say which limit is exceeded, if any."""
-        limits = self.limits
-        for what, value, most, unit in (
-            ("swing", swing, reach, "rad"),
-            ("speed", speed, limits.speed if reach < math.inf else math.inf, "rad/s"),
-            ("current", current, limits.current, "A"),
-        ):
-            if abs(value) > most:
-                return f"{what} {value:.3g} {unit} beyond {most:g} {unit}"
-        return ""
+        return float(np.ptp(parts)) <= max(NOISES * max(_noise(angle), self.noise), FINEST)
 
 
 def _noise(angle: ArrayLike) -> float:
     """Return the standard deviation of the noise of (n,) angles."""
     return float(np.std(np.diff(angle))) / math.sqrt(2)
-
-
-def _said_of_reading(passed: float, angle: float) -> str:
-    """Say what is wrong with a reading."""
-    if not math.isfinite(angle):
-        return "the encoder gives no number: check its cable"
-    if passed <= 0:
-        return f"the clock stands, or ran back by {abs(passed):.3g} s: check where it comes from"
-    return (
-        f"{passed:.3g} s passed between two readings (at most {_LATE:g} s): the command was held "
-        "meanwhile; take load from the computer"
-    )

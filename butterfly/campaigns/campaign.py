@@ -16,10 +16,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from butterfly.arrays import Samples
-from butterfly.campaigns.bench import Bench, Limits, SafetyStop, TimeUsed
-from butterfly.campaigns.contact import ENOUGH, make_contact
+from butterfly.campaigns.bench import Bench, Recording
+from butterfly.campaigns.contact import make_contact
+from butterfly.campaigns.drive import SafetyStop, TimeUsed
 from butterfly.campaigns.folder import Folder, Journal, Step
-from butterfly.campaigns.laws import LAG
+from butterfly.campaigns.guard import Expected, Limits
+from butterfly.campaigns.laws import LAG, RESERVE
+from butterfly.campaigns.observer import SILENT, Observer
 from butterfly.campaigns.plan import (
     PROBE,
     Recipe,
@@ -30,6 +33,7 @@ from butterfly.campaigns.plan import (
     probe,
     validation,
 )
+from butterfly.campaigns.soundness import Rests, require_changed
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError, require_number
 from butterfly.identification.design import OF_GOAL, Plan, plans, wanted
 from butterfly.identification.findings import FindingKind
@@ -37,7 +41,6 @@ from butterfly.identification.identified import Identified
 from butterfly.identification.identify import identify
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.identifiability import with_scale
-from butterfly.identification.levels import MATTERS
 from butterfly.identification.plausibility import judge_fit
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 from butterfly.model.prior import Prior
@@ -50,13 +53,12 @@ GOAL = 0.01
 Carry = Callable[[AddedMass], None]
 """Mounts a mass, and returns when it is mounted."""
 
-_OVER = 2.0  # command of the first relay, over what moves the joint
+_OVER = 2.5  # command of the first relay, over what moves the joint: friction never holds it
 _LEAST = 1e-9  # of a half-width, that counts as wanted of a value that is 0
 _IN_VAIN = 5  # runs in a row that may bring too little
 _REACHED = "the goal is reached"
 _RATIOS = "ratios are known so well, and without another mass, or a known value, nothing more is"
 _TOUCHED = "check that the encoder does not slip, and that no end stop or cable touches the joint"
-_SLIPS = 2.0  # widths of the band in which friction holds a joint, within which it may rest
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,15 +90,21 @@ class Ended:
     ending: str  # why it ended, in words
 
 
-def conduct(motor: Motor, wish: Wish, folder: Folder, carry: Carry | None = None) -> Ended:
+def conduct(
+    motor: Motor,
+    wish: Wish,
+    folder: Folder,
+    carry: Carry | None = None,
+    observer: Observer = SILENT,
+) -> Ended:
     """Run a campaign, or go on with one, to its end.
 
     ``carry`` mounts a mass, or asks a person to, and returns when it is mounted; without it the
-    mass is never changed.
+    mass is never changed. The drive is off whenever nothing is played.
     """
     masses = wish.masses if carry is not None else wish.masses[:1]
-    with Bench(motor, wish.limits, wish.step) as bench:
-        return _Campaign(bench, replace(wish, masses=masses), folder, carry).run()
+    bench = Bench(motor, wish.limits, wish.step, observer.cycle)
+    return _Campaign(bench, replace(wish, masses=masses), folder, carry, observer).run()
 
 
 class _Next(NamedTuple):
@@ -105,18 +113,25 @@ class _Next(NamedTuple):
     why: str
     recipe: Recipe | None = None
     expected: float | None = None  # largest share after it
+    remaining: float = math.nan  # s of robot time to the goal, by the plan
 
 
 class _Campaign:
     """The state of a campaign between two runs."""
 
-    def __init__(self, bench: Bench, wish: Wish, folder: Folder, carry: Carry | None) -> None:
+    def __init__(
+        self, bench: Bench, wish: Wish, folder: Folder, carry: Carry | None, observer: Observer
+    ) -> None:
         self._bench, self._wish, self._folder, self._carry = bench, wish, folder, carry
-        self._mounted = wish.masses[0]
+        self._observer = observer
+        self._mounted, self._is_certain = (
+            wish.masses[0],
+            True,
+        )  # after a pause a person may know more
         self._found: Identified | None = None
         self._last_sound: Identified | None = None
         self._size = 0.0  # of a relay's command, so far
-        self._rests: dict[AddedMass, float] = {}  # angle of the first rest with each mass
+        self._rests = Rests()
 
     def run(self) -> Ended:
         """Go on until the goal is reached, or nothing more can be done."""
@@ -128,14 +143,14 @@ class _Campaign:
                 ending = following.why
             else:
                 try:
-                    self._play(following.recipe, following.why, following.expected)
+                    self._play(following)
                 except TimeUsed as error:
                     ending = str(error)
         found = self._sound
         if found is not None and self._folder.journal.steps[-1].held_out is False:
             unseen = validation(found.estimate, self._mounted, self._wish.limits)
             try:
-                self._play(unseen, "to be predicted, not fitted", held_out=True)
+                self._play(_Next("to be predicted, not fitted", unseen), held_out=True)
             except TimeUsed as error:
                 ending = f"{error}, before a run that is predicted, not fitted"
         seen = {} if self._sound is None else self._sound.held_out
@@ -146,66 +161,148 @@ class _Campaign:
 
     def _begin(self) -> None:
         """Make contact, or take up where the journal ends."""
+        self._observer.begin(self._announcement())
         if self._folder.is_begun:
             journal = self._folder.journal
             journal = replace(journal, known=journal.known | self._wish.known)
         else:
-            kind, contact = self._bench.input_kind, make_contact(self._bench)
+            self._observer.phase("Contact: a command that grows until the joint moves, either way.")
+            with self._bench as bench:
+                contact = make_contact(bench)
+            kind = self._bench.input_kind
             journal = Journal(input_kind=kind, contact=contact, known=self._wish.known)
         self._folder.begin(journal)  # whose manifest a kill may have left ahead of it
         self._wish = replace(self._wish, known=journal.known)
         contact, steps = journal.contact, journal.steps
-        self._bench.polarity, self._size = contact.polarity, _OVER * contact.breakaway
+        bench = self._bench
+        bench.polarity, bench.guard.breakaway = contact.polarity, contact.breakaway
+        self._size = _OVER * contact.breakaway
         if steps:
-            self._bench.used = steps[-1].seconds
-            self._mount(steps[-1].added_mass, always=True)
+            bench.used = steps[-1].seconds
+            self._mounted, self._is_certain = steps[-1].added_mass, self._carry is None
             self._found = self._identified()
 
-    def _mount(self, mass: AddedMass, *, always: bool = False) -> None:
-        if self._carry is not None and (always or mass != self._mounted):
-            carry = self._carry
-            self._bench.changed(lambda: carry(mass))
-            self._mounted = mass
+    def _announcement(self) -> list[str]:
+        """Say what will be played, within which limits."""
+        limits, kind = self._wish.limits, self._bench.input_kind
+        within = [
+            f"command {limits.command:g} {kind.unit}",
+            f"angle {limits.angle:g} rad from rest",
+        ]
+        within += [f"speed {limits.speed:g} rad/s"] * math.isfinite(limits.speed)
+        within += [f"current {limits.current:g} A"] * math.isfinite(limits.current)
+        runs = len(self._folder.journal.steps) if self._folder.is_begun else 0
+        first = f"goes on after {runs} runs" if runs else "begins with small pushes either way"
+        return [
+            f"The campaign {first}, then swings of at most {RESERVE * limits.angle:.2g} rad, each "
+            f"followed by a pause with the drive off; {limits.seconds:g} s of robot time at most.",
+            f"Limits: {', '.join(within)}. Beyond one the joint is braked, then switched off.",
+        ]
 
-    def _play(
-        self, recipe: Recipe, why: str, expected: float | None = None, *, held_out: bool = False
-    ) -> None:
-        """Play a recipe, keep its log, and identify."""
-        before, bench = self._sound, self._bench
+    def _mount(self, mass: AddedMass) -> None:
+        """Have a mass mounted, if it is not for certain; the drive is off meanwhile."""
+        if self._carry is not None and (mass != self._mounted or not self._is_certain):
+            self._carry(mass)
+            self._bench.loaded_anew()
+        self._mounted, self._is_certain = mass, True
+
+    def _play(self, following: _Next, *, held_out: bool = False) -> None:
+        """Play a recipe, keep its log if it is sound, and identify."""
+        recipe, bench, before = following.recipe, self._bench, self._sound
+        assert recipe is not None  # noqa: S101 - see `run`
+        number = len(self._folder.journal.steps)
         self._mount(recipe.added_mass)
-        bench.pace = self._pace(recipe.added_mass)
-        if before is not None and self._is_known(recipe.added_mass):
-            bench.braked_with(self._size, *self._damping(before, recipe.added_mass))
-        bench.settle()
-        self._require_no_slip()
-        law = recipe.law(bench.home)
-        run = bench.run(law, recipe.duration, recipe.reach)
-        size = getattr(law, "size", 0.0)
-        if before is None:
-            fast = float(np.std(np.diff(run.angle))) / self._wish.step
-            bench.braked_with(max(self._size, size), fast, float(np.ptp(run.angle)) / 2)
-        if run.cut:
-            bench.settle()
-        bench.require_motion(run)
-        self._size = size / 2 if run.cut and size else max(self._size, size)
+        self._observer.phase(
+            f"Run {number}, {recipe.added_mass}: {recipe.what} ({recipe.duration:.3g} s): "
+            f"{following.why}. {self._time_left(following)}"
+        )
+        run, interruption = self._recorded(recipe)
         step = Step(
             what=recipe.what,
             kind=recipe.kind,
-            why=why,
+            why=following.why,
             added_mass=recipe.added_mass,
             seconds=bench.used,
             cut=run.cut,
-            expected=expected,
+            expected=following.expected,
             held_out=held_out,
         )
         self._folder.add(run, step)
+        if interruption is not None:
+            raise interruption
+        try:
+            self._require_sound(run, before)
+        except SafetyStop:
+            self._folder.withdraw()
+            raise
+        bench.guard.sound_run()
         self._found = self._identified()
         if self._found is not None:
             estimate = self._found.estimate
             shares = {} if held_out else self._shares
             verdict, misses = estimate.level.verdict, _missed(estimate)
             self._folder.conclude(replace(step, verdict=verdict, misses=misses, shares=shares))
-            self._require_changed(before)
+
+    def _recorded(self, recipe: Recipe) -> tuple[Recording, BaseException | None]:
+        """Return a run, from rest to rest, and what happened after it before the drive was off."""
+        bench, mass, before = self._bench, recipe.added_mass, self._sound
+        self._last_sound = before or self._last_sound
+        bench.expect(self._expected(mass))
+        if before is not None and self._is_known(mass):
+            bench.braked_with(self._size, *self._damping(before, mass))
+        run: Recording | None = None
+        try:
+            with bench:
+                if bench.is_loaded_anew:
+                    bench.settle()
+                    self._rests.require_no_slip(bench.rest, mass, self._last_sound)
+                law = recipe.law(bench.home)
+                run = bench.run(law, recipe.duration, recipe.reach)
+                size = getattr(law, "size", 0.0)
+                if before is None:
+                    fast = float(np.std(np.diff(run.angle))) / self._wish.step
+                    bench.braked_with(max(self._size, size), fast, float(np.ptp(run.angle)) / 2)
+                self._size = size / 2 if run.cut and size else max(self._size, size)
+                if run.fault is not None:
+                    raise run.fault
+                bench.settle()
+        except (SafetyStop, KeyboardInterrupt) as interruption:
+            if run is None:
+                raise
+            return run, interruption
+        return run, None
+
+    def _require_sound(self, run: Recording, before: Identified | None) -> None:
+        """Raise `SafetyStop` if the last run, whose log is kept, is not as it is said to be."""
+        self._bench.require_motion(run)
+        self._rests.require_no_slip(self._bench.rest, self._mounted, self._last_sound)
+        steps = self._folder.journal.steps
+        old, new = ([*([steps[-1]] * 2), *steps])[-2:]
+        require_changed(before, old, new, lambda: self._identified(only=len(steps) - 1))
+
+    def _time_left(self, following: _Next) -> str:
+        """Say how much robot time the plan still needs, and how much there is."""
+        left = self._wish.limits.seconds - self._bench.used
+        if math.isnan(following.remaining):
+            return f"{left:.0f} s of robot time left."
+        return f"About {following.remaining:.0f} s of robot time to the goal; {left:.0f} s left."
+
+    def _expected(self, mass: AddedMass) -> Expected | None:
+        """Return what the model says of the joint with a mass; None while there is none."""
+        if self._sound is None:
+            return None
+        loaded, stiffness = self._sound.parameters.with_added_mass(mass), None
+        if self._is_known(mass):
+            stiffness = max(loaded.p3, 0.0) / loaded.p1
+        runs = self._folder.journal.steps
+        names = [f"run_{k:03d}" for k, step in enumerate(runs) if step.added_mass == mass]
+        zeros = [self._sound.zeros[name] for name in names if name in self._sound.zeros]
+        return Expected(
+            resonance=self._pace(mass),
+            stiffness=stiffness,
+            hanging=zeros[-1] if zeros else self._bench.home,
+            delay=max(loaded.delay, 0.0),
+        )
 
     def _damping(self, found: Identified, mass: AddedMass) -> tuple[float, float]:
         """Return speed in rad/s and angle in rad from which a critically damped brake is full."""
@@ -223,8 +320,7 @@ class _Campaign:
 
         It lies between that of the last one and that of what is added, by itself.
         """
-        if self._sound is None:
-            return math.inf
+        assert self._sound is not None  # noqa: S101 - see `_expected`
         last = self._folder.journal.steps[-1].added_mass
         more = np.subtract(mass.inertia_and_moment, last.inertia_and_moment)
         alone = math.sqrt(max(more[1] / more[0], 0.0)) if more[0] > 0 else math.inf
@@ -234,43 +330,6 @@ class _Campaign:
         least = replace(estimate.parameters, p3=max(lower, p3 / 2))  # as little as holds it back
         resonance = pace_of(least, mass if known else last)
         return resonance if known else max(resonance, alone)
-
-    def _require_no_slip(self) -> None:
-        """Raise `SafetyStop` if the joint rests where gravity and friction do not let it."""
-        rest = self._bench.rest
-        first = self._rests.setdefault(self._mounted, rest)
-        self._last_sound = self._sound or self._last_sound
-        if self._last_sound is None:
-            return
-        estimate = self._last_sound.estimate
-        most = dict(zip(estimate.names, estimate.upper.tolist(), strict=True))
-        loaded = estimate.parameters.with_added_mass(self._mounted)
-        width = 2 * most.get("coulomb", loaded.coulomb) / loaded.p3 if loaded.p3 > 0 else math.inf
-        if abs(rest - first) > _SLIPS * width + ENOUGH:
-            raise SafetyStop(
-                f"the joint rests {abs(rest - first):.3g} rad from where it rested first, and "
-                f"friction explains {width:.2g} rad: the encoder slips, or the mount moved"
-            )
-
-    def _require_changed(self, before: Identified | None) -> None:
-        """Raise `SafetyStop` if the first run after a change of mass shows the joint as it was.
-
-        Of a run alone ratios to the inertia are known. Where the scale is known, and so what they
-        should have become, a change too small to be seen is none.
-        """
-        steps = self._folder.journal.steps
-        old, new = ([*([steps[-1]] * 2), *steps])[-2:]
-        if before is None or old.added_mass == new.added_mass:
-            return
-        alone, was = self._identified(only=len(steps) - 1), _ratios(before, old)
-        told = _ratios(before, new) if "p1" in before.estimate.names else math.inf
-        if alone is None or np.max(np.abs(told / was - 1)) < 2 * MATTERS:
-            return
-        if np.max(np.abs(_ratios(alone, new) / was - 1)) <= MATTERS:
-            raise SafetyStop(
-                f"the joint moves as it did with {old.added_mass}: {new.added_mass}, which was "
-                "asked for, is not mounted, or too small beside the joint to tell anything"
-            )
 
     def _identified(self, only: int | None = None) -> Identified | None:
         """Identify from all logs so far, or one; None if they do not determine the parameters.
@@ -355,7 +414,7 @@ class _Campaign:
             again = probe(self._mounted, self._size, limits, PROBE)
             return _Next(f"{stays}, and nothing that is planned stays within the limits", again)
         runs = f"{plan.runs} such runs" if plan.runs > 1 else "one such run"
-        return _Next(f"{stays}; {runs} expected", plan.recipe, plan.expected[0])
+        return _Next(f"{stays}; {runs} expected", plan.recipe, plan.expected[0], plan.seconds)
 
     def _plan(
         self, found: Identified, others: list[AddedMass], vain: list[Step]
@@ -373,12 +432,6 @@ class _Campaign:
         aim, mounted, price = self._wanted(found), self._mounted, self._wish.price
         every = plans(found.data, estimate, logs, aim, mounted=mounted, price=price)
         return min(every, key=lambda plan: plan.cost, default=None)
-
-
-def _ratios(found: Identified, step: Step) -> Samples:
-    """Return (2,) gravity moment and gain over the inertia, with the mass of a run."""
-    loaded = found.parameters.with_added_mass(step.added_mass)
-    return np.array([loaded.p3, loaded.p4]) / loaded.p1
 
 
 def _missed(estimate: Estimate) -> str:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from butterfly.campaigns.bench import Bench, SafetyStop
+from butterfly.campaigns.bench import Bench
+from butterfly.campaigns.drive import SafetyStop
 from butterfly.campaigns.laws import LAG, RESERVE, Push
 
 ENOUGH = 8e-3
@@ -24,12 +25,12 @@ class Contact(NamedTuple):
 
 def make_contact(bench: Bench) -> Contact:
     """Push either way with a growing command until the joint moves; `SafetyStop` if it does not."""
-    most, commands = RESERVE * bench.limits.command, []
+    most, pushes = RESERVE * bench.limits.command, list[Push]()
     for side in (1, -1):
         bench.settle()
         enough = max(ENOUGH, _NOISES * bench.noise)
         push = Push(bench.rest, enough, side * _FIRST * most, most)
-        cut = bench.run(push, _LONGEST).cut
+        cut = bench.run(push, _LONGEST, RESERVE * bench.limits.angle).cut
         if cut:
             raise SafetyStop(
                 f"{cut} before the joint has moved by {enough:.2g} rad: check the drive"
@@ -47,5 +48,6 @@ def make_contact(bench: Bench) -> Contact:
                 "both signs of the command move the joint the same way: check the drive's "
                 "direction input, and that its command has a sign"
             )
-        commands.append(abs(push.command))
-    return Contact(bench.polarity, max(commands))
+        pushes.append(push)
+    bench.guard.stood = max(push.took for push in pushes)
+    return Contact(bench.polarity, max(abs(push.command) for push in pushes))

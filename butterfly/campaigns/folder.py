@@ -124,6 +124,13 @@ class Folder:
         """Say of the last run what was known after it."""
         self._keep(replace(self.journal, steps=(*self.journal.steps[:-1], step)))
 
+    def withdraw(self) -> None:
+        """Take the last run out of the journal; its log is kept beside."""
+        *steps, _ = self.journal.steps
+        file = self.path / _file(len(steps))
+        self._keep(replace(self.journal, steps=tuple(steps)))
+        file.rename(file.with_suffix(".unsound.parquet"))
+
     def data(self, only: int | None = None) -> DataSet:
         """Return the logs so far, or one of them, as `identify` reads them."""
         manifest = read_manifest(self.path / MANIFEST_NAME)

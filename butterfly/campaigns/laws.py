@@ -25,6 +25,9 @@ _STEP = 0.1  # s at one command
 _SWITCH = 0.5  # share of the reach at which a relay switches while the swing is small
 _SLEW = 0.05  # s, in which a relay's command reaches its size
 _PATIENCE = 2.0  # s for which a relay waits to be switched
+_STANDS = 0.6  # s for which it waits while the joint stands
+_STAND = 0.03  # share of the reach within which that is
+_BEGUN = 0.25  # share of a push's way from which on it has begun
 
 
 class Push:
@@ -32,12 +35,18 @@ class Push:
 
     def __init__(self, rest: float, enough: float, first: float, most: float) -> None:
         self._rest, self._enough, self._first, self._most = rest, enough, first, most
-        self.command = self.moved = 0.0
-        """The last command, and how far in rad it has moved the joint."""
+        self.command = self.moved = self.took = 0.0
+        """The last command; how far in rad, and in how many s, it has moved the joint."""
+        self._begun: float | None = None
 
     def __call__(self, reading: Reading) -> float | None:
         """Return the command for one reading; None when it moved, or after the largest one."""
         self.moved = reading.angle - self._rest
+        if abs(self.moved) > _BEGUN * self._enough:
+            self._begun = reading.time if self._begun is None else self._begun
+            self.took = reading.time - self._begun
+        else:
+            self._begun = None
         wanted = abs(self._first) * _GROWTH ** int(reading.time / _STEP)
         if abs(self.moved) > self._enough or wanted > _GROWTH * self._most:
             return None
@@ -51,8 +60,9 @@ class Relay:
     The command switches between plus and minus its size as the angle passes a threshold, as in
     relay auto-tuning (Åström & Hägglund, Automatica 20, 1984). The threshold falls with the swing
     that was reached, and from before the middle on it brakes: so the swing stays near ``reach`` rad
-    whatever the joint. The size grows while the swing is below half the reach, to ``most``.
-    After ``driven`` s the command is 0.
+    whatever the joint. The size grows while the swing is below half the reach, to ``most``. It also
+    switches where the joint stands: so it never pushes for long against what gives no sign. After
+    ``driven`` s the command is 0.
     """
 
     def __init__(self, rest: float, reach: float, size: float, most: float, driven: float) -> None:
@@ -61,6 +71,7 @@ class Relay:
         """Of the command, so far."""
         self._side, self._peak, self._switched = 1, 0.0, STILL
         self._command, self._time = 0.0, STILL
+        self._stands = rest, STILL  # an angle, and since when the joint is there
 
     def __call__(self, reading: Reading) -> float:
         """Return the command for one reading."""
@@ -77,13 +88,17 @@ class Relay:
         swing = reading.angle - self._rest
         self._peak = max(self._peak, abs(swing))
         threshold = _SWITCH * self._reach * max(1 - self._peak / self._reach, -1.0)
-        switches = self._side * swing > threshold
+        if abs(reading.angle - self._stands[0]) > _STAND * self._reach:
+            self._stands = reading.angle, reading.time
+        stands = reading.time - self._stands[1] > _STANDS  # gravity or friction holds it
+        switches = stands or self._side * swing > threshold
         if switches or reading.time - self._switched > _PATIENCE:
             if self._peak < _SWITCH * self._reach:
                 self.size = min(_GROWTH * self.size, self._most)
             self._switched = reading.time
         if switches:
             self._side, self._peak = -self._side, abs(swing)
+            self._stands = reading.angle, reading.time
         return self._side * self.size
 
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from butterfly.campaigns.bench import Bench, Limits
+from butterfly.campaigns.bench import Bench
+from butterfly.campaigns.guard import SOFT, Expected, Limits
 from butterfly.campaigns.laws import RESERVE, STILL, Law, Relay, Signal
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import expected_log
@@ -136,7 +137,8 @@ def played(data: DataSet, estimate: Estimate, recipe: Recipe, limits: Limits) ->
         log = expected_log(data, parameters, mass, recipe.signal, recipe.duration)
         speed = np.gradient(log.measured, log.time)
         swing = np.hypot(log.measured, speed / pace)
-        within = np.max(swing) <= limits.angle and np.max(np.abs(speed)) <= limits.speed
+        fast = np.max(np.abs(speed))
+        within = np.max(swing) <= SOFT * limits.angle and fast <= SOFT * limits.speed
         return log if within else None
     plain = replace(parameters, delay=0.0, **vars(IDEAL))
     motor = SimulatedMotor(
@@ -145,6 +147,6 @@ def played(data: DataSet, estimate: Estimate, recipe: Recipe, limits: Limits) ->
         encoder=Encoder(steps=FINEST),
     )
     with Bench(motor, limits, _STEP) as bench:
-        bench.pace = pace
+        bench.expect(Expected(resonance=pace))
         run = bench.run(recipe.law(0.0), recipe.duration)
     return None if run.cut else run.log(added_mass=mass)

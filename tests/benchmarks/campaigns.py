@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 import butterfly as bf
-from butterfly.campaigns.bench import SafetyStop
+from butterfly.campaigns.drive import SafetyStop
 from butterfly.campaigns.campaign import OF_GOAL
 from butterfly.model.parameters import NO_ADDED_MASS, LumpedParameters
 from butterfly.plant.motor import CommandPath, Reading

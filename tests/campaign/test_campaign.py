@@ -8,10 +8,12 @@ import pytest
 
 import butterfly as bf
 from butterfly.campaigns import folder
-from butterfly.campaigns.bench import Bench, Limits, SafetyStop
+from butterfly.campaigns.bench import Bench
 from butterfly.campaigns.campaign import OF_GOAL
 from butterfly.campaigns.contact import Contact
+from butterfly.campaigns.drive import SafetyStop
 from butterfly.campaigns.folder import Journal, Step
+from butterfly.campaigns.guard import Limits
 from butterfly.campaigns.laws import Relay, Signal
 from butterfly.errors import InputError
 from butterfly.model.parameters import NO_ADDED_MASS, LumpedParameters

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import butterfly as bf
-from butterfly.campaigns.bench import Limits
+from butterfly.campaigns.guard import Limits
 from butterfly.campaigns.laws import STILL, Signal
 from butterfly.campaigns.plan import Recipe, played
 from butterfly.errors import IdentifiabilityError, InputError

@@ -1,0 +1,223 @@
+"""A motor that can always be switched off, and whose answers are checked before they are used."""
+
+from __future__ import annotations
+
+import math
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from numbers import Real
+from types import FrameType
+from typing import Any
+
+import numpy as np
+
+from butterfly.errors import ButterflyError, InputError
+from butterfly.logs.log import InputKind
+from butterfly.plant.motor import Motor, Reading
+
+_METHODS = ("start", "stop", "command", "read", "wait")
+_TRIES = 3  # of switching off
+_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")  # that ask a program to end
+
+
+class SafetyStop(ButterflyError):  # noqa: N818 - it is what happens, not only an error
+    """The drive was switched off: the joint, its drive or its encoder is not as it should be."""
+
+
+class TimeUsed(SafetyStop):
+    """The robot time is used up."""
+
+
+class DriveFault(SafetyStop):
+    """The drive raised an error, or answered with what is no number."""
+
+
+class Drive:
+    """A `Motor` with checked answers: whatever goes wrong is a `DriveFault` with one sentence.
+
+    It is enabled by `start` and until `switch_off`. Meanwhile the first Ctrl-C, SIGTERM or SIGHUP
+    raises KeyboardInterrupt, and further ones wait until the drive is off.
+    """
+
+    def __init__(self, motor: Motor) -> None:
+        self.input_kind = require_drive(motor)
+        self._motor, self._enabled = motor, False
+        self._ending = self._waiting = False  # no signal may interrupt; one did not
+        self._handlers: dict[int, Any] = {}
+
+    def start(self) -> None:
+        """Enable the drive, with command 0."""
+        if not self._enabled:
+            self._take_signals()
+            self._enabled, self._ending = True, False  # half a start is a start
+            try:
+                with _answering("start()"):
+                    self._motor.start()
+            except BaseException:
+                with suppress(DriveFault):  # a drive that was never reached cannot be stopped
+                    self.switch_off()
+                raise
+
+    def command(self, value: float) -> float:
+        """Set the command; return it as the drive set it."""
+        with _answering("command()"):
+            given = self._motor.command(value)
+        number = _number(given, "command()", "the command as it was set")
+        if not math.isfinite(number):
+            raise DriveFault(f"command() of the drive returned {number}: expected a finite number")
+        return number
+
+    def read(self) -> Reading:
+        """Read clock and sensors now."""
+        with _answering("read()"):
+            given: Any = self._motor.read()
+        if isinstance(given, Reading) and all(type(part) is float for part in given):
+            time, angle, current = given
+        else:
+            time, angle, current = _three_numbers(given)
+        if not math.isfinite(angle):
+            raise DriveFault("the encoder gives no number: check its cable")
+        if not math.isfinite(time):
+            raise DriveFault(f"the drive's clock gives {time}: check where its time comes from")
+        return Reading(time, angle, current)
+
+    def wait(self, duration: float) -> None:
+        """Let some s pass."""
+        with _answering("wait()"):
+            self._motor.wait(duration)
+
+    def switch_off(self) -> None:
+        """Set the command to 0 and stop the drive, whatever is raised meanwhile; try again.
+
+        Afterwards what interrupted it is raised: a second Ctrl-C, or that `stop` never succeeded.
+        """
+        if not self._enabled:
+            return
+        self._ending = True  # from here on signals wait
+        interrupt: BaseException | None = None
+        for _ in range(_TRIES):
+            unsent, failure = _attempt(lambda: self._motor.command(0.0)), _attempt(self._motor.stop)
+            for error in (unsent, failure):
+                interrupt = error if _is_interrupt(error) else interrupt
+            if failure is None:
+                break
+        self._enabled = False
+        self._give_signals_back()
+        if failure is not None:
+            raise DriveFault(
+                "THE DRIVE COULD NOT BE SWITCHED OFF: cut its supply now "
+                f"(stop() raised {_reason(failure)})"
+            ) from failure
+        if interrupt is not None or self._waiting:
+            self._waiting = False
+            raise interrupt or KeyboardInterrupt
+
+    def _take_signals(self) -> None:
+        """Let signals that ask the program to end raise once, and then wait."""
+        if threading.current_thread() is not threading.main_thread():
+            return  # where Python delivers none
+        for name in _SIGNALS:
+            if (number := getattr(signal, name, None)) is not None:
+                self._handlers[number] = signal.signal(number, self._interrupted)
+
+    def _give_signals_back(self) -> None:
+        """Restore what handled signals before."""
+        for number, handler in self._handlers.items():
+            signal.signal(number, handler if handler is not None else signal.SIG_DFL)
+        self._handlers.clear()
+
+    def _interrupted(self, number: int, frame: FrameType | None) -> None:  # noqa: ARG002
+        """Raise KeyboardInterrupt, unless the drive is already being switched off."""
+        if self._ending:
+            self._waiting = True
+        else:
+            self._ending = True
+            raise KeyboardInterrupt
+
+
+def require_drive(motor: object) -> InputKind:
+    """Return the kind of a motor's command; InputError unless it can be commanded directly."""
+    missing = [name for name in _METHODS if not callable(getattr(motor, name, None))]
+    name = type(motor).__name__
+    if missing:
+        expected = f"a Motor, which has the methods {', '.join(_METHODS)} (docs/hardware.md)"
+        raise InputError("campaign", "robot", f"{name} without {', '.join(missing)}", expected)
+    kinds = ", ".join(f"'{kind}'" for kind in InputKind if kind is not InputKind.NONE)
+    try:
+        kind = InputKind(motor.input_kind)  # type: ignore[attr-defined]
+    except Exception as error:
+        raise InputError(f"campaign: {name}", "input_kind", _reason(error), kinds) from None
+    if kind is InputKind.NONE:
+        raise InputError(f"campaign: {name}", "input_kind", kind.value, kinds)
+    if kind is InputKind.SETPOINT:
+        expected = (
+            "a drive that takes torque, current or voltage: a campaign closes its own loop. Switch "
+            "it to torque, current or PWM mode (of a Dynamixel: operating mode 0 or 16; CiA 402: "
+            "mode 10, cyclic synchronous torque); in its own loop, record set-points instead and "
+            "`butterfly identify` them with --loop"
+        )
+        raise InputError(f"campaign: {name}", "input_kind", "a drive of set-points", expected)
+    return kind
+
+
+@contextmanager
+def _answering(call: str) -> Iterator[None]:
+    """Turn whatever a drive raises into a `DriveFault`."""
+    try:
+        yield
+    except SafetyStop:
+        raise
+    except Exception as error:
+        what = "the drive no longer answers" if isinstance(error, OSError) else "the drive fails"
+        raise DriveFault(f"{what}: {call} raised {_reason(error)}") from error
+
+
+def _attempt(act: Callable[[], object]) -> BaseException | None:
+    """Return what an act raises, if anything."""
+    try:
+        act()
+    except BaseException as error:
+        return error
+    return None
+
+
+def _is_interrupt(error: BaseException | None) -> bool:
+    """Whether an error asks the program to end."""
+    return error is not None and not isinstance(error, Exception)
+
+
+def _reason(error: BaseException) -> str:
+    """Return an error in one line."""
+    text = " ".join(str(error).split())
+    name = type(error).__name__
+    return f"{name} ({text[:200]})" if text else name
+
+
+def _number(given: Any, call: str, expected: str) -> float:  # noqa: ANN401 - what a drive returned
+    """Return a scalar as a float; `DriveFault` for anything else."""
+    if isinstance(given, Real | np.generic | np.ndarray) and np.ndim(given) == 0:  # type: ignore[arg-type]
+        with suppress(TypeError, ValueError):
+            return float(given)
+    raise DriveFault(f"{call} of the drive returned {_short(given)}: expected {expected}")
+
+
+def _three_numbers(given: Any) -> tuple[float, float, float]:  # noqa: ANN401 - what a drive returned
+    """Return time, angle and current of a reading; `DriveFault` for anything else."""
+    try:
+        time, angle, current = given
+    except (TypeError, ValueError):
+        raise DriveFault(
+            f"read() of the drive returned {_short(given)}: expected Reading(time, angle, current)"
+        ) from None
+    return (
+        _number(time, "time that read()", "s"),
+        _number(angle, "angle that read()", "rad"),
+        _number(current, "current that read()", "A, NaN if none is measured"),
+    )
+
+
+def _short(given: object) -> str:
+    """Return what a drive returned, in one short line."""
+    return " ".join(repr(given).split())[:80]

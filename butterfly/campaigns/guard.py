@@ -1,0 +1,409 @@
+"""The guard of a motion: it sees every reading and every command, and knows when to switch off.
+
+Two lines of defence. Where a run leaves its limits it is cut: the command is 0, or a brake. If that
+does not help, the drive is switched off by `SafetyStop`: at once where the joint is a quarter
+beyond its limit, after `_RESCUE` s where it stays beyond one, and within them where it is seen to
+run away: it speeds up, away from home, although it is braked or let go.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import time as computer
+from collections import deque
+from dataclasses import dataclass
+
+from butterfly.campaigns.drive import SafetyStop
+from butterfly.errors import require_number
+from butterfly.plant.motor import Reading
+from butterfly.plant.sensors import FilteredDifference
+
+FINEST = 5e-4
+"""Angle in rad, below which nothing counts as motion."""
+
+NOISES = 5.0
+"""Standard deviations of the encoder's noise that are no motion."""
+
+SOFT = 0.9
+"""Share of a limit of angle or speed at which a run is cut: the rest is for the brake."""
+
+_HARD = 1.25  # times the largest angle, at which the drive is off at once
+_RESCUE = 0.15  # s beyond a limit, in which a cut or a brake has to help
+_LATE = 0.1  # s between two readings, beyond which the drive was not under control
+_LAG = 0.01  # s, of the speed that is guarded
+_READINGS = 5  # that a change of command is given to show
+_SLOPE = 0.03  # s, over which a speed is measured that is compared with another
+_SHARE_OF_TIME = 0.1  # of the joint's time constant, in which a brake has to help
+_UNKNOWN = 0.5  # s, for the time constant of a joint that is not known
+_MOST = 0.1  # s that a change of command is given to show
+_GROWN, _FLOOR = 1.1, 0.1  # growth of a speed that counts: its ratio, and limits of angle per s
+_GAINED, _SWING = 3.0, 0.15  # the same of an energy: its ratio, and limits of angle
+_STOOD, _SHORTEST, _LONGEST = 2.0, 0.15, 0.6  # times, and s, that an encoder may stand at most
+_LASTING = 0.05  # s, lag of the command that a stand is judged by: a brake's noise moves nothing
+_SUDDEN, _ROOM = 3.0, 3.0  # times the largest acceleration so far, and motions, of a sudden stand
+_JUMP, _TIMES = 2.0, 5.0  # limits of angle per s, and times the largest step so far, of a jump
+_CLOCKS = 2.0  # s, after which clocks are compared
+_CLOCK_ERROR = 0.03  # by which they may differ
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """What a run may not exceed; beyond, the joint is braked and the run ends."""
+
+    command: float  # in units of the input
+    angle: float = 1.0  # from rest, in rad
+    speed: float = math.inf  # rad/s
+    current: float = math.inf  # A
+    seconds: float = 600.0  # robot time of the whole campaign in s
+
+    def __post_init__(self) -> None:
+        require_number("Limits", positive=True, command=self.command, angle=self.angle)
+        speed, current = (min(each, 1e9) for each in (self.speed, self.current))
+        require_number("Limits", positive=True, seconds=self.seconds, speed=speed, current=current)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Expected:
+    """What a model says of the joint as it is loaded."""
+
+    resonance: float  # rad/s, the least that the model allows
+    stiffness: float | None = None  # of gravity over the inertia, in 1/s^2; None if not known
+    hanging: float = 0.0  # rad, the angle to which gravity pulls it
+    delay: float = 0.0  # s, from a command to its effect
+
+
+class MotionGuard:
+    """Watches a motor from its start until it is switched off."""
+
+    def __init__(self, limits: Limits, step: float) -> None:
+        self.limits, self._step = limits, step
+        self.home: float | None = None
+        """Angle in rad from which swings count: the first reading, then the first rest."""
+        self.noise = 0.0
+        """Standard deviation of the encoder's noise at rest in rad."""
+        self.model: Expected | None = None
+        self.breakaway = math.inf
+        """Command that moves the joint from rest, either way; infinite while that is unknown."""
+        self.stood = _LONGEST / _STOOD
+        """Time in s for which the joint may stand in a sound run although it has to move."""
+        self._fastest = 0.0  # acceleration so far in rad/s^2
+        self._widest = _JUMP * limits.angle * step  # angle between two readings so far in rad
+        self.begin()
+
+    def begin(self) -> None:
+        """Forget the readings so far: the drive starts anew."""
+        self._last: Reading | None = None
+        self._same_time = 0.0  # s waited for without that the clock went on
+        self._beyond: float | None = None  # time since when a limit is exceeded
+        self._trail: deque[tuple[float, float]] = deque()  # times and angles of the last readings
+        self._speed = FilteredDifference(_LAG)
+        self.rate = self.swing = 0.0
+        self._command = self._lasting = 0.0  # the last one, and what lasted of the last ones
+        self._saved: float | None = None  # time since when a cut or a brake has to help
+        self._outward: tuple[float, float] | None = None  # since when, and its largest speed then
+        self._free: tuple[float, float] | None = None  # time of the last command, energy then
+        self._stand: _Stand | None = None
+        self._slopes: deque[tuple[float, float]] = deque()  # times and speeds
+        self._stood_now = 0.0
+        self._clocks: tuple[float, float] | None = None
+        self._waited = 0.0
+
+    def saw(self, reading: Reading) -> None:
+        """Take a reading; `SafetyStop` if the drive has to be switched off."""
+        self._require_clock(reading.time)
+        if self.home is None:
+            self.home = reading.angle
+        time, angle = reading.time, reading.angle
+        self._require_no_jump(reading)
+        self.rate = self._speed.update(time, angle, 0.0)
+        away = angle - self.home
+        self.swing = math.hypot(away, self.rate / self._pace)
+        self._trail.append((time, angle))
+        while time - self._trail[0][0] > self._slope_time and len(self._trail) > 2:  # noqa: PLR2004
+            self._trail.popleft()
+        self._last = reading
+        self._require_within(time, away, reading.current)
+        if self._saved is not None:
+            self._require_help(time, away)
+        elif self._command == 0:
+            self._require_less_energy(time, angle)
+        self._require_live(time, angle)
+        self._require_no_sudden_stand(time)
+
+    def sent(self, command: float) -> None:
+        """Take a command as the drive set it."""
+        assert self._last is not None  # noqa: S101 - a command follows a reading
+        if command != 0:
+            self._free = None
+        elif self._free is None:
+            self._free = self._last.time, 0.0
+        self._command = command
+        self._lasting += (command - self._lasting) * min(self._step / _LASTING, 1.0)
+        if self._stand is not None:
+            self._stand.low = min(self._stand.low, self._lasting)
+            self._stand.high = max(self._stand.high, self._lasting)
+
+    def waited(self, duration: float) -> None:
+        """Take the s that the drive was asked to let pass."""
+        self._waited += duration
+        self._same_time += duration
+
+    def exceeded(self, reach: float) -> str:
+        """Say which limit a run is about to leave, if any; the joint has to be saved then.
+
+        ``reach`` is that of its swing in rad.
+        """
+        assert self._last is not None  # noqa: S101 - asked after a reading
+        limits = self.limits
+        for what, value, most, unit in (
+            ("swing", self.swing, reach, "rad"),
+            ("speed", abs(self.rate), SOFT * limits.speed, "rad/s"),
+            ("current", abs(self._last.current), limits.current, "A"),
+        ):
+            if value > most:
+                self.save()
+                return f"{what} {value:.3g} {unit} beyond {most:.3g} {unit}"
+        return ""
+
+    def save(self) -> None:
+        """From now on the joint is braked, or let go: it may not run away."""
+        if self._saved is None:
+            self._saved, self._outward = self._now, None
+
+    def at_rest(self) -> None:
+        """Take that the joint rests: nothing has to be saved."""
+        self._saved = self._outward = None
+        self._free = (self._now, 0.0)
+
+    def sound_run(self) -> None:
+        """Learn from a run that was sound how long the joint may stand."""
+        self.stood = max(self.stood, self._stood_now)
+
+    @property
+    def motion(self) -> float:
+        """Angle in rad that counts as motion."""
+        return max(NOISES * self.noise, FINEST)
+
+    @property
+    def _now(self) -> float:
+        return 0.0 if self._last is None else self._last.time
+
+    @property
+    def _pace(self) -> float:
+        return math.inf if self.model is None else self.model.resonance
+
+    @property
+    def _slope_time(self) -> float:
+        """Time in s over which a speed is measured."""
+        return max(_SLOPE, _READINGS * self._step)
+
+    @property
+    def _patience(self) -> float:
+        """Time in s that a change of command is given to show."""
+        constant = _UNKNOWN if self.model is None else 1 / self.model.resonance
+        delay = 0.0 if self.model is None else self.model.delay
+        return min(max(_READINGS * self._step, _SHARE_OF_TIME * constant) + delay, _MOST)
+
+    def _slope(self) -> tuple[float, float]:
+        """Return the mean speed of the last readings in rad/s, and by how much it may err."""
+        (begin, first), (end, last) = self._trail[0], self._trail[-1]
+        passed = end - begin
+        if passed < self._slope_time / 2:
+            return 0.0, math.inf
+        return (last - first) / passed, 2 * self._grain / passed
+
+    @property
+    def _grain(self) -> float:
+        """Angle in rad by which a reading may err: noise, a count, an encoder that slips."""
+        pairs = itertools.pairwise(angle for _, angle in self._trail)
+        return max(self.motion, max((abs(after - before) for before, after in pairs), default=0.0))
+
+    def _require_clock(self, time: float) -> None:
+        """Raise `SafetyStop` unless the drive's clock goes on, as the computer's does."""
+        if self._last is None:
+            self._clocks, self._waited, self._same_time = (time, computer.monotonic()), 0.0, 0.0
+            return
+        passed = time - self._last.time
+        if passed > 0:
+            self._same_time = 0.0
+        if passed < 0 or self._same_time > _LATE:
+            raise SafetyStop(
+                f"the drive's clock stands, or ran back by {abs(passed):.3g} s: check where its "
+                "time comes from"
+            )
+        if passed > _LATE:
+            raise SafetyStop(
+                f"{passed:.3g} s passed between two readings (at most {_LATE:g} s): the command "
+                "was held meanwhile; take load from the computer"
+            )
+        assert self._clocks is not None  # noqa: S101 - set with the first reading
+        if self._waited >= _CLOCKS:
+            of_drive, of_computer = time - self._clocks[0], computer.monotonic() - self._clocks[1]
+            errors = [abs(of_drive / each - 1) for each in (self._waited, of_computer)]
+            if min(errors) > _CLOCK_ERROR:  # a simulated motor's is that of its waits alone
+                raise SafetyStop(
+                    f"the drive's clock went on by {of_drive:.3g} s while {self._waited:.3g} s "
+                    f"were waited for, {of_computer:.3g} s by the computer's clock: check the unit "
+                    "and the source of its time"
+                )
+            self._clocks, self._waited = (time, computer.monotonic()), 0.0
+
+    def _require_no_jump(self, reading: Reading) -> None:
+        """Raise `SafetyStop` if the angle went on farther in a cycle than any joint does at once.
+
+        A joint that speeds up goes on a little farther in each cycle.
+        """
+        if self._last is None:
+            return
+        step = abs(reading.angle - self._last.angle)
+        if step > _TIMES * self._widest:
+            raise SafetyStop(
+                f"the encoder jumped by {step:.3g} rad in {reading.time - self._last.time:.2g} s: "
+                "it slips, loses counts, or starts again after a turn; check its mount and cable"
+            )
+        self._widest = max(self._widest, step)
+
+    def _require_within(self, time: float, away: float, current: float) -> None:
+        """Raise `SafetyStop` where limits are left for too long, or by too much."""
+        limits = self.limits
+        coming = abs(away) + 2 * self._step * max(math.copysign(1.0, away) * self.rate, 0.0)
+        if coming > _HARD * limits.angle:
+            raise SafetyStop(
+                f"the joint is {abs(away):.3g} rad from rest, beyond its limit of "
+                f"{limits.angle:g} rad, and turns on: neither a cut nor the brake holds it; check "
+                "that the drive follows its command, and its sign"
+            )
+        for what, value, most, unit in (
+            ("angle", abs(away), limits.angle, "rad"),
+            ("speed", abs(self.rate), limits.speed, "rad/s"),
+            ("current", abs(current), limits.current, "A"),
+        ):
+            if value > most:
+                self.save()
+                self._beyond = time if self._beyond is None else self._beyond
+                if time - self._beyond > _RESCUE:
+                    raise SafetyStop(
+                        f"{what} {value:.3g} {unit} beyond {most:g} {unit} for "
+                        f"{time - self._beyond:.2g} s, although the run was ended: check that the "
+                        "drive follows its command, and that nothing else turns the joint"
+                    )
+                return
+        self._beyond = None
+
+    def _require_help(self, time: float, away: float) -> None:
+        """Raise `SafetyStop` if a joint that is saved speeds up, away from home.
+
+        Whatever holds it, gravity or friction, slows it down there; so do a brake, and nothing.
+        """
+        assert self._saved is not None  # noqa: S101 - asked only then
+        slope, doubt = self._slope()
+        speed = math.copysign(1.0, away) * slope
+        if math.isinf(doubt):
+            return
+        if speed <= 0 or abs(away) <= self._grain:
+            self._outward = None
+            return
+        if self._outward is None:
+            self._outward = time, speed
+        since, most = self._outward
+        if time - max(since, self._saved) <= self._patience + self._slope_time:
+            self._outward = since, max(most, speed)
+        elif speed > _GROWN * most + 2 * doubt + _FLOOR * self.limits.angle:
+            raise SafetyStop(
+                f"the joint runs away from rest ({speed:.3g} rad/s at {abs(away):.3g} rad, "
+                f"{most:.3g} rad/s before) although it is braked or let go: check that the drive "
+                "follows its command, its sign and the encoder's, and that the encoder never slips"
+            )
+
+    def _require_less_energy(self, time: float, angle: float) -> None:
+        """Raise `SafetyStop` if a joint at command 0 moves with more energy than it was left with.
+
+        Energies are over the inertia, in rad^2/s^2; they need a model.
+        """
+        slope, doubt = self._slope()
+        stiffness = None if self.model is None else self.model.stiffness
+        if self.model is None or stiffness is None or self._free is None or math.isinf(doubt):
+            return
+        potential = stiffness * (1 - math.cos(angle - self.model.hanging))
+        since, most = self._free
+        if time - since <= self._patience + self._slope_time:
+            self._free = since, max(most, (abs(slope) + doubt) ** 2 / 2 + potential)
+            return
+        energy = max(abs(slope) - doubt, 0.0) ** 2 / 2 + potential
+        swing = _SWING * self.limits.angle * max(math.sqrt(stiffness), 1.0)
+        if energy > _GAINED * most + swing**2 / 2:
+            raise SafetyStop(
+                f"the joint moves at {abs(slope):.3g} rad/s, faster than it was left, although the "
+                "command is 0: check that the drive follows its command, and that nothing else "
+                "turns the joint"
+            )
+
+    def _require_live(self, time: float, angle: float) -> None:
+        """Raise `SafetyStop` if the encoder stands while the command has to move the joint.
+
+        A joint that stands is held by friction. It breaks away at the latest where the command has
+        changed by what friction holds both ways together, wherever gravity is in between.
+        """
+        if self._stand is None or abs(angle - self._stand.angle) > self.motion:
+            if self._stand is not None and self._stand.since is not None:
+                self._stood_now = max(self._stood_now, time - self._stand.since)
+            speed, lasting = self._speed_at_least(), self._lasting
+            self._stand = _Stand(angle, time, speed, lasting, lasting)
+            return
+        stand, lasting = self._stand, self._lasting
+        if max(stand.high - lasting, lasting - stand.low) <= 2 * self.breakaway:
+            stand.since = None
+            return
+        stand.since = time if stand.since is None else stand.since
+        most = min(max(_STOOD * self.stood, _SHORTEST), _LONGEST)
+        if time - stand.since > most:
+            raise SafetyStop(
+                "the joint no longer moves when it is driven: the encoder stands at "
+                f"{angle:.4g} rad for {time - stand.since:.2g} s although the command went from "
+                f"{stand.low:.3g} to {stand.high:.3g}, and {self.breakaway:.3g} moved the joint "
+                "before; check supply, enable, the encoder's cable, and that nothing blocks the "
+                "joint"
+            )
+
+    def _speed_at_least(self) -> float:
+        """Return how fast in rad/s the joint moves at least, and learn how it accelerates."""
+        slope, doubt = self._slope()
+        if math.isinf(doubt):
+            return 0.0
+        end, long = self._trail[-1][0], self._slope_time
+        self._slopes.append((end, slope))
+        while end - self._slopes[0][0] > 2 * long:
+            self._slopes.popleft()
+        before, earlier = self._slopes[0]
+        if end - before > long:
+            self._fastest = max(self._fastest, abs(slope - earlier) / (end - before))
+        return abs(slope) - doubt - self._fastest * long / 2
+
+    def _require_no_sudden_stand(self, time: float) -> None:
+        """Raise `SafetyStop` if the encoder stands at once where the joint cannot.
+
+        From a speed v it stops within v^2/2a at the earliest, a being all that acts on it.
+        """
+        stand, limit = self._stand, _SUDDEN * self._fastest
+        if stand is None or stand.speed <= 0 or limit <= 0:
+            return
+        passed = min(time - stand.begun, stand.speed / limit)
+        if stand.speed * passed - limit * passed**2 / 2 > _ROOM * self._grain:
+            raise SafetyStop(
+                f"the joint no longer moves: its encoder stands at {stand.angle:.4g} rad at once, "
+                f"from {stand.speed:.2g} rad/s or more; check its cable, and that the joint has "
+                "not hit an end stop"
+            )
+
+
+@dataclass
+class _Stand:
+    """A reading that stays, and the commands meanwhile."""
+
+    angle: float
+    begun: float  # time in s
+    speed: float  # before it, in rad/s at least
+    low: float
+    high: float
+    since: float | None = None  # time from which on the joint has to move

@@ -1,0 +1,71 @@
+"""Whether a run is sound, before it is fitted: it rests where it did, and with the mass it says."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from butterfly.arrays import Samples
+from butterfly.campaigns.contact import ENOUGH
+from butterfly.campaigns.drive import SafetyStop
+from butterfly.campaigns.folder import Step
+from butterfly.identification.identified import Identified
+from butterfly.identification.levels import MATTERS
+from butterfly.model.parameters import AddedMass
+
+_SLIPS = 2.0  # widths of the band in which friction holds a joint, within which it may rest
+
+
+class Rests:
+    """Where the joint rests with each mass."""
+
+    def __init__(self) -> None:
+        self._first: dict[AddedMass, float] = {}  # angle in rad of the first rest
+
+    def require_no_slip(self, rest: float, mass: AddedMass, model: Identified | None) -> None:
+        """Raise `SafetyStop` if the joint rests where gravity and friction do not let it.
+
+        ``rest`` in rad; without a model that may be used, any rest may be.
+        """
+        first = self._first.setdefault(mass, rest)
+        if model is None:
+            return
+        estimate = model.estimate
+        most = dict(zip(estimate.names, estimate.upper.tolist(), strict=True))
+        loaded = estimate.parameters.with_added_mass(mass)
+        width = 2 * most.get("coulomb", loaded.coulomb) / loaded.p3 if loaded.p3 > 0 else math.inf
+        if abs(rest - first) > _SLIPS * width + ENOUGH:
+            raise SafetyStop(
+                f"the joint rests {abs(rest - first):.3g} rad from where it rested first, and "
+                f"friction explains {width:.2g} rad: the encoder slips, or the mount moved"
+            )
+
+
+def require_changed(
+    before: Identified | None, old: Step, new: Step, alone: Callable[[], Identified | None]
+) -> None:
+    """Raise `SafetyStop` if the first run after a change of mass shows the joint as it was.
+
+    ``before``: what was identified before the ``new`` run; ``alone``: identifies from that run. It
+    gives ratios to the inertia. Where the scale is known, and so what they should have become, a
+    change too small to be seen is none.
+    """
+    if before is None or old.added_mass == new.added_mass:
+        return
+    was = _ratios(before, old)
+    expected = _ratios(before, new) if "p1" in before.estimate.names else math.inf
+    if np.max(np.abs(expected / was - 1)) < 2 * MATTERS or (found := alone()) is None:
+        return
+    if np.max(np.abs(_ratios(found, new) / was - 1)) <= MATTERS:
+        raise SafetyStop(
+            f"the joint moves as it did with {old.added_mass}: {new.added_mass}, which was "
+            "asked for, is not mounted, or too small beside the joint to tell anything"
+        )
+
+
+def _ratios(found: Identified, step: Step) -> Samples:
+    """Return (2,) gravity moment and gain over the inertia, with the mass of a run."""
+    loaded = found.parameters.with_added_mass(step.added_mass)
+    return np.array([loaded.p3, loaded.p4]) / loaded.p1
