@@ -81,14 +81,14 @@ def locked(path: Path) -> Iterator[Holder | None]:
         yield former
     finally:
         with suppress(OSError, InputError):
-            if _holder(path) == Holder.here():  # not that of who took it after it was removed
+            if holder_of(path) == Holder.here():  # not that of who took it after it was removed
                 path.unlink()
 
 
 def _take(path: Path) -> Holder | None:
     """Take a lock, and return its former holder if it was stale."""
     while not _created(path):
-        holder = _holder(path)
+        holder = holder_of(path)
         if holder is None:  # it was released just now
             continue
         if not holder.is_gone:
@@ -97,7 +97,7 @@ def _take(path: Path) -> Holder | None:
                 expected += f"; if no campaign runs there, remove {path.name}"
             raise InputError(path.parent, "out", f"a campaign of {holder} in it", expected)
         with locked(path.with_name(f"{path.name}.taken")):
-            if _holder(path) == holder:  # nobody else can replace it now
+            if holder_of(path) == holder:  # nobody else can replace it now
                 _replace(path)
                 return holder
     return None
@@ -143,7 +143,7 @@ def _draft(path: Path) -> Iterator[Path]:
             draft.unlink()
 
 
-def _holder(path: Path) -> Holder | None:
+def holder_of(path: Path) -> Holder | None:
     """Return who holds a lock; None if nobody does."""
     remedy = f"the lock of a campaign; if none runs in {path.parent}, remove this file"
     if path.is_symlink():
