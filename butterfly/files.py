@@ -136,6 +136,24 @@ def write_file(path: Path, content: str | bytes, mark: str = "", *, own: bool = 
         draft.write_bytes(content.encode() if isinstance(content, str) else content)
 
 
+def create_file(path: Path, content: bytes) -> None:
+    """Write a new file whole or not at all; InputError if anything has its name, a link too."""
+    created = False
+    try:
+        with path.open("xb") as file:
+            created = True
+            file.write(content)
+    except BaseException as error:
+        if created:
+            with suppress(OSError):
+                path.unlink()
+        if isinstance(error, FileExistsError):
+            raise InputError(path, "path", "an existing file", "a new path") from None
+        if isinstance(error, OSError):
+            raise InputError(path, "path", error.strerror or error, "a writable file") from None
+        raise
+
+
 def write_xml(path: Path, content: str, kind: str) -> None:
     """Write an XML file of a kind, its mark as a comment at the end."""
     mark = outputs.mark_of(path, kind)

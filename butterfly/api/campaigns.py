@@ -17,7 +17,7 @@ from butterfly.api.identification import Identification
 from butterfly.api.sources import Named
 from butterfly.api.verbs import share_of
 from butterfly.campaigns.campaign import Carry, Ended, Wish, conduct
-from butterfly.campaigns.folder import Folder
+from butterfly.campaigns.folder import PAGE, Folder
 from butterfly.campaigns.guard import Limits
 from butterfly.errors import InputError
 from butterfly.experiment.source import read_experiment
@@ -25,7 +25,6 @@ from butterfly.files import locate
 from butterfly.identification.design import OF_GOAL
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 from butterfly.model.prior import Prior, plain
-from butterfly.outputs import call
 from butterfly.plant.motor import Motor
 from butterfly.plant.rig import SimulatedMotor
 from butterfly.report.finding_texts import estimate_verdict
@@ -36,9 +35,6 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
     from butterfly.report.page import Fact
-
-PAGE = "report.html"
-"""File of its report, its numbers beside it."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -54,8 +50,8 @@ class Campaign(Answer):
     """Of all its logs; None if they determine nothing, or for a result that was loaded."""
 
     @classmethod
-    def of(cls, ended: Ended, wish: Wish, folder: Path) -> Campaign:
-        """Tabulate the runs."""
+    def of(cls, ended: Ended, wish: Wish, folder: Path, notes: Sequence[str] = ()) -> Campaign:
+        """Tabulate the runs; the folder's notes on an earlier campaign follow the summary."""
         steps, found = ended.journal.steps, ended.identified
         begins = [0.0, *(step.seconds for step in steps)]
         rows = [
@@ -76,7 +72,7 @@ class Campaign(Answer):
         verdict = None if found is None else estimate_verdict(found.estimate)
         return cls(
             title=f"Campaign {folder.name!r}",
-            summary=(*(verdict.lines if verdict else ()), *_sentences(ended, wish, folder)),
+            summary=(*(verdict.lines if verdict else ()), *_sentences(ended, wish, folder), *notes),
             judged=verdict,
             content={
                 "goal": wish.goal,
@@ -155,7 +151,8 @@ def campaign(
         An experiment, whose robot is simulated; or MODULE:FACTORY, a function that returns a motor.
         In Python a `Motor`.
     out
-        Folder for logs, manifest and report. Default: ``campaign``.
+        Folder for logs, manifest and report: new, empty, or that of the campaign to go on with.
+        Default: ``campaign``.
     goal
         Half-width of the 95 % intervals of p1..p4 and Coulomb friction, over their values.
     masses
@@ -184,6 +181,8 @@ def campaign(
 
     Raises
     ------
+    InputError
+        If the folder holds other files, another campaign runs in it, or its files were changed.
     SafetyStop
         If the joint, its drive or its encoder is not as it should be; the drive is off then.
     """
@@ -209,9 +208,9 @@ def campaign(
     if isinstance(robot, SimulatedMotor) and change is not None:
         change(wish.masses[0])
     folder = Path(out or "campaign")
-    with call(folder=folder):
-        found = Campaign.of(conduct(robot, wish, Folder(folder), change), wish, folder)
-        found.report(folder / PAGE)
+    with Folder(folder, samples=round(wish.limits.seconds / wish.step)) as kept:
+        found = Campaign.of(conduct(robot, wish, kept, change), wish, folder, kept.notes)
+        found.report(kept.path / PAGE)
     return replace(found, page_path=folder / PAGE)
 
 

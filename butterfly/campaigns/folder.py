@@ -2,25 +2,44 @@
 
 from __future__ import annotations
 
+import hashlib
+import itertools
+import json
 import math
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from shutil import disk_usage
 from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
 from butterfly.campaigns.bench import Recording
 from butterfly.campaigns.contact import Contact
-from butterfly.errors import InputError
-from butterfly.files import finite, json_text, read_file, write_file
+from butterfly.campaigns.lock import LOCK, locked
+from butterfly.errors import InputError, listed, size_text
+from butterfly.files import (
+    DRAFT,
+    create_file,
+    finite,
+    json_text,
+    read_file,
+    require_path,
+    write_file,
+)
 from butterfly.identification.data import DataSet, read_data_set
 from butterfly.logs.log import InputKind, Intersample
 from butterfly.logs.manifest import MANIFEST_NAME, LogEntry, Manifest, manifest_text, read_manifest
 from butterfly.logs.parquet import parquet_bytes
 from butterfly.model.parameters import AddedMass
+from butterfly.outputs import mark_of, mark_of_document, require_free
 
 JOURNAL = "campaign.json"
 """File of the journal."""
+
+PAGE = "report.html"
+"""File of the report, its numbers beside it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,6 +72,7 @@ class Journal:
     contact: Contact
     known: dict[str, Any] = field(default_factory=dict)
     steps: tuple[Step, ...] = ()
+    logs: tuple[str, ...] = ()  # SHA-256 of the file of each run
 
     @property
     def in_vain(self) -> list[Step]:
@@ -75,14 +95,51 @@ class Journal:
 
 
 _JOURNAL = TypeAdapter(Journal)
+_KIND, _VERSION = "butterfly.journal", 1  # of the document; the number grows with its fields
+_BYTES = 48  # of free space for a sample: three numbers in its log, as much for all other files
 
 
 class Folder:
-    """The files of a campaign; whatever was written before is kept."""
+    """The files of a campaign, from which it can go on; a context in which nobody else writes them.
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self._journal = self._read()
+    It is new, empty, or a campaign's own, which its journal marks. A log is never replaced.
+
+    Parameters
+    ----------
+    path
+        The folder; a link is followed once.
+    samples
+        The most that the logs may come to, for which there must be room.
+    """
+
+    def __init__(self, path: Path, samples: int = 0) -> None:
+        require_path(str(path), "campaign", "out")
+        self.path = _resolved(path)
+        self.notes: list[str] = []
+        """Sentences on what an earlier campaign left behind, and what became of it."""
+        self._samples = samples
+        self._journal: Journal | None = None
+        self._held = ExitStack()
+
+    def __enter__(self) -> Folder:
+        with ExitStack() as held:
+            self._require_own()
+            held.enter_context(_made(self.path))
+            former = held.enter_context(locked(self.path / LOCK))
+            self._require_own()  # what may have come since
+            self._require_room()
+            self._journal = self._read()
+            if former is not None:
+                self.notes.append(
+                    f"An earlier campaign in {self.path.name} was killed ({former}): its lock is "
+                    "taken over."
+                )
+            self._keep_unlisted()
+            self._held = held.pop_all()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._held.close()
 
     @property
     def is_begun(self) -> bool:
@@ -95,71 +152,214 @@ class Folder:
         assert self._journal is not None  # noqa: S101 - see `is_begun`
         return self._journal
 
-    def _read(self) -> Journal | None:
-        """Return the journal of a campaign that was begun here, if any."""
-        file = self.path / JOURNAL
-        if not file.exists():
-            if (self.path / MANIFEST_NAME).exists():
-                expected = "a new folder, or that of a campaign: this one holds other logs"
-                raise InputError(self.path, "folder", MANIFEST_NAME, expected)
-            return None
-        try:
-            return _JOURNAL.validate_json(read_file(file, "a campaign's journal"))
-        except ValidationError as error:
-            raise InputError(file, "journal", str(error), "an undamaged journal") from None
-
     def begin(self, journal: Journal) -> None:
         """Begin a campaign, or take it up."""
-        self.path.mkdir(parents=True, exist_ok=True)
-        self._keep(journal)
+        self._write_journal(journal)
+        self._write_manifest()
 
     def add(self, run: Recording, step: Step) -> None:
-        """Keep a run: its log first, then the manifest, then the journal."""
-        steps = (*self.journal.steps, step)
-        log = parquet_bytes(run.log(added_mass=step.added_mass))
-        write_file(self.path / _file(len(steps) - 1), log)
-        self._keep(replace(self.journal, steps=steps))
+        """Keep a run: its log first, then the journal, then the manifest."""
+        steps, log = self.journal.steps, parquet_bytes(run.log(added_mass=step.added_mass))
+        self._keep_unlisted()  # whatever took the name while it was recorded
+        create_file(self.path / _file(len(steps)), log)
+        logs = (*self.journal.logs, _digest(log))
+        self._write_journal(replace(self.journal, steps=(*steps, step), logs=logs))
+        self._write_manifest()
 
     def conclude(self, step: Step) -> None:
         """Say of the last run what was known after it."""
-        self._keep(replace(self.journal, steps=(*self.journal.steps[:-1], step)))
+        self._write_journal(replace(self.journal, steps=(*self.journal.steps[:-1], step)))
 
     def withdraw(self) -> None:
-        """Take the last run out of the journal; its log is kept beside."""
+        """Take the last run out of the journal; its log is kept beside, under another name."""
         *steps, _ = self.journal.steps
-        file = self.path / _file(len(steps))
-        self._keep(replace(self.journal, steps=tuple(steps)))
-        file.rename(file.with_suffix(".unsound.parquet"))
+        self._write_journal(
+            replace(self.journal, steps=tuple(steps), logs=self.journal.logs[: len(steps)])
+        )
+        self._write_manifest()
+        self._keep_unlisted()
 
     def data(self, only: int | None = None) -> DataSet:
         """Return the logs so far, or one of them, as `identify` reads them."""
-        manifest = read_manifest(self.path / MANIFEST_NAME)
+        manifest = self._manifest(self.journal)
         one = {} if only is None else {"logs": [manifest.logs[only]], "holdout": []}
         return read_data_set(manifest.model_copy(update=one))
 
-    def _keep(self, journal: Journal) -> None:
-        self._journal = journal
-        if journal.steps:
-            manifest = manifest_text(_manifest(self.path.name, journal))
-            write_file(self.path / MANIFEST_NAME, manifest, own=True)
-        content = json_text(finite(_JOURNAL.dump_python(journal, mode="json")))
+    def _require_own(self) -> None:
+        """Raise InputError unless the folder may be used, and all that is replaced may be."""
+        try:
+            names = sorted(path.name for path in self.path.iterdir())
+        except FileNotFoundError:
+            return
+        except NotADirectoryError:
+            raise InputError(self.path, "out", "a file", "a folder") from None
+        except OSError as error:
+            raise InputError(self.path, "out", error.strerror, "a readable folder") from None
+        there = [name for name in names if not name.startswith((LOCK, DRAFT))]
+        if there and JOURNAL not in there:
+            expected = f"a new or empty folder, or a campaign's, which has a {JOURNAL}"
+            raise InputError(self.path, "out", f"a folder with {listed(there)}", expected)
+        for name in (JOURNAL, MANIFEST_NAME):
+            if (self.path / name).is_symlink():
+                raise InputError(self.path / name, "path", "a link", "a file of its own")
+        page = self.path / PAGE
+        numbers = page.with_suffix(".json")
+        require_free(page, mark_of(page, "campaign"))
+        require_free(numbers, mark_of_document("campaign"))
+
+    def _require_room(self) -> None:
+        """Raise InputError if the disk has no room for the logs."""
+        needed, free = _BYTES * self._samples, disk_usage(self.path).free
+        if free < needed:
+            expected = f"{size_text(needed)}, which its logs may need"
+            raise InputError(self.path, "free space", size_text(free), expected)
+
+    def _read(self) -> Journal | None:
+        """Return the journal of a campaign that was begun here, if any, with sound files."""
+        file = self.path / JOURNAL
+        if not file.exists():
+            return None
+        journal = _read_journal(file)
+        for number, digest in enumerate(journal.logs):
+            log = self.path / _file(number)
+            expected = f"the log of run {number} as it was recorded, which {JOURNAL} lists"
+            if _digest(read_file(log, expected)) != digest:
+                raise InputError(log, "content", "another file", expected)
+        self._require_manifest(journal)
+        return journal
+
+    def _require_manifest(self, journal: Journal) -> None:
+        """Raise InputError if the manifest is not that of the journal, or of the one before it.
+
+        A kill may leave it one run, and known values that were given later, behind.
+        """
+        file, steps = self.path / MANIFEST_NAME, journal.steps
+        if not file.exists():
+            return
+        expected = f"what {JOURNAL} lists (remove {MANIFEST_NAME}: it will be written anew)"
+        if not steps:
+            raise InputError(file, "path", "a manifest", f"none: {JOURNAL} lists no run")
+        found = read_manifest(file)
+        behind = [some for some in (steps, steps[:-1]) if some]
+        differing = [_differing(found, self._manifest(replace(journal, steps=s))) for s in behind]
+        if all(differing):
+            field = differing[0][0]
+            raise InputError(file, field, "another content", expected)
+
+    def _keep_unlisted(self) -> None:
+        """Rename logs that no journal lists, such as a kill leaves, so that none is replaced."""
+        begun = 0 if self._journal is None else len(self._journal.steps)
+        for path in sorted(self.path.glob("run_*.parquet")):
+            number = path.stem.removeprefix("run_")
+            if number.isdecimal() and int(number) >= begun and path.name == _file(int(number)):
+                kept = _beside(path)
+                try:
+                    path.rename(kept)
+                except OSError as error:
+                    expected = f"a file that can be renamed, as {JOURNAL} does not list it"
+                    raise InputError(path, "path", error.strerror, expected) from None
+                self.notes.append(
+                    f"{path.name} is not in {JOURNAL}: it is kept as {kept.name}, and not used."
+                )
+
+    def _manifest(self, journal: Journal) -> Manifest:
+        """Return the manifest of a journal with runs."""
+        return Manifest(
+            name=self.path.name,
+            description="made by a campaign",
+            root=str(self.path),
+            input=journal.input_kind,
+            intersample=Intersample.ZERO_ORDER_HOLD,
+            sign=1 if journal.contact.polarity > 0 else -1,
+            known=journal.known,
+            holdout=[Path(_file(k)).stem for k, step in enumerate(journal.steps) if step.held_out],
+            logs=[LogEntry.of(_file(k), step.added_mass) for k, step in enumerate(journal.steps)],
+        )
+
+    def _write_manifest(self) -> None:
+        if self.journal.steps:
+            manifest = self._manifest(self.journal).model_copy(update={"root": "."})
+            write_file(self.path / MANIFEST_NAME, manifest_text(manifest), own=True)
+
+    def _write_journal(self, journal: Journal) -> None:
+        head = {"schema": _KIND, "schema_number": _VERSION}
+        content = json_text(finite(head | _JOURNAL.dump_python(journal, mode="json")))
         write_file(self.path / JOURNAL, content, own=True)
+        self._journal = journal
+
+
+def _resolved(path: Path) -> Path:
+    """Return the folder that a path stands for, links followed."""
+    try:
+        return path.resolve()
+    except (OSError, RuntimeError):  # links in a circle, of which Python 3.13 says nothing
+        raise InputError(path, "out", "a link to itself", "a folder") from None
+
+
+@contextmanager
+def _made(path: Path) -> Iterator[None]:
+    """Make a folder that does not exist; remove it after the block if nothing is in it."""
+    new = not path.exists()
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(path, "out", error.strerror, "a folder that can be written") from None
+    try:
+        yield
+    finally:
+        if new:
+            with suppress(OSError):
+                path.rmdir()
+
+
+def _read_journal(file: Path) -> Journal:
+    """Return the journal in a file; InputError if it is damaged, or not of this version."""
+    text = read_file(file, "a campaign's journal")
+    expected = "an undamaged journal of a campaign; restore it, or begin in a new folder"
+    try:
+        content = json.loads(text)
+        kind, number = content.get("schema"), content.get("schema_number")
+    except (ValueError, AttributeError, RecursionError):
+        raise InputError(file, "content", "no JSON object", expected) from None
+    if kind != _KIND:
+        raise InputError(file, "schema", kind, f"{_KIND}: no campaign was begun here")
+    if number != _VERSION:
+        remedy = f"{_VERSION}; go on with the version that began it, or begin in a new folder"
+        raise InputError(file, "schema_number", number, remedy)
+    try:
+        journal = _JOURNAL.validate_json(text)
+    except ValidationError as error:
+        slip = error.errors()[0]
+        field = ".".join(map(str, slip["loc"]))
+        raise InputError(file, field, slip["msg"], expected) from None
+    if len(journal.logs) != len(journal.steps):
+        found = f"{len(journal.logs)} for {len(journal.steps)} runs"
+        raise InputError(file, "logs", found, expected)
+    return journal
+
+
+def _differing(found: Manifest, ours: Manifest) -> list[str]:
+    """Return the fields in which a manifest differs from one that is written here.
+
+    A folder may be renamed, and known values may have been added since.
+    """
+    theirs, own = found.model_dump(), ours.model_dump()
+    known = theirs["known"].items() <= own["known"].items()
+    free = {"name", "description"} | ({"known"} if known else set())
+    return [name for name in own if name not in free and theirs[name] != own[name]]
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+def _beside(path: Path) -> Path:
+    """Return a free name beside that of a log."""
+    there = {each.name for each in path.parent.iterdir()}
+    stems = (f"{path.stem}.unlisted{f'_{n}' if n > 1 else ''}" for n in itertools.count(1))
+    return next(each for each in map(path.with_stem, stems) if each.name not in there)
 
 
 def _file(number: int) -> str:
+    """Return the name of a run's log."""
     return f"run_{number:03d}.parquet"
-
-
-def _manifest(name: str, journal: Journal) -> Manifest:
-    return Manifest(
-        name=name,
-        description="made by a campaign",
-        input=journal.input_kind,
-        intersample=Intersample.ZERO_ORDER_HOLD,
-        sign=1 if journal.contact.polarity > 0 else -1,
-        known=journal.known,
-        holdout=[
-            _file(k).removesuffix(".parquet") for k, s in enumerate(journal.steps) if s.held_out
-        ],
-        logs=[LogEntry.of(_file(k), step.added_mass) for k, step in enumerate(journal.steps)],
-    )

@@ -1,0 +1,519 @@
+"""A campaign's folder: whose it is, what a kill leaves of it, and that nothing in it is lost."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections import namedtuple
+from contextlib import ExitStack, suppress
+from dataclasses import asdict
+from hashlib import sha256
+from itertools import count
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import butterfly as bf
+from butterfly import outputs
+from butterfly.campaigns import folder as module
+from butterfly.campaigns import lock
+from butterfly.campaigns.bench import Recording
+from butterfly.campaigns.contact import Contact
+from butterfly.campaigns.folder import Folder, Journal, Step
+from butterfly.campaigns.lock import LOCK, Holder, locked
+from butterfly.errors import InputError
+from butterfly.files import DRAFT
+from butterfly.identification.data import read_data_set
+from butterfly.logs.log import InputKind
+from butterfly.logs.manifest import read_manifest
+from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
+
+MASS = AddedMass(mass=0.1, arm=0.1)
+OURS = {"campaign.json", "manifest.yaml", "run_000.parquet", "run_001.parquet"}
+
+
+def recording(number):
+    time = 0.01 * np.arange(400)
+    return Recording(time, np.sin(3 * time), np.sin(time + number), "", InputKind.TORQUE)
+
+
+def step(number, verdict=""):
+    mass = (NO_ADDED_MASS, MASS)[number % 2]
+    return Step(
+        what=f"run {number}", why="", added_mass=mass, seconds=number + 1.0, verdict=verdict
+    )
+
+
+def record(path, runs, known=None):
+    """Go on with a campaign until it has this many runs; returns the folder's notes."""
+    with Folder(path) as folder:
+        journal = Journal(input_kind=InputKind.TORQUE, contact=Contact(1, 0.1))
+        journal = folder.journal if folder.is_begun else journal
+        folder.begin(module.replace(journal, known=journal.known | (known or {})))
+        for number in range(len(folder.journal.steps), runs):
+            folder.add(recording(number), step(number))
+            folder.conclude(step(number, "good"))
+        return folder.notes
+
+
+def contents(path):
+    """Bytes of each file, and where links lead."""
+    return {
+        str(each.relative_to(path)): each.readlink() if each.is_symlink() else each.read_bytes()
+        for each in path.rglob("*")
+        if each.is_symlink() or each.is_file()
+    }
+
+
+def refused(path, match, runs=3):
+    """Whether going on is refused in these words, with nothing changed."""
+    before = contents(path)
+    with pytest.raises(InputError, match=match):
+        record(path, runs)
+    assert contents(path) == before
+
+
+@pytest.fixture
+def begun(tmp_path):
+    """A campaign of two runs."""
+    record(tmp_path / "a", 2)
+    return tmp_path / "a"
+
+
+def test_what_is_written_is_what_identify_reads(begun):
+    assert set(contents(begun)) == OURS
+    with Folder(begun) as folder:
+        ours, one = folder.data(), folder.data(only=1)
+    theirs = read_data_set(read_manifest(begun / "manifest.yaml"))
+    assert [log.added_mass for log in ours.logs] == [log.added_mass for log in theirs.logs]
+    assert all(
+        np.array_equal(a.angle, b.angle) for a, b in zip(ours.logs, theirs.logs, strict=True)
+    )
+    assert [log.added_mass for log in one.logs] == [MASS]
+
+
+@pytest.mark.parametrize(
+    "there", ["run_000.parquet", "report.html", "manifest.yaml", ".notes", "a/b"]
+)
+@pytest.mark.parametrize("by_link", [False, True])
+def test_a_folder_of_anything_else_is_refused_and_overwrite_does_not_change_that(
+    tmp_path, there, by_link
+):
+    foreign = tmp_path / "foreign"
+    (foreign / there).parent.mkdir(parents=True)
+    (foreign / there).write_text("mine", encoding="utf-8")
+    (tmp_path / "link").symlink_to(foreign)
+    before = contents(foreign)
+    with outputs.call(overwrite=True), pytest.raises(InputError, match=there.split("/", 1)[0]):
+        record(tmp_path / "link" if by_link else foreign, 1)
+    assert contents(foreign) == before
+
+
+def test_the_command_refuses_a_foreign_folder_before_anything_moves(tmp_path, butterfly):
+    (tmp_path / "thesis.tex").write_text("mine", encoding="utf-8")
+    words = ("campaign", "quickstart", "--out", tmp_path, "--overwrite")
+    code, _, err = butterfly(*map(str, words))
+    assert code == 2
+    assert "got a folder with thesis.tex; expected a new or empty folder" in err
+    assert contents(tmp_path) == {"thesis.tex": b"mine"}
+
+
+@pytest.mark.parametrize("name", ["report.html", "report.json"])
+def test_a_foreign_report_in_a_campaigns_folder_is_refused_and_its_own_is_not(begun, name):
+    (begun / name).write_text("mine", encoding="utf-8")
+    refused(begun, name)
+    mark = outputs.mark_of(Path(name), "campaign") or outputs.mark_of_document("campaign")
+    (begun / name).write_text(mark, encoding="utf-8")
+    record(begun, 3)
+
+
+@pytest.mark.parametrize("name", ["campaign.json", "manifest.yaml", "report.html", "report.json"])
+def test_a_file_that_is_a_link_is_refused_and_what_it_leads_to_stays(begun, tmp_path, name):
+    there = begun / name
+    elsewhere = tmp_path / "elsewhere"
+    if there.exists():
+        there.rename(elsewhere)
+    there.symlink_to(elsewhere)
+    refused(begun, "a link")
+
+
+def test_a_folder_behind_a_link_is_the_folder_and_may_be_renamed(begun, tmp_path):
+    (tmp_path / "link").symlink_to(begun)
+    record(tmp_path / "link", 3)
+    begun.rename(tmp_path / "b")
+    record(tmp_path / "b", 4)
+    assert len(bf.read(tmp_path / "b").recorded) == 4
+
+
+def test_other_files_beside_a_campaign_stay_as_they_are(begun):
+    (begun / "notes.txt").write_text("mine", encoding="utf-8")
+    record(begun, 3)
+    assert (begun / "notes.txt").read_text(encoding="utf-8") == "mine"
+
+
+def test_a_folder_that_a_campaign_made_and_left_empty_is_removed(tmp_path):
+    with suppress(ZeroDivisionError), Folder(tmp_path / "a"):
+        _ = 1 / 0
+    assert not (tmp_path / "a").exists()
+
+
+def test_known_values_that_come_later_are_in_the_manifest(begun):
+    record(begun, 2, known={"p4": 1.0})
+    assert read_manifest(begun / "manifest.yaml").known == {"p4": 1.0}
+
+
+def replaced(old, new, name="campaign.json"):
+    """What puts other words into a file."""
+
+    def change(path):
+        text = (path / name).read_text(encoding="utf-8")
+        assert old in text
+        (path / name).write_text(text.replace(old, new), encoding="utf-8")
+
+    return change
+
+
+def written(name, content):
+    return lambda path: (path / name).write_bytes(content)
+
+
+DAMAGED = {
+    "empty journal": (written("campaign.json", b""), "campaign.json: content: got no JSON object"),
+    "cut journal": (written("campaign.json", b'{"schema": '), "campaign.json: content"),
+    "no journal": (written("campaign.json", b'{"budget": 3}'), "schema: got None; expected butt"),
+    "a list": (written("campaign.json", b"[1]"), "campaign.json: content"),
+    "another version": (replaced('number": 1', 'number": 2'), "schema_number: got 2; expected 1"),
+    "no masses": (replaced('"added_mass"', '"mass"'), "campaign.json: steps.0.added_mass"),
+    "no digests": (replaced('"logs"', '"lags"'), "campaign.json: logs: got 0 for 2 runs"),
+    "another mass": (replaced("0.1, arm", "0.2, arm", "manifest.yaml"), "manifest.yaml: logs"),
+    "another log": (replaced("run_000", "run_007", "manifest.yaml"), "manifest.yaml: logs"),
+    "another input": (replaced("torque", "voltage", "manifest.yaml"), "manifest.yaml: input"),
+    "no YAML": (written("manifest.yaml", b"logs: ["), "manifest.yaml"),
+    "a lost log": (lambda path: (path / "run_000.parquet").unlink(), "run_000.parquet: path"),
+    "a log that is none": (written("run_001.parquet", b"PAR1"), "run_001.parquet: content"),
+    "the other log": (
+        lambda path: (path / "run_001.parquet").replace(path / "run_000.parquet"),
+        "run_000.parquet: content: got another file; expected the log of run 0",
+    ),
+}
+
+
+@pytest.mark.parametrize("wrong", DAMAGED)
+def test_damage_is_refused_with_its_file_and_nothing_is_changed(begun, wrong):
+    damage, match = DAMAGED[wrong]
+    damage(begun)
+    refused(begun, match)
+
+
+def test_a_lost_manifest_is_written_again(begun):
+    manifest = (begun / "manifest.yaml").read_bytes()
+    (begun / "manifest.yaml").unlink()
+    record(begun, 2)
+    assert (begun / "manifest.yaml").read_bytes() == manifest
+
+
+class Killed(BaseException):
+    """Ends a campaign at once, as a kill does."""
+
+
+@pytest.mark.parametrize("is_written", [False, True])
+@pytest.mark.parametrize("at", range(12))
+def test_after_a_kill_at_any_write_each_run_has_its_log_and_no_log_is_lost(
+    tmp_path, monkeypatch, at, is_written
+):
+    path, writes = tmp_path / "a", count()
+
+    def killed(write):
+        def written(*args, **options):
+            last = next(writes) == at
+            if not last or is_written:
+                write(*args, **options)
+            if last:
+                raise Killed
+
+        return written
+
+    for name in ("write_file", "create_file"):
+        monkeypatch.setattr(module, name, killed(getattr(module, name)))
+    with pytest.raises(Killed):
+        record(path, 3)
+    monkeypatch.undo()
+    logs = {each.read_bytes() for each in path.glob("*.parquet")}
+    notes = record(path, 3)
+    kept = {each.name: each.read_bytes() for each in path.glob("*.parquet")}
+    assert logs <= set(kept.values())
+    digests = json.loads((path / "campaign.json").read_bytes())["logs"]
+    assert digests == [sha256(kept[f"run_{k:03d}.parquet"]).hexdigest() for k in range(3)]
+    assert len(bf.read(path).recorded) == 3
+    assert len(kept) == 3 + len(notes)
+
+
+KILLS = {
+    "half a log": "folder.create_file = lambda path, log: (path.write_bytes(log[:99]), killed())",
+    "a journal before it has its name": "Path.replace = lambda *_: killed()",
+    "a log without an entry": "folder.write_file = lambda *_, **__: killed()",
+}
+
+
+@pytest.mark.parametrize("where", KILLS)
+def test_after_a_real_kill_the_same_command_goes_on(begun, where):
+    script = f"""
+import os, signal, sys
+from pathlib import Path
+from butterfly.campaigns import folder
+from tests.campaign.test_folder import recording, step
+killed = lambda: os.kill(os.getpid(), signal.SIGKILL)
+with folder.Folder(Path(sys.argv[1])) as there:
+    {KILLS[where]}
+    there.add(recording(2), step(2))
+"""
+    before = contents(begun)
+    words = [sys.executable, "-c", script, str(begun)]
+    ended = subprocess.run(words, check=False, timeout=30)  # noqa: S603 - its own script
+    assert ended.returncode == -signal.SIGKILL
+    left = {each.read_bytes() for each in begun.glob("run_002.parquet")}
+    notes = record(begun, 3)
+    assert "was killed" in notes[0]
+    assert {each.read_bytes() for each in begun.glob("*unlisted.parquet")} == left
+    assert len(notes) == 1 + len(left)
+    assert all(contents(begun)[name] == before[name] for name in OURS if "run" in name)
+    assert len(bf.read(begun).recorded) == 3
+
+
+def test_a_log_that_the_journal_does_not_list_is_kept_beside_and_said(begun):
+    for content in (b"one", b"two"):
+        (begun / "run_002.parquet").write_bytes(content)
+        notes = record(begun, 2)
+    assert notes == [
+        "run_002.parquet is not in campaign.json: it is kept as run_002.unlisted_2.parquet, "
+        "and not used."
+    ]
+    assert (begun / "run_002.unlisted.parquet").read_bytes() == b"one"
+    assert (begun / "run_002.unlisted_2.parquet").read_bytes() == b"two"
+
+
+def test_a_log_that_appears_while_a_run_is_recorded_is_kept_and_so_is_the_run(begun, tmp_path):
+    (tmp_path / "mine").write_bytes(b"mine")
+    with Folder(begun) as folder:
+        (begun / "run_002.parquet").symlink_to(tmp_path / "mine")
+        folder.add(recording(2), step(2))
+    assert (tmp_path / "mine").read_bytes() == b"mine"
+    assert (begun / "run_002.unlisted.parquet").is_symlink()
+    assert len(bf.read(begun).recorded) == 3
+
+
+def test_a_full_disk_is_said_before_anything_moves(tmp_path, monkeypatch):
+    usage = namedtuple("usage", "free")(free=1e6)
+    monkeypatch.setattr(module, "disk_usage", lambda _: usage)
+    with Folder(tmp_path / "a", samples=20_000):
+        pass
+    with pytest.raises(InputError, match=r"free space: got 1.0 MB; expected 1.4 MB"):
+        Folder(tmp_path / "a", samples=30_000).__enter__()
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("fails", ["mkdir", "write_bytes"])
+def test_a_folder_that_cannot_be_written_is_refused(tmp_path, monkeypatch, fails):
+    def failing(*_, **__):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, fails, failing)
+    with pytest.raises(InputError, match="Permission denied; expected a folder that can be"):
+        Folder(tmp_path / "a").__enter__()
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="a file system that takes no files")
+def test_a_file_system_that_takes_no_files_is_refused():
+    with pytest.raises(InputError, match=r"out: got .*; expected a folder that can be written"):
+        Folder(Path("/proc/campaign")).__enter__()
+
+
+def test_a_file_or_a_circle_of_links_is_no_folder(tmp_path):
+    (tmp_path / "file").write_bytes(b"")
+    (tmp_path / "circle").symlink_to(tmp_path / "circle")
+    for name in ("file", "circle"):
+        with pytest.raises(InputError, match="out: got"):
+            Folder(tmp_path / name).__enter__()
+
+
+# The lock
+
+
+def other_process(path, code="print('held', flush=True); input()"):
+    """Start a process that holds the lock of a folder, and then runs this code."""
+    script = (
+        "import sys; from pathlib import Path\n"
+        "from butterfly.campaigns.lock import locked\n"
+        f"with locked(Path(sys.argv[1])):\n    {code}\n"
+    )
+    return subprocess.Popen(  # noqa: S603 - its own script
+        [sys.executable, "-c", script, str(path / LOCK)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+
+
+@pytest.fixture
+def holder(begun):
+    """A process that holds the lock of the folder."""
+    with other_process(begun) as process:
+        assert process.stdout.readline() == "held\n"
+        yield process
+        process.kill()
+
+
+def test_a_second_campaign_is_refused_by_the_name_of_the_first_until_that_ends(begun, holder):
+    refused(begun, f"out: got a campaign of process {holder.pid} on {socket.gethostname()} in it")
+    holder.communicate("\n")
+    assert holder.returncode == 0
+    assert record(begun, 3) == []
+
+
+def test_the_lock_of_a_killed_campaign_is_said_and_taken(begun, holder):
+    holder.kill()  # nobody has waited for it yet: a zombie
+    os.waitid(os.P_PID, holder.pid, os.WEXITED | os.WNOWAIT)
+    (note,) = record(begun, 3)
+    assert note == (
+        f"An earlier campaign in a was killed (process {holder.pid} on {socket.gethostname()}): "
+        "its lock is taken over."
+    )
+    assert record(begun, 3) == []
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_leaves_no_lock(begun, how):
+    handler = "import signal; signal.signal(signal.SIGTERM, signal.default_int_handler); "
+    with other_process(begun, handler + "print('held', flush=True); input()") as process:
+        process.stdout.readline()
+        process.send_signal(how)
+    assert set(contents(begun)) == OURS
+
+
+def test_one_process_begins_one_campaign_at_a_time_and_an_error_leaves_no_lock(begun):
+    with suppress(ZeroDivisionError), Folder(begun):
+        refused(begun, f"process {os.getpid()}")
+        _ = 1 / 0
+    assert set(contents(begun)) == OURS
+
+
+def stale(path, **differing):
+    """Leave the lock of a process that is gone."""
+    here = {"host": socket.gethostname(), "process": os.getpid(), "started": 1}
+    (path / LOCK).write_text(json.dumps(here | differing), encoding="utf-8")
+
+
+def test_a_process_that_got_the_number_of_a_killed_one_does_not_hold_its_lock(begun):
+    stale(begun)
+    assert "its lock is taken over" in record(begun, 3)[0]
+
+
+def test_where_starts_are_unknown_the_number_alone_decides(begun, monkeypatch):
+    monkeypatch.setattr(lock, "_state", lambda _: None)
+    stale(begun, started=None)
+    refused(begun, "a campaign of process")
+    with other_process(begun / "nowhere") as ended:
+        pass
+    stale(begun, process=ended.pid, started=None)
+    assert "its lock is taken over" in record(begun, 3)[0]
+
+
+def test_the_lock_of_another_host_is_refused_with_how_to_remove_it(begun):
+    stale(begun, host="elsewhere")
+    refused(begun, f"on elsewhere in it; .*if no campaign runs there, remove {LOCK}")
+
+
+@pytest.mark.parametrize("content", [b"", b"4711", b'{"host": "here", "process": -1}'])
+def test_a_lock_that_says_nothing_is_refused_with_how_to_remove_it(begun, content):
+    (begun / LOCK).write_bytes(content)
+    refused(begun, f"{LOCK}: content: got no host and process; .* remove this file")
+
+
+def test_a_lock_that_is_a_link_is_refused(begun, tmp_path):
+    (begun / LOCK).symlink_to(tmp_path / "nowhere")
+    refused(begun, f"{LOCK}: path: got a link")
+
+
+def test_a_kill_while_a_stale_lock_is_taken_leaves_what_the_next_one_takes(begun):
+    for name in (LOCK, f"{LOCK}.taken", f"{LOCK}.taken.taken"):
+        stale(begun)
+        (begun / LOCK).rename(begun / name)
+    stale(begun)
+    assert len(record(begun, 3)) == 1
+    assert not list(begun.glob(f"{LOCK}*"))
+
+
+def test_whoever_sees_a_stale_lock_too_late_does_not_take_the_new_one(begun, monkeypatch):
+    stale(begun)
+    seen, real = [], lock.holder_of
+
+    def late(path):
+        holder = real(path)
+        if not seen and path.name == LOCK:  # between its first look and what it does then
+            (begun / LOCK).write_bytes(json.dumps(asdict(Holder.here())).encode())
+        seen.append(path)
+        return holder
+
+    monkeypatch.setattr(lock, "holder_of", late)
+    with pytest.raises(InputError, match=f"process {os.getpid()}"), locked(begun / LOCK):
+        pass
+    assert real(begun / LOCK) == Holder.here()
+
+
+def test_of_four_processes_that_take_a_stale_lock_at_once_one_does(tmp_path):
+    rounds = 8
+    script = f"""
+import sys
+from pathlib import Path
+from butterfly.campaigns.lock import locked
+from butterfly.errors import InputError
+root, own = Path(sys.argv[1]), sys.argv[2]
+print("ready", flush=True)
+for k in range({rounds}):
+    folder = root / str(k)
+    while not (folder / "go").exists():
+        pass
+    try:
+        with locked(folder / {LOCK!r}):
+            (folder / f"took {{own}}").touch()
+            while len(list(folder.glob("took*")) + list(folder.glob("refused*"))) < 3:
+                pass
+    except InputError:
+        (folder / f"refused {{own}}").touch()
+"""
+    for k in range(rounds):
+        (tmp_path / str(k)).mkdir()
+        stale(tmp_path / str(k))
+    words = [sys.executable, "-c", script, str(tmp_path)]
+    with ExitStack() as running:
+        processes = [
+            running.enter_context(
+                subprocess.Popen([*words, str(n)], stdout=subprocess.PIPE)  # noqa: S603 - the same
+            )
+            for n in range(3)
+        ]
+        for process in processes:
+            process.stdout.readline()
+        for k in range(rounds):
+            (tmp_path / str(k) / "go").touch()
+            deadline = time.monotonic() + 10
+            while len([*(tmp_path / str(k)).glob("[tr][oe]*")]) < 3:
+                assert time.monotonic() < deadline
+        assert [process.wait(10) for process in processes] == [0] * 3
+    assert [len([*(tmp_path / str(k)).glob("took*")]) for k in range(rounds)] == [1] * rounds
+    assert not [*tmp_path.rglob(f"{LOCK}*"), *tmp_path.rglob(f"{DRAFT}*")]
+
+
+def test_without_hard_links_the_lock_is_made_all_the_same(begun, monkeypatch):
+    def none(*_):
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(Path, "hardlink_to", none)
+    with Folder(begun):
+        assert Holder.here() == lock.holder_of(begun / LOCK)
+        refused(begun, f"process {os.getpid()}")
+    assert set(contents(begun)) == OURS
