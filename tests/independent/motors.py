@@ -64,7 +64,7 @@ class IndependentMotor:
     ) -> None:
         self.bare = self.joint = joint
         self.limit, self.delay, self.polarity, self.resets = limit, delay, polarity, resets
-        self._count, self._noise, self._resolution = math.tau / counts, noise, resolution
+        self.count, self.noise, self._resolution = math.tau / counts, noise, resolution
         self._random = random.Random(seed)  # noqa: S311 - noise
         self._arriving: deque[tuple[float, float]] = deque()
         self.angle, self.velocity, self.applied = angle, 0.0, 0.0
@@ -98,10 +98,8 @@ class IndependentMotor:
 
     def sense(self):
         """Return what a sound encoder and clock read now."""
-        angle = self.angle + (self._random.gauss(0.0, self._noise) if self._noise else 0.0)
-        return Reading(
-            self.clock - self.started, self._count * round(angle / self._count), math.nan
-        )
+        angle = self.angle + (self._random.gauss(0.0, self.noise) if self.noise else 0.0)
+        return Reading(self.clock - self.started, self.count * round(angle / self.count), math.nan)
 
     def advance(self, duration):
         """Let the joint move for some s, delayed commands taking effect at their own instants."""
