@@ -138,7 +138,9 @@ def _measured(motor):
     """Yield the letters of what a motor went through."""
     fault = motor.fault
     early = motor.phase in {START, CONTACT}
-    period = math.tau / math.sqrt(max(motor.bare.gravity, motor.bare.inertia) / motor.bare.inertia)
+    period = math.tau / math.sqrt(
+        max(motor.truth.gravity, motor.truth.inertia) / motor.truth.inertia
+    )
     most = (RAMP if early else BLIND + period) if fault.frozen else AT_ONCE
     if (motor.driven if fault.frozen or fault.evident else motor.beyond) > most + 0.01:
         yield "B"
@@ -152,7 +154,7 @@ def _ended(motor, joint, options):
     """Return how a campaign with a motor ended in words, the largest error, and letters."""
     given = {"command": motor.limit, "angle": ANGLE, "out": motor.folder} | options
     if joint == "held by nothing":
-        given |= {"known": {"p4": motor.bare.gain}}
+        given |= {"known": {"p4": motor.truth.gain}}
     else:
         masses = (NO_ADDED_MASS.mass, _MASS.mass)
         given |= {"masses": masses, "arm": _MASS.arm, "change": motor.carry}
@@ -168,7 +170,7 @@ def _ended(motor, joint, options):
     ending = str(found.content["ending"])
     if not found.reached:
         return ending, None, misses + ("" if _is_sentence(ending) else "W")
-    error = largest_error(found.identification.estimate.named, motor.bare, motor.limit)
+    error = largest_error(found.identification.estimate.named, motor.truth, motor.limit)
     return ending, error, misses + ("C" if error > WRONG else "")
 
 
@@ -261,6 +263,7 @@ def tried(function, jobs, asked, line):
     results = []
     if asked.json:
         asked.json.parent.mkdir(parents=True, exist_ok=True)
+        asked.json.write_text("", encoding="utf-8")
     with ProcessPoolExecutor(asked.workers) as pool:
         for done, future in enumerate(
             as_completed([pool.submit(function, job) for job in jobs]), 1

@@ -140,8 +140,17 @@ def _standing(_, duration):
     """Return at once: no time passes."""
 
 
-def _locked(motor):
-    motor.joint = motor.joint._replace(coulomb=1e4)
+def _altered(**values):
+    """Return an onset that changes what a joint is, with whatever mass."""
+
+    def onset(motor):
+        motor.bare, motor.joint = (each._replace(**values) for each in (motor.bare, motor.joint))
+
+    return onset
+
+
+def _stronger(motor):
+    _altered(gain=3 * motor.bare.gain)(motor)
 
 
 def _half_as_heavy(motor):
@@ -233,7 +242,7 @@ FAULTS = (
         "gain grows threefold",
         (RELAY, LATER, BRAKE),
         {},
-        lambda m: setattr(m, "joint", m.joint._replace(gain=3 * m.joint.gain)),
+        _stronger,
     ),
     Fault("drive of set-points", (START,), kind=InputKind.SETPOINT, refused=True),
     # the encoder
@@ -354,7 +363,7 @@ FAULTS = (
     Fault("pushed from outside", (RELAY, BRAKE, REST), {"wait": _pushed}),
     Fault("end stop", (START, LATER), {}, _stopped_at(0.06)),
     Fault("load falls off", (LATER,), {}, _half_as_heavy),
-    Fault("joint is locked", (START, RELAY, LATER), {}, _locked),
+    Fault("joint is locked", (START, RELAY, LATER), {}, _altered(coulomb=1e4)),
     # the person beside it
     Fault("mass is not changed", (START,), {"carry": lambda _motor, _mass: None}),
     Fault("Ctrl-C in read", (RELAY,), {"read": _interrupted()}, interrupts=True),

@@ -62,7 +62,7 @@ class IndependentMotor:
         angle: float = 0.0,  # rad, in the beginning
         seed: int = 0,
     ) -> None:
-        self.bare = self.joint = joint
+        self.truth = self.bare = self.joint = joint
         self.limit, self.delay, self.polarity, self.resets = limit, delay, polarity, resets
         self.count, self.noise, self._resolution = math.tau / counts, noise, resolution
         self._random = random.Random(seed)  # noqa: S311 - noise
