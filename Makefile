@@ -15,7 +15,7 @@ WITH_KERNELS = NUMBA_CACHE_DIR=$$($(BIN)/python -m tests.kernels) && export NUMB
 # A module is compiled when it is first imported, not by each process anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: constraints demo docs lowest outputs pictures profile test test-slow film lint types bench bench-short campaigns coverage kinds forecasts fuzz readers readback record record-check texts wheel clean
+.PHONY: constraints demo docs lowest outputs pictures profile test test-slow film lint types bench bench-short campaigns coverage faults sound kinds forecasts fuzz readers readback record record-check texts wheel clean
 
 demo: $(VENV)/.runtime
 	$(BIN)/butterfly run experiments/quickstart.yaml
@@ -81,6 +81,19 @@ kinds: $(VENV)/.development
 # How campaigns end on random robots, and on such as the model misses: 20 of each by ROBOTS=20.
 campaigns: $(VENV)/.development
 	$(ONE_THREAD) $(BIN)/python -m tests.benchmarks.campaigns --robots $(ROBOTS) --seed $(SEED)
+
+# Campaigns in which something breaks, with motors and an integrator of their own: how long the drive
+# pushes on beyond a limit, and whether they end in words. FAULTS_OPTIONS='--only encoder --seed 2'.
+FAULTS_OPTIONS ?=
+faults: $(VENV)/.development
+	$(ONE_THREAD) $(BIN)/python -m tests.benchmarks.faults --json build/faults-$(SEED).jsonl --seed $(SEED) $(FAULTS_OPTIONS)
+
+# Campaigns that nothing may stop, with motors and an integrator of their own: 200 robots that are hard
+# to guard; SET=fresh for 60 such as the goal of 1 % is promised to.
+SET ?= sound
+SOUND_OPTIONS ?=
+sound: $(VENV)/.development
+	$(ONE_THREAD) $(BIN)/python -m tests.benchmarks.sound --set $(SET) --json build/$(SET)-$(SEED).jsonl --seed $(SEED) $(SOUND_OPTIONS)
 
 # How often what inspect says before a fit comes true: 15 kinds of data sets, 5 of each by ROBOTS=5.
 forecasts: $(VENV)/.development
