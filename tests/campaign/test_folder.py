@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import signal
 import socket
@@ -369,6 +370,37 @@ def test_a_file_or_a_circle_of_links_is_no_folder(tmp_path):
     for name in ("file", "circle"):
         with pytest.raises(InputError, match="out: got"):
             Folder(tmp_path / name).__enter__()
+
+
+PAGE = (Path(__file__).parents[2] / "docs/campaign.md").read_text(encoding="utf-8")
+
+
+def test_the_page_on_campaigns_quotes_what_is_refused(begun, tmp_path, monkeypatch):
+    (tmp_path / "b").mkdir()
+    (tmp_path / "b/notes.txt").touch()
+    changes = {
+        "report.html": written("report.html", b"mine"),
+        "out: got a campaign": lambda path: stale(path, host="lab", process=4211),
+        "campaign.lock": written(LOCK, b""),
+        "campaign.json: content": DAMAGED["empty journal"][0],
+        "campaign.json: schema": DAMAGED["another version"][0],
+        "run_000": DAMAGED["the other log"][0],
+        "manifest": DAMAGED["another mass"][0],
+        "free space": lambda _: monkeypatch.setattr(
+            module, "disk_usage", lambda _: SimpleNamespace(free=1e6)
+        ),
+    }
+    folders = {tmp_path / "b": lambda _: None}
+    folders |= {shutil.copytree(begun, tmp_path / name): change for name, change in changes.items()}
+    messages = []
+    for folder, change in folders.items():
+        change(folder)
+        with pytest.raises(InputError) as error:
+            record(folder, 3)
+        messages.append(str(error.value))
+    section = PAGE.partition("## The folder")[2].partition("## Use")[0]
+    quoted = re.findall(r"^\| `([^`]+)` \|", section, re.MULTILINE)
+    assert [text in message for text, message in zip(quoted, messages, strict=True)] == [True] * 9
 
 
 # The lock
