@@ -208,7 +208,7 @@ def campaign(
     if isinstance(robot, SimulatedMotor) and change is not None:
         change(wish.masses[0])
     folder = Path(out or "campaign")
-    with Folder(folder, samples=round(wish.limits.seconds / wish.step)) as kept:
+    with Folder(folder) as kept:
         found = Campaign.of(conduct(robot, wish, kept, change), wish, folder, kept.notes)
         found.report(kept.path / PAGE)
     return replace(found, page_path=folder / PAGE)

@@ -33,6 +33,7 @@ from butterfly.logs.log import InputKind, Intersample
 from butterfly.logs.manifest import MANIFEST_NAME, LogEntry, Manifest, manifest_text, read_manifest
 from butterfly.logs.parquet import parquet_bytes
 from butterfly.model.parameters import AddedMass
+from butterfly.model.prior import Prior, plain
 from butterfly.outputs import mark_of, mark_of_document, require_free
 
 JOURNAL = "campaign.json"
@@ -96,7 +97,7 @@ class Journal:
 
 _JOURNAL = TypeAdapter(Journal)
 _KIND, _VERSION = "butterfly.journal", 1  # of the document; the number grows with its fields
-_BYTES = 48  # of free space for a sample: three numbers in its log, as much for all other files
+_ROOM = 10e6  # bytes of free space: ten minutes at 500 Hz, three numbers a sample, and a page
 
 
 class Folder:
@@ -108,16 +109,13 @@ class Folder:
     ----------
     path
         The folder; a link is followed once.
-    samples
-        The most that the logs may come to, for which there must be room.
     """
 
-    def __init__(self, path: Path, samples: int = 0) -> None:
+    def __init__(self, path: Path) -> None:
         require_path(str(path), "campaign", "out")
         self.path = _resolved(path)
         self.notes: list[str] = []
         """Sentences on what an earlier campaign left behind, and what became of it."""
-        self._samples = samples
         self._journal: Journal | None = None
         self._held = ExitStack()
 
@@ -154,7 +152,8 @@ class Folder:
 
     def begin(self, journal: Journal) -> None:
         """Begin a campaign, or take it up."""
-        self._write_journal(journal)
+        known = {name: plain(value) for name, value in Prior.of(journal.known).values.items()}
+        self._write_journal(replace(journal, known=known))  # as a manifest spells them, too
         self._write_manifest()
 
     def add(self, run: Recording, step: Step) -> None:
@@ -208,11 +207,10 @@ class Folder:
         require_free(numbers, mark_of_document("campaign"))
 
     def _require_room(self) -> None:
-        """Raise InputError if the disk has no room for the logs."""
-        needed, free = _BYTES * self._samples, disk_usage(self.path).free
-        if free < needed:
-            expected = f"{size_text(needed)}, which its logs may need"
-            raise InputError(self.path, "free space", size_text(free), expected)
+        """Raise InputError if the disk has no room for the logs of a campaign."""
+        free = disk_usage(self.path).free
+        if free < _ROOM:
+            raise InputError(self.path, "free space", size_text(free), f"{size_text(_ROOM)} of it")
 
     def _read(self) -> Journal | None:
         """Return the journal of a campaign that was begun here, if any, with sound files."""
@@ -236,7 +234,7 @@ class Folder:
         file, steps = self.path / MANIFEST_NAME, journal.steps
         if not file.exists():
             return
-        expected = f"what {JOURNAL} lists (remove {MANIFEST_NAME}: it will be written anew)"
+        expected = f"what {JOURNAL} lists; remove {MANIFEST_NAME}, and it is written again"
         if not steps:
             raise InputError(file, "path", "a manifest", f"none: {JOURNAL} lists no run")
         found = read_manifest(file)
@@ -332,6 +330,7 @@ def _read_journal(file: Path) -> Journal:
         slip = error.errors()[0]
         field = ".".join(map(str, slip["loc"]))
         raise InputError(file, field, slip["msg"], expected) from None
+    Prior.of(journal.known, file)
     if len(journal.logs) != len(journal.steps):
         found = f"{len(journal.logs)} for {len(journal.steps)} runs"
         raise InputError(file, "logs", found, expected)

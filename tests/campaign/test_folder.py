@@ -2,26 +2,29 @@
 
 import json
 import os
+import re
+import shutil
 import signal
 import socket
 import subprocess
 import sys
-import time
-from collections import namedtuple
 from contextlib import ExitStack, suppress
 from dataclasses import asdict
 from hashlib import sha256
 from itertools import count
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import butterfly as bf
 from butterfly import outputs
+from butterfly.api import campaigns
 from butterfly.campaigns import folder as module
 from butterfly.campaigns import lock
 from butterfly.campaigns.bench import Recording
+from butterfly.campaigns.campaign import Ended
 from butterfly.campaigns.contact import Contact
 from butterfly.campaigns.folder import Folder, Journal, Step
 from butterfly.campaigns.lock import LOCK, Holder, locked
@@ -31,6 +34,7 @@ from butterfly.identification.data import read_data_set
 from butterfly.logs.log import InputKind
 from butterfly.logs.manifest import read_manifest
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
+from butterfly.model.prior import Known, known_of
 
 MASS = AddedMass(mass=0.1, arm=0.1)
 OURS = {"campaign.json", "manifest.yaml", "run_000.parquet", "run_001.parquet"}
@@ -161,9 +165,12 @@ def test_a_folder_that_a_campaign_made_and_left_empty_is_removed(tmp_path):
     assert not (tmp_path / "a").exists()
 
 
-def test_known_values_that_come_later_are_in_the_manifest(begun):
-    record(begun, 2, known={"p4": 1.0})
-    assert read_manifest(begun / "manifest.yaml").known == {"p4": 1.0}
+@pytest.mark.parametrize("known", [1.0, (1.0, 0.1), "1+-0.1", Known(value=1.0, uncertainty=0.1)])
+def test_known_values_that_come_later_are_in_the_manifest_and_stay_there(begun, known):
+    record(begun, 2, known={"p4": known})
+    record(begun, 3)
+    found = read_manifest(begun / "manifest.yaml").prior
+    assert found.parameters["p4"] == known_of(known)
 
 
 def replaced(old, new, name="campaign.json"):
@@ -187,6 +194,7 @@ DAMAGED = {
     "no journal": (written("campaign.json", b'{"budget": 3}'), "schema: got None; expected butt"),
     "a list": (written("campaign.json", b"[1]"), "campaign.json: content"),
     "another version": (replaced('number": 1', 'number": 2'), "schema_number: got 2; expected 1"),
+    "no parameter": (replaced('"known": {}', '"known": {"p9": 1}'), "campaign.json: known.p9"),
     "no masses": (replaced('"added_mass"', '"mass"'), "campaign.json: steps.0.added_mass"),
     "no digests": (replaced('"logs"', '"lags"'), "campaign.json: logs: got 0 for 2 runs"),
     "another mass": (replaced("0.1, arm", "0.2, arm", "manifest.yaml"), "manifest.yaml: logs"),
@@ -253,35 +261,43 @@ def test_after_a_kill_at_any_write_each_run_has_its_log_and_no_log_is_lost(
 
 
 KILLS = {
-    "half a log": "folder.create_file = lambda path, log: (path.write_bytes(log[:99]), killed())",
-    "a journal before it has its name": "Path.replace = lambda *_: killed()",
-    "a log without an entry": "folder.write_file = lambda *_, **__: killed()",
+    "half a log": "folder.create_file = lambda path, log: (path.write_bytes(log[:99]), kill())",
+    "a journal without its name": "Path.replace = lambda *_: kill()",
+    "a log without its entry": "folder.write_file = lambda *_, **__: kill()",
 }
-
-
-@pytest.mark.parametrize("where", KILLS)
-def test_after_a_real_kill_the_same_command_goes_on(begun, where):
-    script = f"""
+KILLING = """
 import os, signal, sys
 from pathlib import Path
+import numpy as np
 from butterfly.campaigns import folder
-from tests.campaign.test_folder import recording, step
-killed = lambda: os.kill(os.getpid(), signal.SIGKILL)
-with folder.Folder(Path(sys.argv[1])) as there:
-    {KILLS[where]}
-    there.add(recording(2), step(2))
+from butterfly.campaigns.bench import Recording
+from butterfly.model.parameters import NO_ADDED_MASS
+time = 0.01 * np.arange(400)
+run = Recording(time, time, time, "", "torque")
+step = folder.Step(what="third", why="", added_mass=NO_ADDED_MASS, seconds=3.0)
+kill = lambda: os.kill(os.getpid(), signal.SIGKILL)
+for path, patch in zip(sys.argv[1::2], sys.argv[2::2]):
+    if os.fork() == 0:
+        with folder.Folder(Path(path)) as there:
+            exec(patch)
+            there.add(run, step)
+    assert os.WTERMSIG(os.wait()[1]) == signal.SIGKILL
 """
-    before = contents(begun)
-    words = [sys.executable, "-c", script, str(begun)]
-    ended = subprocess.run(words, check=False, timeout=30)  # noqa: S603 - its own script
-    assert ended.returncode == -signal.SIGKILL
-    left = {each.read_bytes() for each in begun.glob("run_002.parquet")}
-    notes = record(begun, 3)
-    assert "was killed" in notes[0]
-    assert {each.read_bytes() for each in begun.glob("*unlisted.parquet")} == left
-    assert len(notes) == 1 + len(left)
-    assert all(contents(begun)[name] == before[name] for name in OURS if "run" in name)
-    assert len(bf.read(begun).recorded) == 3
+
+
+def test_after_a_real_kill_at_a_write_the_same_command_goes_on(begun, tmp_path):
+    folders = {shutil.copytree(begun, tmp_path / where): kill for where, kill in KILLS.items()}
+    words = [str(word) for pair in folders.items() for word in pair]
+    subprocess.run([sys.executable, "-c", KILLING, *words], check=True)  # noqa: S603 - its own script
+    for folder in folders:
+        left = {each.read_bytes() for each in folder.glob("run_002.parquet")}
+        notes = record(folder, 3)
+        assert "was killed" in notes[0]
+        assert {each.read_bytes() for each in folder.glob("*unlisted.parquet")} == left
+        assert len(notes) == 1 + len(left)
+        for name in ("run_000.parquet", "run_001.parquet"):
+            assert (folder / name).read_bytes() == (begun / name).read_bytes()
+        assert len(bf.read(folder).recorded) == 3
 
 
 def test_a_log_that_the_journal_does_not_list_is_kept_beside_and_said(begun):
@@ -307,13 +323,29 @@ def test_a_log_that_appears_while_a_run_is_recorded_is_kept_and_so_is_the_run(be
 
 
 def test_a_full_disk_is_said_before_anything_moves(tmp_path, monkeypatch):
-    usage = namedtuple("usage", "free")(free=1e6)
+    usage = SimpleNamespace(free=1e6)
     monkeypatch.setattr(module, "disk_usage", lambda _: usage)
-    with Folder(tmp_path / "a", samples=20_000):
-        pass
-    with pytest.raises(InputError, match=r"free space: got 1.0 MB; expected 1.4 MB"):
-        Folder(tmp_path / "a", samples=30_000).__enter__()
+    with pytest.raises(InputError, match=r"free space: got 1.0 MB; expected 10.0 MB"):
+        Folder(tmp_path / "a").__enter__()
     assert not list(tmp_path.iterdir())
+
+
+def test_what_an_earlier_campaign_left_is_said_with_the_answer_and_the_page_is_its_own(
+    begun, monkeypatch
+):
+    def conduct(*given):
+        folder = next(each for each in given if isinstance(each, Folder))
+        folder.begin(folder.journal)
+        return Ended(journal=folder.journal, identified=None, reached=False, ending="no time")
+
+    monkeypatch.setattr(campaigns, "conduct", conduct)
+    (begun / "run_002.parquet").write_bytes(b"")
+    stale(begun)
+    first, second = (bf.campaign("quickstart", out=begun) for _ in range(2))
+    assert "was killed" in first.summary[-2]
+    assert "kept as run_002.unlisted.parquet" in first.summary[-1]
+    assert not any("unlisted" in line for line in second.summary)
+    assert second.page_path == begun / "report.html"
 
 
 @pytest.mark.parametrize("fails", ["mkdir", "write_bytes"])
@@ -338,6 +370,37 @@ def test_a_file_or_a_circle_of_links_is_no_folder(tmp_path):
     for name in ("file", "circle"):
         with pytest.raises(InputError, match="out: got"):
             Folder(tmp_path / name).__enter__()
+
+
+PAGE = (Path(__file__).parents[2] / "docs/campaign.md").read_text(encoding="utf-8")
+
+
+def test_the_page_on_campaigns_quotes_what_is_refused(begun, tmp_path, monkeypatch):
+    (tmp_path / "b").mkdir()
+    (tmp_path / "b/notes.txt").touch()
+    changes = {
+        "report.html": written("report.html", b"mine"),
+        "out: got a campaign": lambda path: stale(path, host="lab", process=4211),
+        "campaign.lock": written(LOCK, b""),
+        "campaign.json: content": DAMAGED["empty journal"][0],
+        "campaign.json: schema": DAMAGED["another version"][0],
+        "run_000": DAMAGED["the other log"][0],
+        "manifest": DAMAGED["another mass"][0],
+        "free space": lambda _: monkeypatch.setattr(
+            module, "disk_usage", lambda _: SimpleNamespace(free=1e6)
+        ),
+    }
+    folders = {tmp_path / "b": lambda _: None}
+    folders |= {shutil.copytree(begun, tmp_path / name): change for name, change in changes.items()}
+    messages = []
+    for folder, change in folders.items():
+        change(folder)
+        with pytest.raises(InputError) as error:
+            record(folder, 3)
+        messages.append(str(error.value))
+    section = PAGE.partition("## The folder")[2].partition("## Use")[0]
+    quoted = re.findall(r"^\| `([^`]+)` \|", section, re.MULTILINE)
+    assert [text in message for text, message in zip(quoted, messages, strict=True)] == [True] * 9
 
 
 # The lock
@@ -464,47 +527,48 @@ def test_whoever_sees_a_stale_lock_too_late_does_not_take_the_new_one(begun, mon
     assert real(begun / LOCK) == Holder.here()
 
 
-def test_of_four_processes_that_take_a_stale_lock_at_once_one_does(tmp_path):
-    rounds = 8
-    script = f"""
+TAKING = f"""
 import sys
 from pathlib import Path
-from butterfly.campaigns.lock import locked
+from butterfly.campaigns import lock
 from butterfly.errors import InputError
-root, own = Path(sys.argv[1]), sys.argv[2]
-print("ready", flush=True)
-for k in range({rounds}):
-    folder = root / str(k)
-    while not (folder / "go").exists():
-        pass
+own, read = sys.argv[1], lock.holder_of
+
+def outcomes(folder, *kinds):
+    return sum(len(list(folder.glob(kind + "*"))) for kind in kinds)
+
+def read_with_all(path):  # nobody does anything before all have seen the stale lock
+    holder, seen = read(path), path.with_name("seen" + own)
+    if not seen.exists():
+        seen.touch()
+        while outcomes(path.parent, "seen") < 3:
+            pass
+    return holder
+
+lock.holder_of = read_with_all
+for folder in map(Path, sys.argv[2:]):
     try:
-        with locked(folder / {LOCK!r}):
-            (folder / f"took {{own}}").touch()
-            while len(list(folder.glob("took*")) + list(folder.glob("refused*"))) < 3:
+        with lock.locked(folder / {LOCK!r}):
+            (folder / f"took{{own}}").touch()
+            while outcomes(folder, "took", "refused") < 3:
                 pass
     except InputError:
-        (folder / f"refused {{own}}").touch()
+        (folder / f"refused{{own}}").touch()
 """
-    for k in range(rounds):
-        (tmp_path / str(k)).mkdir()
-        stale(tmp_path / str(k))
-    words = [sys.executable, "-c", script, str(tmp_path)]
+
+
+def test_of_three_processes_that_take_a_stale_lock_at_once_one_does(tmp_path):
+    folders = [tmp_path / str(number) for number in range(8)]
+    for folder in folders:
+        folder.mkdir()
+        stale(folder)
     with ExitStack() as running:
-        processes = [
-            running.enter_context(
-                subprocess.Popen([*words, str(n)], stdout=subprocess.PIPE)  # noqa: S603 - the same
-            )
-            for n in range(3)
-        ]
-        for process in processes:
-            process.stdout.readline()
-        for k in range(rounds):
-            (tmp_path / str(k) / "go").touch()
-            deadline = time.monotonic() + 10
-            while len([*(tmp_path / str(k)).glob("[tr][oe]*")]) < 3:
-                assert time.monotonic() < deadline
-        assert [process.wait(10) for process in processes] == [0] * 3
-    assert [len([*(tmp_path / str(k)).glob("took*")]) for k in range(rounds)] == [1] * rounds
+        for own in "abc":
+            words = [sys.executable, "-c", TAKING, own, *map(str, folders)]
+            process = running.enter_context(subprocess.Popen(words))  # noqa: S603 - its own script
+            running.callback(process.kill)
+            running.callback(process.wait, 30)
+    assert [len(list(folder.glob("took*"))) for folder in folders] == [1] * len(folders)
     assert not [*tmp_path.rglob(f"{LOCK}*"), *tmp_path.rglob(f"{DRAFT}*")]
 
 
