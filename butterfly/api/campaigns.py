@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -28,17 +27,32 @@ from butterfly.model.prior import Prior, plain
 from butterfly.outputs import call
 from butterfly.plant.motor import Motor
 from butterfly.plant.rig import SimulatedMotor
+from butterfly.report.campaign_texts import (
+    breakaway_fact,
+    campaign_estimate,
+    campaign_notes,
+    changes_of_mass,
+    headline,
+    parameter_numbers,
+    parameters_table,
+    run_rows,
+    widest,
+)
 from butterfly.report.finding_texts import estimate_verdict
-from butterfly.report.format import field_name
+from butterfly.report.format import counted
 from butterfly.result import Answer, cell_text
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
-    from butterfly.report.page import Fact
+    from butterfly.report.page import Fact, Page, PageTable
 
 PAGE = "report.html"
 """File of its report, its numbers beside it."""
+
+_UNITS = {"robot_time": "s"} | dict.fromkeys(
+    ("held_out", "parameters.half_width", "parameters.wanted"), "%"
+)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -55,40 +69,29 @@ class Campaign(Answer):
 
     @classmethod
     def of(cls, ended: Ended, wish: Wish, folder: Path) -> Campaign:
-        """Tabulate the runs."""
-        steps, found = ended.journal.steps, ended.identified
-        begins = [0.0, *(step.seconds for step in steps)]
-        rows = [
-            {
-                "run": number,
-                "played": step.what,
-                "added mass": str(step.added_mass),
-                "robot time in s": step.seconds,
-                "length in s": step.seconds - begin,
-                "why": step.why,
-                "ended early": step.cut,
-                "verdict": step.verdict,
-                "the model misses": step.misses,
-                **{name: step.shares.get(name) for name in OF_GOAL},
-            }
-            for number, (step, begin) in enumerate(zip(steps, begins, strict=False))
-        ]
-        verdict = None if found is None else estimate_verdict(found.estimate)
+        """Tabulate parameters and runs."""
+        journal, found = ended.journal, ended.identified
+        estimate = campaign_estimate(ended)
+        verdict = None if estimate is None else estimate_verdict(estimate)
+        goal, remedy = headline(ended, wish, folder)
+        steps, notes = journal.steps, campaign_notes(ended, remedy)
         return cls(
             title=f"Campaign {folder.name!r}",
-            summary=(*(verdict.lines if verdict else ()), *_sentences(ended, wish, folder)),
+            summary=(goal, remedy, *(verdict.lines if verdict else ()), *notes),
             judged=verdict,
             content={
                 "goal": wish.goal,
                 "reached": ended.reached,
                 "ending": ended.ending,
                 "robot_time": steps[-1].seconds if steps else 0.0,
-                "changes": _changes(ended),
-                **ended.journal.contact._asdict(),
+                "changes": changes_of_mass(journal),
+                **journal.contact._asdict(),
+                "ratios": estimate is not None and estimate.ratios,
+                "parameters": parameter_numbers(ended),
                 "held_out": {} if found is None else found.held_out,
-                "rows": rows,
+                "rows": run_rows(journal, wish),
             },
-            units={"robot_time": "s", "breakaway": "unit", "held_out": "%"},
+            units=_UNITS | {"breakaway": journal.input_kind.unit},
             identification=None if found is None else Identification.of(found),
         )
 
@@ -97,14 +100,27 @@ class Campaign(Answer):
         """Whether all half-widths are within the goal, under a verdict *good*."""
         return bool(self.content["reached"])
 
+    @property
+    def headline(self) -> tuple[str, ...]:
+        """Whether the goal is reached, and what to do next."""
+        return self.summary[:2]
+
     def shown_rows(self) -> list[dict[str, str]]:
-        """Return the runs, half-widths over what is wanted with two digits."""
-        hidden = {"length in s", "why", "ended early", *OF_GOAL}
-        shown = []
-        for row in self.rows():
-            shares = {f"{k} / goal": f"{row[k]:.2g}" if row[k] else "–" for k in OF_GOAL}
-            shown.append({k: cell_text(v) for k, v in row.items() if k not in hidden} | shares)
-        return shown
+        """Return the runs, each with the widest interval after it."""
+        columns = ("run", "played", "added mass", "robot time in s", "ended early", "verdict")
+        rows = self.rows()
+        kept = [*columns, "the model misses"]
+        kept = [name for name in kept if any(row[name] != "" for row in rows)]
+        return [
+            {name: cell_text(row[name]) for name in kept} | {"widest interval": widest(row)}
+            for row in rows
+        ]
+
+    def tables(self) -> list[PageTable]:
+        """Return the parameters beside the goal, then the runs."""
+        numbers, ratios = self.content["parameters"], bool(self.content["ratios"])
+        own = [parameters_table("Parameters", numbers, ratios=ratios)] if numbers else []
+        return [*own, *(each._replace(title="Runs") for each in super().tables())]
 
     def figures(self) -> dict[str, Figure]:
         """Return how intervals shrank, and what was played."""
@@ -120,10 +136,16 @@ class Campaign(Answer):
         content = self.content
         return [
             Fact("goal", f"{100 * content['goal']:.3g} %", "reached" if self.reached else "missed"),
-            Fact("robot time", f"{content['robot_time']:.0f} s", f"{len(self.rows())} runs"),
+            Fact("robot time", f"{content['robot_time']:.0f} s", counted(len(self.rows()), "run")),
             Fact("changes of mass", str(content["changes"])),
-            Fact("moves at", f"{content['breakaway']:.3g}", "units of the input"),
+            breakaway_fact(self.content, self.units["breakaway"]),
         ]
+
+    def page(self) -> Page:
+        """Return the page: the goal first, then parameters, intervals by robot time, and runs."""
+        from butterfly.report.campaign_page import campaign_page  # noqa: PLC0415 - a view
+
+        return campaign_page(self)
 
 
 def campaign(
@@ -206,7 +228,9 @@ def campaign(
         price=price,
         **own | {name: value for name, value in given.items() if value is not None},
     )
-    if isinstance(robot, SimulatedMotor) and change is not None:
+    if change is None:
+        wish = replace(wish, masses=wish.masses[:1])
+    elif isinstance(robot, SimulatedMotor):
         change(wish.masses[0])
     folder = Path(out or "campaign")
     with call(folder=folder):
@@ -240,34 +264,3 @@ def _named(
     known = {name: plain(value) for name, value in Prior.of(experiment.known).parameters.items()}
     own = {"masses": masses, "known": known, "step": rig.clock.step}
     return motor, own, lambda mass: motor.mount(rig.joint(mass)), limit
-
-
-def _changes(ended: Ended) -> int:
-    return sum(a.added_mass != b.added_mass for a, b in itertools.pairwise(ended.journal.steps))
-
-
-def _sentences(ended: Ended, wish: Wish, folder: Path) -> list[str]:
-    """Say whether the goal is reached, with what, and what is missing."""
-    steps, changes = ended.journal.steps, _changes(ended)
-    seconds = steps[-1].seconds if steps else 0.0
-    goal, cost = f"{100 * wish.goal:.3g} %", f"{seconds:.0f} s of robot time, {len(steps)} runs"
-    cost += f", {changes} change{'s' if changes != 1 else ''} of mass"
-    lines = [
-        f"The goal of {goal} is reached: {cost}."
-        if ended.reached
-        else f"The goal of {goal} is not reached after {cost}: {ended.ending}."
-    ]
-    shares = next((step.shares for step in reversed(steps) if step.shares), {})
-    far = {field_name(name): share for name, share in shares.items() if share > 1}
-    if far:
-        listed = ", ".join(f"{name} {share:.2g} times" for name, share in far.items())
-        lines.append(f"Half-widths over what is wanted: {listed}.")
-    misses = next((step.misses for step in reversed(steps) if step.verdict), "")
-    if misses:
-        lines.append(
-            f"The model misses something ({misses}): `butterfly residual {folder}` shows what "
-            f"torque is left; `butterfly identify {folder} --terms NAME` fits a term."
-        )
-    for name, fit in (ended.identified.held_out if ended.identified else {}).items():
-        lines.append(f"The last run ({name}) was not fitted: predicted with a FIT of {fit:.4g} %.")
-    return lines
