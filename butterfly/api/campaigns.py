@@ -22,6 +22,7 @@ from butterfly.errors import InputError
 from butterfly.experiment.source import read_experiment
 from butterfly.files import locate
 from butterfly.identification.design import OF_GOAL
+from butterfly.logs.log import InputKind
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 from butterfly.model.prior import Prior, plain
 from butterfly.outputs import call
@@ -91,7 +92,7 @@ class Campaign(Answer):
                 "held_out": {} if found is None else found.held_out,
                 "rows": run_rows(journal, wish),
             },
-            units=_UNITS | {"breakaway": journal.input_kind.unit},
+            units=_UNITS | {"breakaway": InputKind(journal.input_kind).unit},
             identification=None if found is None else Identification.of(found),
         )
 

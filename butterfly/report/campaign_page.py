@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 from plotly.graph_objects import Figure
 
 from butterfly.report.figures import GREY, log_ticks, look, panel, rows_panel
@@ -15,15 +16,18 @@ from butterfly.verdict import Level
 
 _MARGIN = 0.1  # decades beyond the marks, for lines along them
 _INTERVALS = "Half-width of the 95 % interval in % of the value; dashed: the goal."
-_OF_RATIOS = " Until another mass gives the scale: of ratios to p1, and half of the goal is wanted."
+_RATIOS = " All are ratios to p1."
+_UNTIL_SCALE = (
+    " Until another mass gives the scale: of ratios to p1, and half of the goal is wanted."
+)
 
 
 def campaign_page(result: Result) -> Page:
     """Return the page of a campaign."""
     figures, tables = result.figures(), result.tables()
-    text, lead, sections = _INTERVALS, None, []
-    if len({row["goal in %"] for row in result.rows()}) > 1:
-        text += _OF_RATIOS
+    numbers, lead, sections = result.to_dict(), None, []
+    halved = any(row["goal in %"] < 100 * numbers["goal"] for row in result.rows())
+    text = f"{_INTERVALS}{_UNTIL_SCALE if halved else _RATIOS if numbers['ratios'] else ''}"
     if figures:
         shrunk, drawn = ({name: figures[name]} for name in ("shrinking", "played"))
         runs = tables.pop().on_page()
@@ -33,7 +37,6 @@ def campaign_page(result: Result) -> Page:
         ]
     if tables:
         lead = Section(title=tables[0].title, tables=(_with_meanings(tables[0]),))
-    numbers = result.to_dict()
     return Page(
         name=result.title,
         description="",
@@ -94,7 +97,7 @@ def shrinking(rows: Sequence[dict[str, Any]], names: Sequence[str]) -> Figure:
 def _percent_axis(sizes: Sequence[float]) -> dict[str, Any]:
     """Return a logarithmic axis about sizes in %, at least one decade, marked 0.1 %, 1 %, 10 %."""
     ticks = log_ticks(1)
-    texts = [f"{each} %" for each in ticks["ticktext"]]
+    texts = [f"{np.format_float_positional(each, trim='-')} %" for each in ticks["tickvals"]]
     first, last = math.floor(math.log10(min(sizes))), math.ceil(math.log10(max(sizes)))
     ends = [first - _MARGIN, max(last, first + 1) + _MARGIN]
     return ticks | {"ticktext": texts, "range": ends}

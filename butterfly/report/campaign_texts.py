@@ -147,7 +147,7 @@ def breakaway_fact(content: Mapping[str, Any], unit: str) -> Fact:
     shown = f"{command:.2g} {unit}" if unit != "unit" else f"{command:.2g}"
     gain = content["parameters"].get("p4")
     if content["ratios"] or gain is None:
-        return Fact("breaks away at", shown, "of the command")
+        return Fact("breaks away at", shown, "command")
     torque = f"{abs(gain['value']) * command:.2g} {gain['unit'].partition('/')[0]}"
     return Fact("breaks away at", torque, f"a command of {shown}")
 
