@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from butterfly.report.page import Fact, Page, PageTable
 
 _SCHEMA_NUMBER = 2
-_THIRD = {"comparison", "draws", "inspection", "residual", "sweep", "validation"}
+_THIRD = {"campaign", "comparison", "draws", "inspection", "residual", "sweep", "validation"}
 
 HEAD = ("schema", "schema_number", "versions", "title", "verdict", "reasons", "summary", "units")
 """Keys that every document has."""
@@ -101,7 +101,7 @@ class Result(ABC):
     """Title in one line."""
 
     summary: tuple[str, ...]
-    """Sentences in plain English, the verdict first, then the most important."""
+    """Sentences in plain English: any headline, the verdict, then the most important."""
 
     judged: Verdict | None
     """Verdict on the underlying estimate; None without one."""
@@ -117,9 +117,14 @@ class Result(ABC):
         return [] if self.judged is None else list(self.judged.lines)
 
     @property
+    def headline(self) -> tuple[str, ...]:
+        """What leads the summary, above the verdict; nothing where that comes first."""
+        return ()
+
+    @property
     def notes(self) -> list[str]:
         """The summary below the verdict."""
-        return list(self.summary[len(self.judged.lines) if self.judged else 0 :])
+        return list(self.summary[len(self.headline) + len(self.verdict) :])
 
     @abstractmethod
     def rows(self) -> list[dict[str, Any]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -19,22 +18,39 @@ from butterfly.api.verbs import share_of
 from butterfly.campaigns.campaign import Carry, Ended, Wish, conduct
 from butterfly.campaigns.folder import PAGE, Folder
 from butterfly.campaigns.guard import Limits
+from butterfly.campaigns.observer import SILENT, Observer
 from butterfly.errors import InputError
 from butterfly.experiment.source import read_experiment
 from butterfly.files import locate
 from butterfly.identification.design import OF_GOAL
+from butterfly.logs.log import InputKind
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 from butterfly.model.prior import Prior, plain
 from butterfly.plant.motor import Motor
 from butterfly.plant.rig import SimulatedMotor
+from butterfly.report.campaign_texts import (
+    breakaway_fact,
+    campaign_estimate,
+    campaign_notes,
+    changes_of_mass,
+    headline,
+    parameter_numbers,
+    parameters_table,
+    run_rows,
+    widest,
+)
 from butterfly.report.finding_texts import estimate_verdict
-from butterfly.report.format import field_name
+from butterfly.report.format import counted
 from butterfly.result import Answer, cell_text
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
-    from butterfly.report.page import Fact
+    from butterfly.report.page import Fact, Page, PageTable
+
+_UNITS = {"robot_time": "s"} | dict.fromkeys(
+    ("held_out", "parameters.half_width", "parameters.wanted"), "%"
+)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -50,41 +66,30 @@ class Campaign(Answer):
     """Of all its logs; None if they determine nothing, or for a result that was loaded."""
 
     @classmethod
-    def of(cls, ended: Ended, wish: Wish, folder: Path, notes: Sequence[str] = ()) -> Campaign:
-        """Tabulate the runs; the folder's notes on an earlier campaign follow the summary."""
-        steps, found = ended.journal.steps, ended.identified
-        begins = [0.0, *(step.seconds for step in steps)]
-        rows = [
-            {
-                "run": number,
-                "played": step.what,
-                "added mass": str(step.added_mass),
-                "robot time in s": step.seconds,
-                "length in s": step.seconds - begin,
-                "why": step.why,
-                "ended early": step.cut,
-                "verdict": step.verdict,
-                "the model misses": step.misses,
-                **{name: step.shares.get(name) for name in OF_GOAL},
-            }
-            for number, (step, begin) in enumerate(zip(steps, begins, strict=False))
-        ]
-        verdict = None if found is None else estimate_verdict(found.estimate)
+    def of(cls, ended: Ended, wish: Wish, folder: Path, kept: Sequence[str] = ()) -> Campaign:
+        """Tabulate parameters and runs; what the folder kept of an earlier campaign comes last."""
+        journal, found = ended.journal, ended.identified
+        estimate = campaign_estimate(ended)
+        verdict = None if estimate is None else estimate_verdict(estimate)
+        goal, remedy = headline(ended, wish, folder)
+        steps, notes = journal.steps, (*campaign_notes(ended, remedy), *kept)
         return cls(
             title=f"Campaign {folder.name!r}",
-            summary=(*(verdict.lines if verdict else ()), *_sentences(ended, wish, folder), *notes),
+            summary=(goal, remedy, *(verdict.lines if verdict else ()), *notes),
             judged=verdict,
             content={
                 "goal": wish.goal,
                 "reached": ended.reached,
                 "ending": ended.ending,
                 "robot_time": steps[-1].seconds if steps else 0.0,
-                "changes": _changes(ended),
-                **ended.journal.contact._asdict(),
+                "changes": changes_of_mass(journal),
+                **journal.contact._asdict(),
+                "ratios": estimate is not None and estimate.ratios,
+                "parameters": parameter_numbers(ended),
                 "held_out": {} if found is None else found.held_out,
-                "rows": rows,
+                "rows": run_rows(journal, wish),
             },
-            units={"robot_time": "s", "breakaway": "unit", "held_out": "%"},
+            units=_UNITS | {"breakaway": InputKind(journal.input_kind).unit},
             identification=None if found is None else Identification.of(found),
         )
 
@@ -93,14 +98,27 @@ class Campaign(Answer):
         """Whether all half-widths are within the goal, under a verdict *good*."""
         return bool(self.content["reached"])
 
+    @property
+    def headline(self) -> tuple[str, ...]:
+        """Whether the goal is reached, and what to do next."""
+        return self.summary[:2]
+
     def shown_rows(self) -> list[dict[str, str]]:
-        """Return the runs, half-widths over what is wanted with two digits."""
-        hidden = {"length in s", "why", "ended early", *OF_GOAL}
-        shown = []
-        for row in self.rows():
-            shares = {f"{k} / goal": f"{row[k]:.2g}" if row[k] else "–" for k in OF_GOAL}
-            shown.append({k: cell_text(v) for k, v in row.items() if k not in hidden} | shares)
-        return shown
+        """Return the runs, each with the widest interval after it."""
+        columns = ("run", "played", "added mass", "robot time in s", "ended early", "verdict")
+        rows = self.rows()
+        kept = [*columns, "the model misses"]
+        kept = [name for name in kept if any(row[name] != "" for row in rows)]
+        return [
+            {name: cell_text(row[name]) for name in kept} | {"widest interval": widest(row)}
+            for row in rows
+        ]
+
+    def tables(self) -> list[PageTable]:
+        """Return the parameters beside the goal, then the runs."""
+        numbers, ratios = self.content["parameters"], bool(self.content["ratios"])
+        own = [parameters_table("Parameters", numbers, ratios=ratios)] if numbers else []
+        return [*own, *(each._replace(title="Runs") for each in super().tables())]
 
     def figures(self) -> dict[str, Figure]:
         """Return how intervals shrank, and what was played."""
@@ -116,10 +134,16 @@ class Campaign(Answer):
         content = self.content
         return [
             Fact("goal", f"{100 * content['goal']:.3g} %", "reached" if self.reached else "missed"),
-            Fact("robot time", f"{content['robot_time']:.0f} s", f"{len(self.rows())} runs"),
+            Fact("robot time", f"{content['robot_time']:.0f} s", counted(len(self.rows()), "run")),
             Fact("changes of mass", str(content["changes"])),
-            Fact("moves at", f"{content['breakaway']:.3g}", "units of the input"),
+            breakaway_fact(self.content, self.units["breakaway"]),
         ]
+
+    def page(self) -> Page:
+        """Return the page: the goal first, then parameters, intervals by robot time, and runs."""
+        from butterfly.report.campaign_page import campaign_page  # noqa: PLC0415 - a view
+
+        return campaign_page(self)
 
 
 def campaign(
@@ -138,6 +162,7 @@ def campaign(
     step: float | None = None,
     known: Mapping[str, Any] | None = None,
     change: Carry | None = None,
+    observer: Observer = SILENT,
 ) -> Campaign:
     """Run experiments on an unknown joint that choose themselves, until a goal is reached.
 
@@ -178,11 +203,15 @@ def campaign(
         Known values, as in a manifest: ``{"p4": 1.0}``.
     change
         Mounts a mass, and returns when it is mounted; without it a motor's mass is never changed.
+        The drive is off meanwhile. A campaign that goes on calls it before its first run.
+    observer
+        Is told what begins and why, and shown each cycle (`butterfly.campaigns.observer`).
 
     Raises
     ------
     InputError
-        If the folder holds other files, another campaign runs in it, or its files were changed.
+        If the folder holds other files, another campaign runs in it, or its files were changed; or
+        if the motor takes set-points, or is none.
     SafetyStop
         If the joint, its drive or its encoder is not as it should be; the drive is off then.
     """
@@ -205,26 +234,47 @@ def campaign(
         price=price,
         **own | {name: value for name, value in given.items() if value is not None},
     )
-    if isinstance(robot, SimulatedMotor) and change is not None:
+    if change is None:
+        wish = replace(wish, masses=wish.masses[:1])
+    elif isinstance(robot, SimulatedMotor):
         change(wish.masses[0])
     folder = Path(out or "campaign")
     with Folder(folder) as kept:
-        found = Campaign.of(conduct(robot, wish, kept, change), wish, folder, kept.notes)
+        for note in kept.notes:
+            observer.phase(note)
+        ended = conduct(robot, wish, kept, change, observer)
+        found = Campaign.of(ended, wish, folder, kept.notes)
         found.report(kept.path / PAGE)
     return replace(found, page_path=folder / PAGE)
+
+
+def names_motor(name: str) -> bool:
+    """Whether a name is MODULE:FACTORY, of a motor that is not simulated by this program."""
+    module, colon, factory = name.rpartition(":")
+    return bool(colon) and factory.isidentifier() and module.replace(".", "_").isidentifier()
+
+
+def _made(name: str) -> Motor:
+    """Return the motor that a factory makes; InputError if it makes none."""
+    module, _, factory = name.rpartition(":")
+    sys.path.insert(0, "")
+    try:
+        motor: Motor = getattr(import_module(module), factory)()
+    except Exception as error:
+        found = f"{name} ({type(error).__name__}: {error})"
+        expected = "MODULE:FACTORY, a function without arguments that returns a Motor"
+        raise InputError("campaign", "robot", found, expected) from error
+    finally:
+        sys.path.remove("")
+    return motor
 
 
 def _named(
     name: str, own: dict[str, Any], change: Carry | None
 ) -> tuple[Motor, dict[str, Any], Carry | None, float | None]:
     """Return the motor that a name stands for, what goes with it, and its largest command."""
-    module, colon, factory = name.rpartition(":")
-    if colon and module.replace(".", "").replace("_", "").isalnum():
-        sys.path.insert(0, "")
-        try:
-            return getattr(import_module(module), factory)(), own, change, None
-        except (ImportError, AttributeError) as error:
-            raise InputError("campaign", "robot", name, f"MODULE:FACTORY ({error})") from None
+    if names_motor(name):
+        return _made(name), own, change, None
     experiment = read_experiment(locate(Path(name)))
     rig = replace(experiment.plant.rig, fine=True)  # whose own error is none of the robot
     masses = tuple(experiment.added_masses)
@@ -239,34 +289,3 @@ def _named(
     known = {name: plain(value) for name, value in Prior.of(experiment.known).parameters.items()}
     own = {"masses": masses, "known": known, "step": rig.clock.step}
     return motor, own, lambda mass: motor.mount(rig.joint(mass)), limit
-
-
-def _changes(ended: Ended) -> int:
-    return sum(a.added_mass != b.added_mass for a, b in itertools.pairwise(ended.journal.steps))
-
-
-def _sentences(ended: Ended, wish: Wish, folder: Path) -> list[str]:
-    """Say whether the goal is reached, with what, and what is missing."""
-    steps, changes = ended.journal.steps, _changes(ended)
-    seconds = steps[-1].seconds if steps else 0.0
-    goal, cost = f"{100 * wish.goal:.3g} %", f"{seconds:.0f} s of robot time, {len(steps)} runs"
-    cost += f", {changes} change{'s' if changes != 1 else ''} of mass"
-    lines = [
-        f"The goal of {goal} is reached: {cost}."
-        if ended.reached
-        else f"The goal of {goal} is not reached after {cost}: {ended.ending}."
-    ]
-    shares = next((step.shares for step in reversed(steps) if step.shares), {})
-    far = {field_name(name): share for name, share in shares.items() if share > 1}
-    if far:
-        listed = ", ".join(f"{name} {share:.2g} times" for name, share in far.items())
-        lines.append(f"Half-widths over what is wanted: {listed}.")
-    misses = next((step.misses for step in reversed(steps) if step.verdict), "")
-    if misses:
-        lines.append(
-            f"The model misses something ({misses}): `butterfly residual {folder}` shows what "
-            f"torque is left; `butterfly identify {folder} --terms NAME` fits a term."
-        )
-    for name, fit in (ended.identified.held_out if ended.identified else {}).items():
-        lines.append(f"The last run ({name}) was not fitted: predicted with a FIT of {fit:.4g} %.")
-    return lines

@@ -30,7 +30,10 @@ _INDENT, _GAP = 2, 2  # spaces before a line of a table, and between columns
 _PROSE = 16  # characters beyond which a cell of words may be folded at its spaces
 _FEW_WORDS = 2  # of a cell that is never folded: an interval, say
 _NUMBER = re.compile(r"[^\w]*[\d.]+(e[-+]?\d+)?([^\w]|$)")
-_KEPT = re.compile(r"(?<=\d) (?=\S)|(?<=\bN) (?=m\b)|(?<=\bm) (?=s²?/rad)|(?<=\bkg) (?=m²)")
+_KEPT = re.compile(
+    r"(?<=\d) (?=\S)|(?<=±) (?=\d)|(?<=\bN) (?=m\b)|(?<=\bm) (?=s²?/rad)|(?<=\bkg) (?=m²)"
+)
+_COMMAND = re.compile(r"`[^`]+`")  # to be pasted: never folded
 _GLUE = "\N{NO-BREAK SPACE}"
 _VERDICT = 2  # lines: values, model
 _FEW = 3  # sentences below a verdict
@@ -100,7 +103,12 @@ def warn(sentence: str) -> None:
 
 def say_verdict(verdict: Verdict) -> None:
     """Print the two lines of a verdict, which --quiet keeps."""
-    for line in () if asked.document_alone else verdict.lines[:_VERDICT]:
+    _say_answer(verdict.lines[:_VERDICT])
+
+
+def _say_answer(lines: Iterable[str]) -> None:
+    """Print lines that --quiet keeps."""
+    for line in () if asked.document_alone else lines:
         print(_folded(line))
 
 
@@ -128,10 +136,10 @@ def show(
     after: str = "",
 ) -> ExitCode:
     """Print a result, the command ``after`` it, at most so many ``rows``; write what is wanted."""
-    if result.judged is not None:
-        say_verdict(result.judged)
     verdict = result.judged.lines[:_VERDICT] if result.judged else ()
-    sentences = [each for each in result.paragraphs() if each not in verdict]
+    answer = (*result.headline, *verdict)
+    _say_answer(answer)
+    sentences = [each for each in result.paragraphs() if each not in answer]
     shown = len(sentences) if asked.verbose else _FEW + (not verdict)
     for sentence in sentences[:shown]:
         say(sentence)
@@ -252,7 +260,8 @@ def _folded(sentence: str) -> str:
     if not out.is_terminal:
         return sentence
     width = min(out.width, _READABLE)
-    lines = textwrap.wrap(_glued(sentence), width, break_long_words=False, break_on_hyphens=False)
+    whole = _COMMAND.sub(lambda command: command[0].replace(" ", _GLUE), sentence)
+    lines = textwrap.wrap(_glued(whole), width, break_long_words=False, break_on_hyphens=False)
     return "\n".join(lines).replace(_GLUE, " ")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -33,7 +34,7 @@ _WITHOUT = {
     "select": ("terms",),
     "validate": ("others",),
     **dict.fromkeys(("compare", "inspect"), ("hand_mass",)),
-    "campaign": ("change", "known", "step"),
+    "campaign": ("change", "known", "observer", "step"),
 }
 """Parameters of verbs, or options of their methods, that are no options of their commands."""
 
@@ -158,19 +159,30 @@ def _campaign(
     ask: Ask,
     *,
     known: Annotated[tuple[str, ...], Parameter(help="Known value: NAME=VALUE. Repeatable.")] = (),
+    yes: Annotated[
+        bool,
+        Parameter(negative="", help="Begin without waiting for Enter, also without a keyboard."),
+    ] = False,
 ) -> ExitCode:
+    from butterfly.api.campaigns import names_motor  # noqa: PLC0415 - slow to import
+    from butterfly.cli.campaign_terminal import CampaignTerminal  # noqa: PLC0415
+
     pairs = parse_pairs(",".join(known), "--known") if known else None
-    found = ask(known=pairs, change=_asked_to_mount)
+    moves, keyboard = names_motor(str(ask.keywords["robot"])), sys.stdin.isatty()
+    if moves and not keyboard:
+        if not yes:
+            expected = "a terminal, where Enter lets the motor move; or --yes, which does without"
+            raise InputError("butterfly campaign", "standard input", "no keyboard", expected)
+        if len(ask.keywords["masses"] or ()) > 1:
+            expected = "one mass: without a keyboard nobody can be asked to change it"
+            raise InputError("butterfly campaign", "--masses", ask.keywords["masses"], expected)
+    terminal = CampaignTerminal(asks=moves and not yes)
+    change = terminal.mount if keyboard else None
+    found = ask(known=pairs, change=change, observer=terminal)
     folder = shlex.quote(str(found.page_path.parent))
     ended = show(found, after=f"butterfly identify {folder} --report page.html")
     say(f"Report: {found.page_path}")
     return ended
-
-
-def _asked_to_mount(mass: bf.AddedMass) -> None:
-    """Ask a person to mount a mass."""
-    wanted = f"Mount {mass}" if mass.mass else "Take the added mass off"
-    input(f"The drive is off. {wanted}, let the joint hang, then press Enter: ")
 
 
 def _run(ask: Ask) -> ExitCode:

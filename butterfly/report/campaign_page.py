@@ -1,4 +1,4 @@
-"""Figures of a campaign: intervals that shrink towards the goal, and what was played."""
+"""The page of a campaign: goal and next step, parameters, intervals by robot time, and runs."""
 
 from __future__ import annotations
 
@@ -6,29 +6,107 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 from plotly.graph_objects import Figure
 
-from butterfly.report.figures import GREY, look, panel, rows_panel
+from butterfly.report.figures import GREY, log_ticks, look, panel, rows_panel
+from butterfly.report.page import Badge, Marked, Page, PageTable, Section
+from butterfly.result import Result
+from butterfly.verdict import Level
+
+_MARGIN = 0.1  # decades beyond the marks, for lines along them
+_INTERVALS = "Half-width of the 95 % interval in % of the value; dashed: the goal."
+_RATIOS = " All are ratios to p1."
+_UNTIL_SCALE = (
+    " Until another mass gives the scale: of ratios to p1, and half of the goal is wanted."
+)
+
+
+def campaign_page(result: Result) -> Page:
+    """Return the page of a campaign."""
+    figures, tables = result.figures(), result.tables()
+    numbers, lead, sections = result.to_dict(), None, []
+    halved = any(row["goal in %"] < 100 * numbers["goal"] for row in result.rows())
+    text = f"{_INTERVALS}{_UNTIL_SCALE if halved else _RATIOS if numbers['ratios'] else ''}"
+    if figures:
+        shrunk, drawn = ({name: figures[name]} for name in ("shrinking", "played"))
+        runs = tables.pop().on_page()
+        sections = [
+            Section(title="Intervals by robot time", text=text, figures=shrunk),
+            Section(title=runs.title, figures=drawn, tables=(runs,)),
+        ]
+    if tables:
+        lead = Section(title=tables[0].title, tables=(_with_meanings(tables[0]),))
+    return Page(
+        name=result.title,
+        description="",
+        kind=result.kind,
+        summary=[*result.verdict, *result.notes],
+        verdict=result.judged,
+        badge=_badge(result, reached=numbers["reached"]),
+        facts=result.facts(),
+        lead=lead,
+        sections=sections,
+        numbers=numbers,
+    )
+
+
+def _with_meanings(table: PageTable) -> PageTable:
+    """Return the table of parameters with their meanings below their names, as a phone needs it."""
+    place = table.headers.index("meaning")
+    lines = [
+        (Marked(str(row[0]), meaning=str(row[place])), *row[1:place], *row[place + 1 :])
+        for row in table.rows
+    ]
+    headers = (*table.headers[:place], *table.headers[place + 1 :])
+    return table._replace(headers=headers, rows=lines, words=(headers.index("unit"),))
+
+
+def _badge(result: Result, *, reached: bool) -> Badge:
+    """Return whether the goal is reached, and what to do next."""
+    if reached:
+        return Badge(Level.GOOD, "Goal reached", result.headline)
+    usable = result.judged is not None and result.judged.level.usable
+    return Badge(Level.CARE if usable else Level.WARNING, "Goal missed", result.headline)
 
 
 def shrinking(rows: Sequence[dict[str, Any]], names: Sequence[str]) -> Figure:
-    """Draw the half-widths over what the goal asks, by robot time."""
-    figure = panel("robot time in s", "half-width over what is wanted", 380)
-    figure.update_yaxes(type="log")
+    """Draw the half-widths in % of the values, by robot time, and the goal."""
+    figure = panel("robot time in s", "half-width of the 95 % interval", 380)
+    goals = [row["goal in %"] for row in rows]
+    sizes = list(goals)
     for number, name in enumerate(names):
         colour, symbol = look(number)
-        points = [(row["robot time in s"], row[name]) for row in rows if row.get(name)]
-        x, y = zip(*points, strict=True) if points else ((), ())
+        drawn = [row for row in rows if row[f"{name} in %"]]
+        widths = [row[f"{name} in %"] for row in drawn]
+        sizes += widths
         style = {"line": {"color": colour}, "marker": {"color": colour, "symbol": symbol}}
-        figure.add_scatter(x=x, y=y, mode="lines+markers", name=name, **style)
-    ends = [0.0, max(row["robot time in s"] for row in rows)]
-    line = {"color": GREY, "dash": "dash"}
-    return figure.add_scatter(x=ends, y=[1.0, 1.0], mode="lines", name="goal", line=line)
+        ends = [row["robot time in s"] for row in drawn]
+        figure.add_scatter(x=ends, y=widths, mode="lines+markers", name=name, **style)
+    spans = [(row["robot time in s"] - row["length in s"], row["robot time in s"]) for row in rows]
+    figure.add_scatter(
+        x=[time for span in spans for time in span],
+        y=[goal for goal in goals for _ in range(2)],
+        mode="lines",
+        name="goal",
+        line={"color": GREY, "dash": "dash"},
+    )
+    return figure.update_yaxes(_percent_axis(sizes))
+
+
+def _percent_axis(sizes: Sequence[float]) -> dict[str, Any]:
+    """Return a logarithmic axis about sizes in %, at least one decade, marked 0.1 %, 1 %, 10 %."""
+    ticks = log_ticks(1)
+    texts = [f"{np.format_float_positional(each, trim='-')} %" for each in ticks["tickvals"]]
+    first, last = math.floor(math.log10(min(sizes))), math.ceil(math.log10(max(sizes)))
+    ends = [first - _MARGIN, max(last, first + 1) + _MARGIN]
+    return ticks | {"ticktext": texts, "range": ends}
 
 
 def played(rows: Sequence[dict[str, Any]]) -> Figure:
     """Draw each run as a bar over robot time, its colour that of the mounted mass."""
-    figure = rows_panel([row["played"] for row in rows], "robot time in s")
+    names = [f"{row['run']}: {row['played']}".replace(", ", ",\n") for row in rows]
+    figure = rows_panel(names, "robot time in s")
     masses = list(dict.fromkeys(row["added mass"] for row in rows))
     for number, mass in enumerate(masses):
         some = [k for k, row in enumerate(rows) if row["added mass"] == mass]

@@ -118,8 +118,9 @@ def _panel(still: Still, layout: dict[str, Any], key: tuple[str, str]) -> Axes:
         ticks.set_label_text(_plain((axis.get("title") or {}).get("text", "")), fontsize="small")
         if axis.get("ticktext"):
             ticks.set_ticks(axis["tickvals"], [*map(_lines, axis["ticktext"])], fontsize="x-small")
-        if axis.get("range"):
-            axes.set(**{f"{name}lim": axis["range"]})
+        if ends := axis.get("range"):  # of a logarithmic axis plotly has exponents
+            limits = [10.0**end for end in ends] if axis.get("type") == "log" else ends
+            axes.set(**{f"{name}lim": limits})
     if up.get("visible") is False:
         axes.yaxis.set_visible(False)
     axes.tick_params(

@@ -68,6 +68,18 @@ def test_a_text_is_folded_between_words_and_no_number_leaves_its_unit(monkeypatc
         assert not any(re.search(r"\d$|kg$|N$", line) for line in lines[:-1])
 
 
+def test_a_command_in_a_sentence_is_never_folded_and_a_value_keeps_its_error(monkeypatch):
+    command = "`butterfly identify rehearsal --report page.html`"
+    text = f"Coulomb friction is 0.0003 ± 0.00002 N m. Next: {command} shows how the model fits."
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    for width in range(24, 80):
+        monkeypatch.setenv("COLUMNS", str(width))
+        folded = output._folded(text)  # noqa: SLF001 - what `say` prints
+        assert folded.replace("\n", " ") == text
+        assert command in folded
+        assert "0.0003 ± 0.00002" in folded
+
+
 COLUMNS = {"number": [0, 1], "key": ["ab12", "cd34"], "plant.encoder.noise": [0.0, 3e-4]}
 COLUMNS |= {"plant.clock.step": [0.001, 0.001], "status": ["ok", "ok"], "deviation": [0.01, -0.02]}
 COLUMNS |= {"fit_median": [99.1, 98.2], "orbit_rounds": pa.array([None, None], pa.int64())}

@@ -85,6 +85,11 @@ def test_marks_of_a_logarithmic_axis_are_plain_numbers_in_pictures():
     assert all("10^" in label.get_text() for label in axes.get_yticklabels() if label.get_text())
 
 
+def test_the_range_of_a_logarithmic_axis_is_the_same_in_pictures():
+    figure = Figure(Scatter(x=[0, 1], y=[0.2, 0.3])).update_yaxes(type="log", range=[-1, 1])
+    assert draw(figure).axes[0].get_ylim() == pytest.approx((0.1, 10.0))
+
+
 def test_estimates_without_intervals_have_no_coverage():
     bounds = {"lower": [0.0, 2.0, np.nan], "upper": [2.0, 3.0, np.nan], "true": [1.0, 1.0, 1.0]}
     columns = {name: np.array(values) for name, values in bounds.items()}

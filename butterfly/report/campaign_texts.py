@@ -1,0 +1,251 @@
+"""What a campaign says at its end: the goal, what to do next, parameters and runs in per cent."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import shlex
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from butterfly.campaigns.campaign import Ended, Wish
+from butterfly.campaigns.folder import Journal
+from butterfly.identification.design import OF_GOAL
+from butterfly.identification.inference.estimate import Estimate
+from butterfly.identification.parameter import Parameter, or_nan
+from butterfly.identification.plausibility import judge_fit
+from butterfly.model.terms import TERMS
+from butterfly.report.format import counted, percent, upwards
+from butterfly.report.page import Fact, PageTable
+from butterfly.report.summary import held_out_sentences, values_table
+from butterfly.verdict import Level
+
+_RATIOS_ONLY = "ratios only"
+_CAPTION = (
+    "Of the goal: half-width of the 95 % interval over the one that is wanted: at most "
+    "100 % is within the goal."
+)
+
+
+def changes_of_mass(journal: Journal) -> int:
+    """Return how often another mass was mounted."""
+    return sum(a.added_mass != b.added_mass for a, b in itertools.pairwise(journal.steps))
+
+
+def campaign_estimate(ended: Ended) -> Estimate | None:
+    """Return the estimate from all runs, of ratios to p1 while the scale is open; None if none.
+
+    Such an estimate was made with p1 = 1, which nobody has given.
+    """
+    if ended.identified is None:
+        return None
+    estimate = ended.identified.estimate
+    if not _are_ratios(estimate.names, ended.journal.known):
+        return estimate
+    fixed = {name: value for name, value in estimate.fixed.items() if name != "p1"}
+    known = estimate.known.within(estimate.known.parameters.keys() - {"p1"})
+    return replace(estimate, fixed=fixed, known=known)
+
+
+def _are_ratios(names: Collection[str], known: Mapping[str, Any]) -> bool:
+    """Return whether values are ratios to p1, which is neither among ``names`` nor known."""
+    return "p1" not in names and "p1" not in known
+
+
+def parameter_numbers(ended: Ended) -> dict[str, dict[str, Any]]:
+    """Return the parameters for programs, by name, with half-widths and goals in % of the value."""
+    estimate = campaign_estimate(ended)
+    if estimate is None:
+        return {}
+    fitted = [step for step in ended.journal.steps if not step.held_out]
+    shares = fitted[-1].shares if fitted else {}  # empty if a kill came before them
+    found = {}
+    for row in estimate.table():
+        half = None
+        if row.farther is not None and row.value and not row.known:
+            half = 100 * row.farther / abs(row.value)
+        share = shares.get(row.name)
+        goal = half / share if half is not None and share else None
+        found[row.name] = asdict(row) | {"half_width": half, "wanted": goal}
+    return found
+
+
+def run_rows(journal: Journal, wish: Wish) -> list[dict[str, Any]]:
+    """Return a row for each run; half-widths and goal in % of the value."""
+    rows, begin, goal = [], 0.0, 100 * wish.goal
+    for number, step in enumerate(journal.steps):
+        ratios = bool(step.shares) and _are_ratios(step.shares, journal.known)
+        if step.shares:  # half of it of ratios, where another mass is to come: see `wanted`
+            goal = 100 * wish.goal / (1 + (ratios and len(wish.masses) > 1))
+        widths = {name: goal * share for name, share in step.shares.items()}
+        verdict = step.verdict or "no estimate"
+        if step.held_out:
+            verdict = "held out"
+        elif ratios and verdict == Level.GOOD.verdict:
+            verdict = _RATIOS_ONLY
+        rows.append(
+            {
+                "run": number,
+                "played": step.what,
+                "added mass": str(step.added_mass),
+                "robot time in s": step.seconds,
+                "length in s": step.seconds - begin,
+                "why": step.why,
+                "ended early": step.cut,
+                "verdict": verdict,
+                "the model misses": step.misses,
+                "goal in %": goal,
+                **{f"{name} in %": widths.get(name) for name in OF_GOAL},
+            }
+        )
+        begin = step.seconds
+    return rows
+
+
+def widest(row: Mapping[str, Any]) -> str:
+    """Return the widest interval after a run, as its table shows it."""
+    widths = {name: or_nan(row[f"{name} in %"]) for name in OF_GOAL}
+    widths = {name: width for name, width in widths.items() if math.isfinite(width)}
+    if not widths:
+        return "–"
+    name = max(widths, key=lambda each: widths[each])
+    return f"{name} ± {upwards(widths[name] / 100)}"
+
+
+def parameters_table(
+    title: str, numbers: Mapping[str, Mapping[str, Any]], *, ratios: bool
+) -> PageTable:
+    """Tabulate `parameter_numbers` as `identify` does, beside the share of the goal."""
+    rows, shares = [], []
+    for each in numbers.values():
+        content = dict(each)
+        half, goal = content.pop("half_width"), content.pop("wanted")
+        rows.append(Parameter(**content))
+        shares.append(percent(half / goal) if half is not None and goal else "–")
+    if ratios:
+        title = f"{title}, ratios to p1"
+        rows = [replace(row, name=_ratio_name(row.name)) for row in rows]
+    plain = values_table(title, rows)
+    name, value, *others = plain.headers
+    lines = [(*row[:2], share, *row[2:]) for row, share in zip(plain.rows, shares, strict=True)]
+    headers = (name, value, "of the goal", *others)
+    return plain._replace(headers=headers, rows=lines, caption=_CAPTION, name="parameters")
+
+
+def _ratio_name(name: str) -> str:
+    """Return the name of a parameter of which the ratio to p1 is given, where that is one."""
+    return name if TERMS[name].of_gain else f"{name}/p1"
+
+
+def breakaway_fact(content: Mapping[str, Any], unit: str) -> Fact:
+    """Return at what torque the joint breaks away, or at what command while the scale is open."""
+    command = float(content["breakaway"])
+    shown = f"{command:.2g} {unit}" if unit != "unit" else f"{command:.2g}"
+    gain = content["parameters"].get("p4")
+    if content["ratios"] or gain is None:
+        return Fact("breaks away at", shown, "command")
+    torque = f"{abs(gain['value']) * command:.2g} {gain['unit'].partition('/')[0]}"
+    return Fact("breaks away at", torque, f"a command of {shown}")
+
+
+def headline(ended: Ended, wish: Wish, folder: Path) -> tuple[str, str]:
+    """Say whether the goal is reached, with what; then what to do next."""
+    journal, goal = ended.journal, f"{100 * wish.goal:.3g} %"
+    changes = changes_of_mass(journal)
+    cost = f"{_seconds(journal):.0f} s of robot time, {counted(len(journal.steps), 'run')}"
+    cost += f", {changes or 'no'} change{'s' if changes > 1 else ''} of mass"
+    reached = "is reached" if ended.reached else "is not reached"
+    return f"The goal of {goal} {reached}: {cost}.", _next(ended, wish, folder)
+
+
+def _seconds(journal: Journal) -> float:
+    """Return the robot time so far in s."""
+    return journal.steps[-1].seconds if journal.steps else 0.0
+
+
+def _next(ended: Ended, wish: Wish, folder: Path) -> str:
+    """Return what is missing, if anything, and what to do."""
+    place = shlex.quote(str(folder))
+    if ended.reached:
+        return (
+            f"Next: `butterfly identify {place} --report page.html` shows how the model fits; "
+            f"`butterfly export {place} --out twin.xml` writes a twin."
+        )
+    missing, estimate = f"{ended.ending[:1].upper()}{ended.ending[1:]}", campaign_estimate(ended)
+    if _lacks_scale(estimate, wish) and not _too_wide(ended):
+        missing = "Without a second mass or a known value only ratios to p1 are known"
+    return f"{missing}. Next: {_remedy(ended, estimate, wish, place)}."
+
+
+def _lacks_scale(estimate: Estimate | None, wish: Wish) -> bool:
+    """Return whether ratios are all that the masses at hand allow."""
+    return estimate is not None and estimate.ratios and len(wish.masses) == 1
+
+
+def _remedy(ended: Ended, estimate: Estimate | None, wish: Wish, place: str) -> str:
+    """Return what leads on from a goal that is not reached."""
+    steps, limits = ended.journal.steps, wish.limits
+    again = "the same command goes on from these runs"
+    lengths = [b - a for a, b in itertools.pairwise([0.0, *(step.seconds for step in steps)])]
+    is_short = limits.seconds - _seconds(ended.journal) < max(lengths, default=math.inf)
+    more_time = f"give more robot time, `--seconds {2 * limits.seconds:g}`: {again}"
+    if steps and estimate is None:
+        return f"`butterfly inspect {place}` checks the logs; then begin anew in another `--out`"
+    if _lacks_scale(estimate, wish):
+        return (
+            f"add a mass, `--masses 0,KG --arm M`, or a known value, `--known p4=VALUE`: {again}; "
+            f"`butterfly identify {place} --known p1=1` shows the ratios"
+        )
+    if estimate is None or is_short:  # for one more run
+        return more_time
+    if _missed(ended) or _unpredicted(ended):
+        return (
+            f"`butterfly residual {place}` shows what torque is left; "
+            f"`butterfly identify {place} --terms NAME` fits a term"
+        )
+    if not _too_wide(ended) and estimate.level is not Level.GOOD:
+        return f"`butterfly identify {place}` says what is doubtful"
+    share = next((step.largest for step in reversed(steps) if step.shares), 1.0)
+    goal = upwards(wish.goal * share).replace(" ", "")
+    return (
+        f"accept a wider goal, `--goal {goal}`: {again}; or begin anew in another `--out`, with a "
+        "larger `--angle`, `--command` or mass"
+    )
+
+
+def _missed(ended: Ended) -> str:
+    """Return what the model misses by the last estimate; empty if nothing."""
+    return next((step.misses for step in reversed(ended.journal.steps) if step.verdict), "")
+
+
+def _unpredicted(ended: Ended) -> bool:
+    """Return whether the model fails to predict a run that was not fitted."""
+    held_out = ended.identified.held_out if ended.identified else {}
+    return any(judge_fit(np.array([fit])) for fit in held_out.values())
+
+
+def _too_wide(ended: Ended) -> list[str]:
+    """Return the parameters whose intervals exceed the goal, with both in %."""
+    estimate, found = campaign_estimate(ended), []
+    for name, each in parameter_numbers(ended).items():
+        half, goal = each["half_width"], each["wanted"]
+        if half is not None and goal is not None and half > goal:
+            shown = _ratio_name(name) if estimate is not None and estimate.ratios else name
+            found.append(f"{shown} ± {upwards(half / 100)} ({percent(goal / 100)} wanted)")
+    return found
+
+
+def campaign_notes(ended: Ended, remedy: str) -> list[str]:
+    """Return what is worth saying besides the headline; ``remedy``: its second line."""
+    wide: Sequence[str] = _too_wide(ended)
+    lines = [f"Too wide: {', '.join(wide)}."] if wide else []
+    if misses := _missed(ended):
+        lines.append(f"The model misses something: {misses}.")
+    estimate = campaign_estimate(ended)
+    if estimate is not None and estimate.ratios and "ratios to p1" not in remedy:
+        lines.append("The values are ratios to p1: the runs so far give no scale.")
+    return lines + held_out_sentences(ended.identified.held_out if ended.identified else {})
