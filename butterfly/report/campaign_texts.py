@@ -169,7 +169,7 @@ def _seconds(journal: Journal) -> float:
 
 def _next(ended: Ended, wish: Wish, folder: Path) -> str:
     """Return what is missing, if anything, and what to do."""
-    place = shlex.quote(str(folder))
+    place = shlex.quote(_folder_text(folder))
     if ended.reached:
         return (
             f"Next: `butterfly identify {place} --report page.html` shows how the model fits; "
@@ -179,6 +179,17 @@ def _next(ended: Ended, wish: Wish, folder: Path) -> str:
     if _lacks_scale(estimate, wish) and not _too_wide(ended):
         missing = "Without a second mass or a known value only ratios to p1 are known"
     return f"{missing}. Next: {_remedy(ended, estimate, wish, place)}."
+
+
+def _folder_text(folder: Path) -> str:
+    """Return a folder as a command takes it here; only its name if it is elsewhere.
+
+    What is said is part of the JSON, which has no path of this machine.
+    """
+    if not folder.is_absolute():
+        return str(folder)
+    here = Path.cwd()
+    return str(folder.relative_to(here)) if here in folder.parents else folder.name
 
 
 def _lacks_scale(estimate: Estimate | None, wish: Wish) -> bool:

@@ -118,6 +118,12 @@ def test_before_any_run_more_robot_time_is_what_is_missing():
     assert not found.tables()
 
 
+@pytest.mark.parametrize("folder", ["/elsewhere/runs", "runs", Path.cwd() / "runs"])
+def test_what_is_said_has_no_path_of_this_machine(folder):
+    found = Campaign.of(ended(None), WISH, Path(folder))
+    assert "`butterfly export runs --out twin.xml`" in found.summary[1]
+
+
 def test_the_parameters_are_those_of_identify_beside_their_share_of_the_goal(reached, result):
     table, runs = reached.tables()
     theirs = result.tables()[0]
