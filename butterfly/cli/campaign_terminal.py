@@ -23,8 +23,6 @@ class CampaignTerminal(Observer):
     ----------
     asks
         Whether the first motion waits for Enter.
-    unit
-        Unit of the command; set when the campaign begins.
     """
 
     def __init__(self, *, asks: bool) -> None:
@@ -37,8 +35,8 @@ class CampaignTerminal(Observer):
         for sentence in announcement:
             note(sentence)
         note(
-            "Ctrl-C ends it at any time: the drive is switched off, finished runs are kept, and the "
-            "same command goes on."
+            "Ctrl-C ends it at any time: the drive is switched off, finished runs are kept, and "
+            "the same command goes on."
         )
         if self._asks:
             _answered(

@@ -179,8 +179,7 @@ def _campaign(
     terminal = CampaignTerminal(asks=moves and not yes)
     change = terminal.mount if keyboard else None
     found = ask(known=pairs, change=change, observer=terminal)
-    folder = shlex.quote(str(found.page_path.parent))
-    ended = show(found, after=f"butterfly identify {folder} --report page.html")
+    ended = show(found)
     say(f"Report: {found.page_path}")
     return ended
 
