@@ -18,7 +18,7 @@ import numpy as np
 from butterfly.arrays import Samples
 from butterfly.campaigns.bench import Bench, Recording
 from butterfly.campaigns.contact import make_contact
-from butterfly.campaigns.drive import SafetyStop, TimeUsed
+from butterfly.campaigns.drive import DriveFault, SafetyStop, TimeUsed
 from butterfly.campaigns.folder import Folder, Journal, Step
 from butterfly.campaigns.guard import Expected, Limits
 from butterfly.campaigns.laws import LAG, RESERVE
@@ -124,10 +124,8 @@ class _Campaign:
     ) -> None:
         self._bench, self._wish, self._folder, self._carry = bench, wish, folder, carry
         self._observer = observer
-        self._mounted, self._is_certain = (
-            wish.masses[0],
-            True,
-        )  # after a pause a person may know more
+        self._mounted = wish.masses[0]
+        self._is_certain = True  # what is mounted; after a pause somebody may have changed it
         self._found: Identified | None = None
         self._last_sound: Identified | None = None
         self._size = 0.0  # of a relay's command, so far
@@ -170,6 +168,11 @@ class _Campaign:
             with self._bench as bench:
                 contact = make_contact(bench)
             kind = self._bench.input_kind
+            side = "positive" if contact.polarity > 0 else "negative"
+            self._observer.phase(
+                f"It moves at {contact.breakaway:.3g} {kind.unit}; positive commands turn it towards "
+                f"{side} angles."
+            )
             journal = Journal(input_kind=kind, contact=contact, known=self._wish.known)
         self._folder.begin(journal)  # whose manifest a kill may have left ahead of it
         self._wish = replace(self._wish, known=journal.known)
@@ -227,6 +230,9 @@ class _Campaign:
             expected=following.expected,
             held_out=held_out,
         )
+        if isinstance(interruption, SafetyStop) and not isinstance(interruption, DriveFault):
+            self._folder.set_aside(run, step)  # what was wrong then may have been before
+            raise interruption
         self._folder.add(run, step)
         if interruption is not None:
             raise interruption
@@ -242,6 +248,11 @@ class _Campaign:
             shares = {} if held_out else self._shares
             verdict, misses = estimate.level.verdict, _missed(estimate)
             self._folder.conclude(replace(step, verdict=verdict, misses=misses, shares=shares))
+            widest = max(shares.items(), key=lambda pair: pair[1], default=("", 0.0))
+            came = f"; {widest[0]} is known to {widest[1]:.3g} times the goal" if shares else ""
+            self._observer.phase(f"Run {number}: {verdict}{came}.")
+        else:
+            self._observer.phase(f"Run {number}: no model follows the runs so far.")
 
     def _recorded(self, recipe: Recipe) -> tuple[Recording, BaseException | None]:
         """Return a run, from rest to rest, and what happened after it before the drive was off."""
@@ -267,14 +278,18 @@ class _Campaign:
                     raise run.fault
                 bench.settle()
         except (SafetyStop, KeyboardInterrupt) as interruption:
-            if run is None:
+            if run is None or not bench.has_moved(run):
                 raise
             return run, interruption
         return run, None
 
     def _require_sound(self, run: Recording, before: Identified | None) -> None:
         """Raise `SafetyStop` if the last run, whose log is kept, is not as it is said to be."""
-        self._bench.require_motion(run)
+        if not self._bench.has_moved(run):
+            raise SafetyStop(
+                "the joint no longer moves when it is driven: check supply, enable, end stops, and "
+                "that the encoder has its cable and slips nowhere"
+            )
         self._rests.require_no_slip(self._bench.rest, self._mounted, self._last_sound)
         steps = self._folder.journal.steps
         old, new = ([*([steps[-1]] * 2), *steps])[-2:]

@@ -178,6 +178,12 @@ class Folder:
         self._write_manifest()
         self._keep_unlisted()
 
+    def set_aside(self, run: Recording, step: Step) -> None:
+        """Keep a run that is not to be used beside the others, where it makes a log."""
+        with suppress(InputError):  # such as of a joint that diverged
+            log = parquet_bytes(run.log(added_mass=step.added_mass))
+            create_file(_beside(self.path / _file(len(self.journal.steps))), log)
+
     def data(self, only: int | None = None) -> DataSet:
         """Return the logs so far, or one of them, as `identify` reads them."""
         manifest = self._manifest(self.journal)
