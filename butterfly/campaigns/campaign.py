@@ -19,7 +19,7 @@ from butterfly.arrays import Samples
 from butterfly.campaigns.bench import Bench, Recording
 from butterfly.campaigns.contact import make_contact
 from butterfly.campaigns.drive import DriveFault, SafetyStop, TimeUsed
-from butterfly.campaigns.folder import Folder, Journal, Step
+from butterfly.campaigns.folder import Folder, Journal, Step, log_name
 from butterfly.campaigns.guard import Expected, Limits
 from butterfly.campaigns.laws import LAG, RESERVE
 from butterfly.campaigns.observer import SILENT, Observer
@@ -170,8 +170,8 @@ class _Campaign:
             kind = self._bench.input_kind
             side = "positive" if contact.polarity > 0 else "negative"
             self._observer.phase(
-                f"It moves at {contact.breakaway:.3g} {kind.unit}; positive commands turn it towards "
-                f"{side} angles."
+                f"It moves at {contact.breakaway:.3g} {kind.unit}; positive commands turn it "
+                f"towards {side} angles."
             )
             journal = Journal(input_kind=kind, contact=contact, known=self._wish.known)
         self._folder.begin(journal)  # whose manifest a kill may have left ahead of it
@@ -310,7 +310,7 @@ class _Campaign:
         if self._is_known(mass):
             stiffness = max(loaded.p3, 0.0) / loaded.p1
         runs = self._folder.journal.steps
-        names = [f"run_{k:03d}" for k, step in enumerate(runs) if step.added_mass == mass]
+        names = [log_name(k) for k, step in enumerate(runs) if step.added_mass == mass]
         zeros = [self._sound.zeros[name] for name in names if name in self._sound.zeros]
         return Expected(
             resonance=self._pace(mass),

@@ -160,7 +160,7 @@ class Folder:
         """Keep a run: its log first, then the journal, then the manifest."""
         steps, log = self.journal.steps, parquet_bytes(run.log(added_mass=step.added_mass))
         self._keep_unlisted()  # whatever took the name while it was recorded
-        create_file(self.path / _file(len(steps)), log)
+        create_file(self.path / log_name(len(steps)), log)
         logs = (*self.journal.logs, _digest(log))
         self._write_journal(replace(self.journal, steps=(*steps, step), logs=logs))
         self._write_manifest()
@@ -182,7 +182,7 @@ class Folder:
         """Keep a run that is not to be used beside the others, where it makes a log."""
         with suppress(InputError):  # such as of a joint that diverged
             log = parquet_bytes(run.log(added_mass=step.added_mass))
-            create_file(_beside(self.path / _file(len(self.journal.steps))), log)
+            create_file(_beside(self.path / log_name(len(self.journal.steps))), log)
 
     def data(self, only: int | None = None) -> DataSet:
         """Return the logs so far, or one of them, as `identify` reads them."""
@@ -225,7 +225,7 @@ class Folder:
             return None
         journal = _read_journal(file)
         for number, digest in enumerate(journal.logs):
-            log = self.path / _file(number)
+            log = self.path / log_name(number)
             expected = f"the log of run {number} as it was recorded, which {JOURNAL} lists"
             if _digest(read_file(log, expected)) != digest:
                 raise InputError(log, "content", "another file", expected)
@@ -255,7 +255,7 @@ class Folder:
         begun = 0 if self._journal is None else len(self._journal.steps)
         for path in sorted(self.path.glob("run_*.parquet")):
             number = path.stem.removeprefix("run_")
-            if number.isdecimal() and int(number) >= begun and path.name == _file(int(number)):
+            if number.isdecimal() and int(number) >= begun and path.name == log_name(int(number)):
                 kept = _beside(path)
                 try:
                     path.rename(kept)
@@ -268,6 +268,7 @@ class Folder:
 
     def _manifest(self, journal: Journal) -> Manifest:
         """Return the manifest of a journal with runs."""
+        runs = [(log_name(k), step) for k, step in enumerate(journal.steps)]
         return Manifest(
             name=self.path.name,
             description="made by a campaign",
@@ -276,8 +277,8 @@ class Folder:
             intersample=Intersample.ZERO_ORDER_HOLD,
             sign=1 if journal.contact.polarity > 0 else -1,
             known=journal.known,
-            holdout=[Path(_file(k)).stem for k, step in enumerate(journal.steps) if step.held_out],
-            logs=[LogEntry.of(_file(k), step.added_mass) for k, step in enumerate(journal.steps)],
+            holdout=[Path(name).stem for name, step in runs if step.held_out],
+            logs=[LogEntry.of(name, step.added_mass) for name, step in runs],
         )
 
     def _write_manifest(self) -> None:
@@ -365,6 +366,6 @@ def _beside(path: Path) -> Path:
     return next(each for each in map(path.with_stem, stems) if each.name not in there)
 
 
-def _file(number: int) -> str:
+def log_name(number: int) -> str:
     """Return the name of a run's log."""
     return f"run_{number:03d}.parquet"
