@@ -23,7 +23,7 @@ import butterfly as bf
 from butterfly.campaigns.bench import SafetyStop
 from tests.benchmarks.faults import WRONG, bounded, errors, tried
 from tests.independent.drives import log_uniform
-from tests.independent.faulty import ANGLE, OutOfTime
+from tests.independent.faulty import ANGLE, Endless
 from tests.independent.integrator import Joint
 from tests.independent.motors import GRAVITY, STICTION_SPEED, IndependentMotor
 
@@ -167,7 +167,7 @@ def outcome(name, number, seed):
                 about["errors"] = errors(values, motor.bare, motor.limit)
         except SafetyStop as stop:
             about["stopped"] = str(stop)
-        except OutOfTime:
+        except Endless:
             about["ending"] = f"still computing after {_COMPUTED:g} s of CPU"
         except Exception as error:  # whatever comes is what is counted
             about["stopped"] = f"{type(error).__name__}: {error}"

@@ -19,7 +19,7 @@ NAMED = {fault.name: fault for fault in FAULTS}
         ("command changes sign", "brake", "held by nothing"),
         ("encoder changes sign", "relay", "geared"),
         ("encoder is frozen", "relay", "held by gravity"),
-        ("pushed from outside", "relay", "held by nothing"),
+        ("drive integrates its command", "relay", "held by nothing"),
     ],
 )
 def test_a_drive_is_off_a_fifth_of_a_second_beyond_a_limit(fault, phase, joint):
@@ -45,4 +45,4 @@ def _misses(fault, phase, joint):
     """Return what was missed, as a table; the fault has to have begun."""
     result = trial(NAMED[fault], phase, joint)
     assert result.begun is not None
-    return result.misses and f"{report([result])}\n{result.ending}"
+    return result.is_missed and f"{report([result])}\n{result.ending}"

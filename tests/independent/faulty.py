@@ -28,6 +28,10 @@ class OutOfTime(BaseException):
     """A campaign has gone on for too long; it is ended from outside, whatever it catches."""
 
 
+class Endless(BaseException):
+    """A campaign computes for too long."""
+
+
 class GoesOn(BaseException):
     """A campaign that was taken up drives its next run."""
 
@@ -42,6 +46,7 @@ class FaultyMotor(IndependentMotor):
         self.limits = {"angle": ANGLE, "speed": math.inf} | limits
         self.memory, self.hooks, self.begun = {}, {}, None
         """Of the fault: what it remembers, its methods, and the time of its onset."""
+        self.acted = False  # whether a method of the fault was called
         self.home, self.starts, self.most = self.angle, 0, 0.0
         self.beyond = self.driven = self.farthest = 0.0
         """Driven beyond a limit, driven since the onset, both in s; farthest angle while driven."""
@@ -110,11 +115,12 @@ class FaultyMotor(IndependentMotor):
     def _call(self, name, *given):
         self._called = name
         hook = self.hooks.get(name)
+        self.acted |= hook is not None
         return hook(self, *given) if hook else getattr(IndependentMotor, name)(self, *given)
 
     def _befall(self):
         self.begun, self.hooks, self.logs_then = self.clock, self.fault.does, self.logs
-        self.driven = 0.0
+        self.driven, self.acted = 0.0, not self.hooks
         if self.fault.onset is not None:
             self.fault.onset(self)
 
