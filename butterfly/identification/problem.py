@@ -164,7 +164,6 @@ class Problem:
         """
         search = current_search()
         search.simulations += 1
-        search.samples += sum(each.spend() for each in self.simulations)
         of_logs = np.broadcast_to(values, (len(self.motion), len(self.keys)))
         begins = [each.begins.copy() for each in self.simulations]
         simulated = partial(self._of_log, slopes=slopes)
@@ -174,10 +173,11 @@ class Problem:
             with threads(self.options.workers) as pool:
                 found = _within(most, pool.map(simulated, range(len(of_logs)), of_logs))
                 pool.shutdown(cancel_futures=True)
+        spent = [each.spend() for each in self.simulations]
+        search.steps += sum(spent[: len(found)])  # threads may have begun some of the others
         if len(found) < len(of_logs):  # the starts found in an incomplete pass are discarded
             for each, before in zip(self.simulations, begins, strict=True):
                 each.begins = before
-                each.spend()  # which resets its count
             found.append(_IMPOSSIBLE)
         return Equations(values=of_logs[0], logs=tuple(found))
 

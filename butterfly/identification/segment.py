@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from butterfly.arrays import Samples, joined
 from butterfly.identification.servo_drive import loop_on_grid, needs_loop
 from butterfly.logs.log import InitialState, Intersample, Log
-from butterfly.model.greybox import Columns, Readings, differentiate, simulate
+from butterfly.model.greybox import Columns, Readings, differentiate, simulate_counted
 from butterfly.model.kernel.servo_loop import Loop
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import LumpedParameters
@@ -52,7 +52,13 @@ class Segment:
             step, self._every = log.servo.updates(step)
         grid = uniform_grid(log.time, step)
         self.grid = np.append(grid, log.time[-1]) if grid[-1] < log.time[-1] else grid
+        self._steps = 0  # since `spend`
         self._latest: tuple[tuple[float, float, float, DriveTerms], Samples] | None = None
+
+    def spend(self) -> int:
+        """Return the number of steps of all simulations since the last call."""
+        steps, self._steps = self._steps, 0
+        return steps
 
     def run(
         self, joint: LumpedParameters, zero: float, begin: InitialState
@@ -62,7 +68,9 @@ class Segment:
         The ``joint`` has its added mass; ``zero`` is the encoder's in rad.
         """
         inputs, start = self._inputs(joint)[0], (begin.angle - zero, begin.velocity)
-        angle, velocity = simulate(joint, self.grid, inputs, *start, self.loop(joint, zero))
+        loop = self.loop(joint, zero)
+        angle, velocity, steps = simulate_counted(joint, self.grid, inputs, *start, loop)
+        self._steps += steps
         return self.grid, zero + angle, velocity
 
     def linearised(
@@ -76,7 +84,8 @@ class Segment:
         joint, start = columns.joint, (begin.angle - zero, begin.velocity)
         inputs, (readings, measured, _) = self._inputs(joint, columns.drives), self._averages
         loop = self.loop(joint, zero)
-        values, rows = differentiate(self.grid, inputs, start, readings, columns, loop=loop)
+        values, rows, steps = differentiate(self.grid, inputs, start, readings, columns, loop=loop)
+        self._steps += steps
         rise = 0 if self.log.integrated else 1  # no velocity depends on the zero
         if "zero" in columns.names:  # it moves the start back, and all readings on
             rows[:, columns.names.index("zero")] += rise

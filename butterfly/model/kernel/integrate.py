@@ -14,25 +14,32 @@ from butterfly.model.kernel.steps import LOST, advance, part_of
 def integrate(time, drives, state, c, moving, angle, velocity):
     """Write (n,) angles and velocities, with (n - 1, 3) torques of the drive in N m.
 
-    ``moving`` is None for a fixed base.
+    ``moving`` is None for a fixed base. Returns the number of steps taken.
     """
     angle[0], velocity[0] = state[X], state[V]
+    steps = 0
     for k in range(time.size - 1):
-        row = (drives[k, 0], drives[k, 1], drives[k, 2])
-        state = interval(state, row, time[k + 1] - time[k], c, moving)
+        row, h = (drives[k, 0], drives[k, 1], drives[k, 2]), time[k + 1] - time[k]
+        count = count_steps(state, h, c, moving)
+        state = interval(state, row, h, count, c, moving)
         angle[k + 1], velocity[k + 1] = state[X], state[V]
+        steps += max(count, 1)
+    return steps
 
 
 @compiled
 def integrate_loop(time, state, c, without_drive, loop, memory, moving, angle, velocity):
     """Integrate a joint in its servo loop, whose ``memory`` is empty; see `integrate`."""
     angle[0], velocity[0] = state[X], state[V]
-    held = 0.0
+    held, steps = 0.0, 0
     for k in range(time.size - 1):
-        held = torque(k, state, loop, memory, held, None)
+        held, h = torque(k, state, loop, memory, held, None), time[k + 1] - time[k]
         now = at(k, loop, c, without_drive)
-        state = interval(state, (held, held, held), time[k + 1] - time[k], now, moving)
+        count = count_steps(state, h, now, moving)
+        state = interval(state, (held, held, held), h, count, now, moving)
         angle[k + 1], velocity[k + 1] = state[X], state[V]
+        steps += max(count, 1)
+    return steps
 
 
 @pasted
@@ -54,9 +61,8 @@ def step(state, drives, h, c, tape, splits, moving):
 
 
 @pasted
-def interval(state, drives, h, c, moving):
-    """Return the state at the end of one interval, after the necessary steps."""
-    count = count_steps(state, h, c, moving)
+def interval(state, drives, h, count, c, moving):
+    """Return the state at the end of one interval, after ``count`` steps."""
     for k in range(count):
         own = drives if count == 1 else part_of(drives, k, count)
         state = step(state, own, h / count, c, None, False, moving)

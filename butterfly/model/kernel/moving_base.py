@@ -79,13 +79,14 @@ def begin_to_give(time, angle, velocity, c, torques):
 
         sd = (rests - slow s - h' thd) / swing,  d rests/dt = -s;
 
-    the torque is -h' sdd, sdd its mean over an interval.
+    the torque is -h' sdd, sdd its mean over an interval. Returns the number of steps taken.
     """
-    force, rests, rate = 0.0, _moments(angle[0], c)[1] * velocity[0], 0.0
+    force, rests, rate, steps = 0.0, _moments(angle[0], c)[1] * velocity[0], 0.0, 0
     for k in range(time.size - 1):
         h, ends = time[k + 1] - time[k], (angle[k], velocity[k], angle[k + 1], velocity[k + 1])
         count = max(least_base_steps(c, h), 1)
         dt, begun = h / count, rate
+        steps += count
         for part in range(count):
             first = _between(part / count, h, ends, c)[1]
             second = _between((part + 0.5) / count, h, ends, c)[1]
@@ -102,6 +103,7 @@ def begin_to_give(time, angle, velocity, c, torques):
         rate = (rests - c.slow * force - _between(1.0, h, ends, c)[1]) / c.swing
         for i in range(3):
             torques[k, i] = -_between(0.5 * i, h, ends, c)[0] * (rate - begun) / h
+    return steps
 
 
 @inner
