@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, nearest
 from butterfly.model.kernel import differentiate as kernel
-from butterfly.model.kernel.equation import COLUMNS, DRIVES, Constants
-from butterfly.model.kernel.integrate import integrate, integrate_loop
+from butterfly.model.kernel.equation import COLUMNS, DRIVES, MOST_STEPS, Constants
+from butterfly.model.kernel.integrate import integrate, integrate_loop, steps_at
 from butterfly.model.kernel.moving_base import begin_to_give
 from butterfly.model.kernel.servo_loop import MEMORY, Loop
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
@@ -59,6 +59,7 @@ def simulate_counted(  # noqa: PLR0917 - as `simulate`
     angle: float,
     velocity: float = 0.0,
     loop: Loop | None = None,
+    most: int = MOST_STEPS,
 ) -> Simulated:
     """Integrate the equation of `LumpedParameters` over ``time``, one RK4 step per interval.
 
@@ -68,19 +69,28 @@ def simulate_counted(  # noqa: PLR0917 - as `simulate`
     enough for the armature's lag and the bristles; current and bristles start at 0.
 
     `time` has (n,) increasing instants in s, `inputs` (n - 1, 3) values at the start, middle and
-    end of each interval, already delayed; unused with the ``loop`` of a servo. Angles and velocities
-    are NaN from where an interval would take more than `MOST_STEPS`.
+    end of each interval, already delayed; unused with the ``loop`` of a servo. From where an
+    interval needs more than ``most`` steps, angles and velocities are NaN.
     """
     start, constants = (angle, velocity, 0.0, 0.0), Constants.of(parameters)
     moving = require_plain_base(parameters) if parameters.base_gives else None
     written = np.empty(time.size), np.empty(time.size)
     if loop is None:
         drives = parameters.p4 * inputs
-        steps = integrate(time, drives, start, constants, moving, *written)
+        steps = integrate(time, drives, start, constants, moving, most, *written)
     else:
         off, memory = _open_circuit(constants), np.zeros(MEMORY)
-        steps = integrate_loop(time, start, constants, off, loop, memory, moving, *written)
+        steps = integrate_loop(time, start, constants, off, loop, memory, moving, most, *written)
     return Simulated(*written, steps)
+
+
+def steps_of_interval(parameters: LumpedParameters, velocity: float, duration: float) -> int:
+    """Return the steps that a simulation takes for one interval, in s, at a velocity in rad/s.
+
+    0 if it needs more than `MOST_STEPS`.
+    """
+    moving = True if parameters.base_gives else None
+    return int(steps_at(velocity, duration, Constants.of(parameters), moving))
 
 
 def require_plain_base(parameters: LumpedParameters) -> bool:
@@ -192,6 +202,7 @@ def differentiate(
     columns: Columns,
     *,
     loop: Loop | None = None,
+    most: int = MOST_STEPS,
 ) -> Differentiated:
     """Simulate as `simulate` does, with derivatives by n parameters.
 
@@ -200,7 +211,9 @@ def differentiate(
     terms of the drive (none with the ``loop`` of a servo); `start` is in rad and rad/s.
     """
     if not columns.names:
-        angle, velocity, steps = simulate_counted(columns.joint, time, inputs[0], *start, loop)
+        angle, velocity, steps = simulate_counted(
+            columns.joint, time, inputs[0], *start, loop, most
+        )
         ends = np.array([angle[:-1], velocity[:-1], angle[1:], velocity[1:]])
         values = np.sum(readings.weights * ends[:, readings.into >= 0], axis=0)
         return Differentiated(values, np.empty((values.size, 0)), steps)
@@ -210,7 +223,7 @@ def differentiate(
     numbers, moved = columns.column, inputs if loop is None else inputs[:0]
     begins, steps = numbers == COLUMNS["begin_to_give"], 0
     if begins.any():
-        *motion, steps = simulate_counted(columns.joint, time, inputs[0], *start)
+        *motion, steps = simulate_counted(columns.joint, time, inputs[0], *start, most=most)
         torques, yielding = (
             np.empty((1, *inputs.shape[1:])),
             Constants.of(columns.joint, moving=True),
@@ -221,7 +234,7 @@ def differentiate(
     drives, state = joint.p4 * inputs[0], (*start, 0.0, 0.0)
     steps += kernel.differentiate(
         *(time, drives, state, constants, readings.into, readings.weights, values),
-        *(numbers, columns.initial, moved, rows, loop, _open_circuit(constants), moving),
+        *(numbers, columns.initial, moved, rows, loop, _open_circuit(constants), moving, most),
         kernel.Work.of(columns.initial, 0 if loop is None else time.size - 1),
     )
     return Differentiated(values, rows @ columns.mixture, steps)

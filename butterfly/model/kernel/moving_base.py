@@ -23,6 +23,7 @@ from butterfly.model.kernel.equation import (
     GIVE,
     MOMENT,
     MOMENT_OFFSET,
+    MOST_STEPS,
     P1,
     SLOW,
     SWING,
@@ -37,19 +38,17 @@ from butterfly.model.kernel.equation import (
 )
 
 _STEPS = 4  # least number of steps in the time in which the base swings by a radian
-_UNSEEN = 100  # such times in one interval, from which on no log shows it
 
 
 @inner
 def least_base_steps(c, h):
-    """Return the steps needed in h s for the base; 0 for impossible masses."""
+    """Return the steps needed in h s for the base; 0 for impossible masses or `MOST_STEPS`."""
     least = c.swing - c.give * (c.moment**2 + c.moment_offset**2) / c.p1  # as the joint lets it
     if not least > 0.0:
         return 0
     fastest = max(1.0 / math.sqrt(least), c.slow / least)
-    if not h * fastest <= _UNSEEN:
-        return 0
-    return max(1, math.ceil(_STEPS * h * fastest))
+    needed = _STEPS * h * fastest
+    return max(1, math.ceil(needed)) if needed <= MOST_STEPS else 0
 
 
 @inner
