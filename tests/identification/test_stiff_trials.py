@@ -10,7 +10,8 @@ from butterfly.identification.fit import Box, Equations, LogEquations, minimise
 from butterfly.identification.levels import MOST
 from butterfly.identification.segment import FINEST, Segment
 from butterfly.logs.log import InitialState, Log
-from butterfly.model.greybox import Columns, simulate
+from butterfly.model.greybox import Columns, simulate, steps_of_interval
+from butterfly.model.kernel.equation import MOST_STEPS
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.progress import budget
 
@@ -32,20 +33,22 @@ def recorded(joint=JOINT, mass=NO_ADDED_MASS, slip=0.0, since=4.0, seed=0):
 
 
 STIFF = {
-    "speed": {"p2": 4e3},
-    "drag": {"drag": 1e4},
-    "lag": {"back_emf": 1e-3, "time_constant": 1e-7},
-    "bristles": {"bristle_stiffness": 1e6},
-    "base": {"base_compliance": 1e-6, "base_frequency": 1e5},
-    "base beside a light joint": {"p1": 1e-4, "p3": 0.3, "base_compliance": 1.0},
+    "speed": {"p2": 400.0},
+    "drag": {"drag": 100.0},
+    "lag": {"back_emf": 1e-3, "time_constant": 8e-5},
+    "bristles": {"bristle_stiffness": 50.0},
+    "base": {"base_compliance": 1e-7, "base_frequency": 2e4},
+    "base beside a light joint": {"p1": 1e-4, "base_compliance": 6.153e-3},
 }
 
 
 @pytest.mark.parametrize("names", [NAMES, ()])
 @pytest.mark.parametrize("stiff", STIFF)
 def test_a_trial_far_stiffer_than_the_first_guess_diverges_and_takes_few_steps(stiff, names):
+    joint = replace(JOINT, **STIFF[stiff])
+    assert FINEST < steps_of_interval(joint, 1.0, STEP) <= MOST_STEPS
     segment = Segment(recorded(), JOINT)
-    trial = Columns.of(names, replace(JOINT, **STIFF[stiff]))
+    trial = Columns.of(names, joint)
     with np.errstate(all="ignore"):
         errors, _ = segment.linearised(trial, 0.0, InitialState(0.0, 1.0))
     assert not np.isfinite(errors).all()
