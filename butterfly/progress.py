@@ -18,8 +18,8 @@ _R = TypeVar("_R")
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Environment of a process whose matrix library uses one thread, beside other workers."""
 
-SIMULATIONS, SAMPLES = 400, 400_000_000
-"""Most simulations of all logs, and simulated samples, of one identification."""
+SIMULATIONS, STEPS = 400, 400_000_000
+"""Most simulations of all logs, and steps of these, of one identification."""
 
 
 @dataclass(eq=False)
@@ -30,7 +30,7 @@ class Search:
     begun: float = field(default_factory=time.monotonic)
     counted: bool = False  # whether the work is limited too
     simulations: int = 0  # of all logs, so far
-    samples: int = 0  # simulated, so far
+    steps: int = 0  # of simulations, so far: at least one for a sample
     left_out: list[str] = field(default_factory=list)
 
     def excuse(self, seconds: float) -> None:
@@ -44,7 +44,7 @@ class Search:
     @property
     def exhausted(self) -> bool:
         """Whether the work is done that one identification may take, on whatever machine."""
-        return self.counted and (self.simulations >= SIMULATIONS or self.samples >= SAMPLES)
+        return self.counted and (self.simulations >= SIMULATIONS or self.steps >= STEPS)
 
     @property
     def over(self) -> bool:
@@ -64,8 +64,8 @@ def stopped_text(seconds: float, left_out: Iterable[str]) -> str:
     if math.isfinite(seconds):
         return f"Search stopped after {seconds:g} s. Skipped: {skipped}. Drop --budget to go on."
     return (
-        f"Search stopped after {SIMULATIONS} simulations of all logs, or {SAMPLES / 1e6:g} million "
-        f"samples. Skipped: {skipped}. Use fewer --terms."
+        f"Search stopped after {SIMULATIONS} simulations of all logs, or {STEPS / 1e6:g} million "
+        f"steps. Skipped: {skipped}. Use fewer --terms."
     )
 
 
@@ -102,7 +102,7 @@ def counted() -> Iterator[Search]:
         if outer is not _NO_SEARCH:
             outer.excuse(search.begun - begun)
             outer.simulations += search.simulations
-            outer.samples += search.samples
+            outer.steps += search.steps
             outer.skip(search.left_out)
 
 

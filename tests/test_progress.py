@@ -64,7 +64,7 @@ def test_the_work_of_an_identification_is_counted_and_ends_at_its_most(data, mon
     assert "Search stopped after 6 simulations of all logs" in few.verdict[0]
     assert few.estimate.to_dict() == again.estimate.to_dict()
     assert not current_search().left_out
-    monkeypatch.setattr("butterfly.progress.SAMPLES", 1)
+    monkeypatch.setattr("butterfly.progress.STEPS", 1)
     one = bf.identify(data, "output-error")
     assert one.standing == "use with care"
     truth = np.array([getattr(ROBOT, name) for name in one.estimate.names])

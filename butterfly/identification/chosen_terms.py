@@ -121,8 +121,14 @@ class FreeRunModel:
     def descended(
         self, there: Problem, at: Equations | None = None, most: int = MOST, enough: float = SHOWS
     ) -> Minimum:
-        """Return where a descent in other terms ends, as far as their choice needs it."""
-        return there.descend(at, most, enough)
+        """Return where a descent in other terms ends, as far as their choice needs it.
+
+        One into ever stiffer joints, as a base that hardly moves, takes no more steps than ``most``
+        expansions at its start.
+        """
+        if at is None:
+            at, most = there.equations(there.initial), most - 1
+        return there.descend(at, most, enough, most * at.steps)
 
     def _with(self, rows: Iterable[str], values: Mapping[str, float]) -> Problem:
         """Return the problem with more rows, first guesses by label being as given."""
@@ -140,7 +146,7 @@ class FreeRunModel:
         problem = self._with([offer.name], {**offer.nested.settings, **moved})
         try:
             end = self.descended(problem)
-            if not end.converged:
+            if not end.converged and not end.too_stiff:
                 end = self.descended(problem, end.at, PASSES, SHOWS**2)
         except IdentifiabilityError:
             return None

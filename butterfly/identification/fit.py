@@ -136,6 +136,7 @@ class Equations:
     prior: Penalty | None = None  # of the parameters
     loss: Loss = Loss.LINEAR  # loss, scale: of the residuals
     scale: float = 1.0
+    steps: int = 0  # that their simulations took
 
     def counting(self, loss: Loss) -> Equations:
         """Return the equations with a loss, scaled by the scatter of the residuals."""
@@ -282,6 +283,7 @@ class Minimum:
     at: Equations  # about the (n,) values there, by the last expansion
     converged: bool  # whether no further decrease is predicted
     evaluations: int  # how often the cost was expanded
+    too_stiff: bool = False  # whether it took all steps that it was given
 
     @property
     def values(self) -> Samples:
@@ -307,10 +309,17 @@ class Box(NamedTuple):
 
 
 def minimise(
-    expand: Expand, at: Equations, box: Box, most: int = MOST, enough: float = ROUNDING
+    expand: Expand,
+    at: Equations,
+    box: Box,
+    most: int = MOST,
+    enough: float = ROUNDING,
+    *,
+    steps: float = np.inf,
 ) -> Minimum:
     """Descend from equations about the (n,) first values to a minimum, in ``most`` expansions.
 
+    Those take no more than so many ``steps`` of simulations, the last one aside.
     Where the cost curves more along a step than its derivatives predict, the next one is shorter by
     as much. Once predictions are right and decrease fast, the last step is taken without expanding
     the cost there; the descent ends before, where a step predicts or takes no more than a share
@@ -322,11 +331,11 @@ def minimise(
             "the simulation diverges at the initial parameters of the fit, so they are not those "
             "of a joint: try --method weak-form, which needs no simulation"
         )
-    size, evaluations = np.sqrt(np.diag(at.curvature)), 0
+    size, evaluations, taken = np.sqrt(np.diag(at.curvature)), 0, 0
     unit = np.where(size > 0, 1 / np.where(size > 0, size, 1.0), np.maximum(abs(at.values), SHOWS))
     radius = max(float(np.linalg.norm(at.values / unit)), 1.0)
     rho, last, bends, search = 0.0, np.inf, 1.0, current_search()  # rho: actual over predicted
-    while evaluations < most and last > enough * at.cost and not search.over:
+    while evaluations < most and last > enough * at.cost and not search.over and taken < steps:
         whole = at.step(*box.about(at.values, radius * unit))
         step, of_whole = whole / bends, at.decrease(whole)
         longest = float(abs(whole / unit).max())
@@ -339,6 +348,7 @@ def minimise(
             break
         tried = replace(expand(there, at.cost), prior=at.prior)
         evaluations += 1
+        taken += tried.steps
         predicted, longest = at.decrease(step), longest / bends
         rho = (at.cost - tried.cost) / predicted if tried.is_finite else -np.inf
         if rho > _POOR:
@@ -351,8 +361,8 @@ def minimise(
             last = at.cost - tried.cost
             at = tried
     predicted = at.decrease(at.step(*box.about(at.values, np.inf)))
-    converged = evaluations < most and predicted <= max(enough, MATTERS) * at.cost
-    return Minimum(at=at, converged=converged, evaluations=evaluations)
+    converged = evaluations < most and taken < steps and predicted <= max(enough, MATTERS) * at.cost
+    return Minimum(at=at, converged=converged, evaluations=evaluations, too_stiff=taken >= steps)
 
 
 def _is_last(at: Equations, predicted: float, last: float, rho: float, bends: float) -> bool:
@@ -365,12 +375,19 @@ def _is_last(at: Equations, predicted: float, last: float, rho: float, bends: fl
 
 
 def minimise_robustly(
-    expand: Expand, at: Equations, box: Box, loss: Loss, *, most: int, enough: float
+    expand: Expand,
+    at: Equations,
+    box: Box,
+    loss: Loss,
+    *,
+    most: int,
+    enough: float,
+    steps: float = np.inf,
 ) -> Minimum:
     """Descend to the least squares, if the loss is linear yet, then to the minimum of a loss."""
     spent = 0
     if at.loss is Loss.LINEAR:
-        unweighted = minimise(expand, at, box, most, enough)
+        unweighted = minimise(expand, at, box, most, enough, steps=steps)
         if loss is Loss.LINEAR:
             return unweighted
         at, spent = unweighted.at.counting(loss), unweighted.evaluations
@@ -378,5 +395,5 @@ def minimise_robustly(
     def counted(values: Samples, _: float) -> Equations:
         return replace(expand(values, np.inf), loss=loss, scale=at.scale)
 
-    found = minimise(counted, at, box, MOST, enough)
+    found = minimise(counted, at, box, MOST, enough, steps=steps)
     return replace(found, evaluations=spent + found.evaluations)

@@ -124,7 +124,7 @@ class Setting:
     def run(self, simulation: Simulation) -> FreeRun:
         """Simulate a log."""
         motion = simulation.run(self.parameters, self.zero, self.velocity)
-        current_search().samples += simulation.spend()
+        current_search().steps += simulation.spend()
         simulated = motion.at(simulation.log.time)
         return FreeRun(log=simulation.log, simulated=simulated, horizon=self.horizon)
 

@@ -164,7 +164,6 @@ class Problem:
         """
         search = current_search()
         search.simulations += 1
-        search.samples += sum(each.spend() for each in self.simulations)
         of_logs = np.broadcast_to(values, (len(self.motion), len(self.keys)))
         begins = [each.begins.copy() for each in self.simulations]
         simulated = partial(self._of_log, slopes=slopes)
@@ -174,12 +173,14 @@ class Problem:
             with threads(self.options.workers) as pool:
                 found = _within(most, pool.map(simulated, range(len(of_logs)), of_logs))
                 pool.shutdown(cancel_futures=True)
+        spent = [each.spend() for each in self.simulations]
+        steps = sum(spent[: len(found)])  # threads may have begun some of the others
+        search.steps += steps
         if len(found) < len(of_logs):  # the starts found in an incomplete pass are discarded
             for each, before in zip(self.simulations, begins, strict=True):
                 each.begins = before
-                each.spend()  # which resets its count
             found.append(_IMPOSSIBLE)
-        return Equations(values=of_logs[0], logs=tuple(found))
+        return Equations(values=of_logs[0], logs=tuple(found), steps=steps)
 
     @np.errstate(over="ignore", invalid="ignore")  # of a motion that diverges; per thread
     def _of_log(self, index: int, values: Samples, *, slopes: bool) -> LogEquations:
@@ -218,14 +219,20 @@ class Problem:
         return Penalty.of(self.keys, self.known, values=about)
 
     def descend(
-        self, at: Equations | None = None, most: int = MOST, enough: float = ROUNDING
+        self,
+        at: Equations | None = None,
+        most: int = MOST,
+        enough: float = ROUNDING,
+        steps: float = np.inf,
     ) -> Minimum:
         """Return the end of a descent from equations or the first guess (see `fit.minimise`)."""
         at, evaluations = (self.equations(self.initial), 1) if at is None else (at, 0)
         for _ in range(MOST):
             at, rest = self.weighed(at), most - evaluations
             before, loss = at, self.options.loss
-            end = minimise_robustly(self.equations, at, self.box, loss, most=rest, enough=enough)
+            end = minimise_robustly(
+                self.equations, at, self.box, loss, most=rest, enough=enough, steps=steps
+            )
             evaluations += end.evaluations
             at = end.at
             if not end.converged and evaluations < most:

@@ -12,9 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.arrays import Samples, joined
+from butterfly.identification.levels import PRECISE
 from butterfly.identification.servo_drive import loop_on_grid, needs_loop
 from butterfly.logs.log import InitialState, Intersample, Log
-from butterfly.model.greybox import Columns, Readings, differentiate, simulate
+from butterfly.model.greybox import (
+    Columns,
+    Readings,
+    differentiate,
+    simulate_counted,
+    steps_of_interval,
+)
 from butterfly.model.kernel.servo_loop import Loop
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import LumpedParameters
@@ -30,7 +37,8 @@ _ROUGH = 0.005
 back or sticks the effect of a noisy input is not that of its mean."""
 
 FINEST = 100
-"""Largest number of steps per sample: logs have no information on faster motions."""
+"""Largest number of steps per sample: logs have no information on faster motions. A trial of a fit
+may take as many for an interval of its grid."""
 _DELAYS = 3  # drives before those of the terms of the drive: p4's, and those by both delays
 _STEPS_PER_RADIAN = 10  # of the drive or of the resonance, whichever is faster
 
@@ -52,7 +60,14 @@ class Segment:
             step, self._every = log.servo.updates(step)
         grid = uniform_grid(log.time, step)
         self.grid = np.append(grid, log.time[-1]) if grid[-1] < log.time[-1] else grid
+        self._steps = 0  # since `spend`
+        self._most = most_steps(log, parameters, step)
         self._latest: tuple[tuple[float, float, float, DriveTerms], Samples] | None = None
+
+    def spend(self) -> int:
+        """Return the number of steps of all simulations since the last call."""
+        steps, self._steps = self._steps, 0
+        return steps
 
     def run(
         self, joint: LumpedParameters, zero: float, begin: InitialState
@@ -62,7 +77,9 @@ class Segment:
         The ``joint`` has its added mass; ``zero`` is the encoder's in rad.
         """
         inputs, start = self._inputs(joint)[0], (begin.angle - zero, begin.velocity)
-        angle, velocity = simulate(joint, self.grid, inputs, *start, self.loop(joint, zero))
+        loop = self.loop(joint, zero)
+        angle, velocity, steps = simulate_counted(joint, self.grid, inputs, *start, loop)
+        self._steps += steps
         return self.grid, zero + angle, velocity
 
     def linearised(
@@ -71,12 +88,16 @@ class Segment:
         """Return (m,) errors in rad or rad/s, and (m, n) derivatives by the ``columns``.
 
         Errors are simulated less measured, averaged over the samples of each grid interval: that
-        keeps their information at a fraction of their number.
+        keeps their information at a fraction of their number. They are NaN where a trial is stiffer
+        than any joint of such logs (see `most_steps`).
         """
         joint, start = columns.joint, (begin.angle - zero, begin.velocity)
         inputs, (readings, measured, _) = self._inputs(joint, columns.drives), self._averages
-        loop = self.loop(joint, zero)
-        values, rows = differentiate(self.grid, inputs, start, readings, columns, loop=loop)
+        loop, most = self.loop(joint, zero), self._most
+        values, rows, steps = differentiate(
+            self.grid, inputs, start, readings, columns, loop=loop, most=most
+        )
+        self._steps += steps
         rise = 0 if self.log.integrated else 1  # no velocity depends on the zero
         if "zero" in columns.names:  # it moves the start back, and all readings on
             rows[:, columns.names.index("zero")] += rise
@@ -140,6 +161,16 @@ class Segment:
     def _parabolas(self, joint: LumpedParameters, time: Samples, inputs: Samples) -> Samples:
         """(2, n - 1, 3) late inputs and their derivatives by the delay (see `hold.parabolas`)."""
         return hold.parabolas(time, inputs, self.grid - joint.delay, self.log.intersample)
+
+
+def most_steps(log: Log, parameters: LumpedParameters, step: float) -> int:
+    """Return the steps that a trial of a fit may take for an interval of a grid.
+
+    A sound joint takes one to four, and those that a stiff one needs follow from the first guess:
+    ten times as many are a motion that a log does not show, and an impossible trial.
+    """
+    sound = steps_of_interval(parameters.with_added_mass(log.added_mass), log.rms_speed, step)
+    return max(FINEST, round(sound / PRECISE))
 
 
 def grid_step(log: Log, parameters: LumpedParameters) -> float:

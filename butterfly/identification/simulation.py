@@ -72,7 +72,7 @@ class Simulation:
         longest: float = LONGEST_STEP,
     ) -> None:
         self.log, self.fitted, self._warm = log, horizon is not None, warm
-        self._uncounted = self._searched = 0  # segments before `first`; samples
+        self._uncounted = 0  # segments before `first`
         if horizon is None:
             self.segments = [Segment(log, parameters, first, longest)]
         else:
@@ -92,9 +92,8 @@ class Simulation:
         return float(grid[1] - grid[0])
 
     def spend(self) -> int:
-        """Return the number of samples of the next run and of searches since the last call."""
-        searched, self._searched = self._searched, 0
-        return searched + sum(each.grid.size for each in self.segments)
+        """Return the number of steps of all simulations since the last call."""
+        return sum(each.spend() for each in self.segments)
 
     def given_start(self, velocity: float | None) -> InitialState:
         """Return the start of a log that is one segment, with a velocity in rad/s if given."""
@@ -195,7 +194,6 @@ class Simulation:
                 break
             there = InitialState(*(np.array(at.begin) + share * at.step).tolist())
             tried = self._expanded(number, by_start, zero, there)
-            self._searched += segment.grid.size
             if tried.cost < at.cost:
                 at, share = tried, min(share / _SHORTER, 1.0)
             else:

@@ -12,6 +12,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +20,8 @@ from numpy.typing import NDArray
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, nearest
 from butterfly.model.kernel import differentiate as kernel
-from butterfly.model.kernel.equation import COLUMNS, DRIVES, Constants
-from butterfly.model.kernel.integrate import integrate, integrate_loop
+from butterfly.model.kernel.equation import COLUMNS, DRIVES, MOST_STEPS, Constants
+from butterfly.model.kernel.integrate import integrate, integrate_loop, steps_at
 from butterfly.model.kernel.moving_base import begin_to_give
 from butterfly.model.kernel.servo_loop import MEMORY, Loop
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
@@ -31,6 +32,14 @@ INITIAL = {"zero": -1.0, "velocity": 1.0}
 derivatives of the initial angle and velocity by them."""
 
 
+class Simulated(NamedTuple):
+    """A simulation: its motion, and the work that it took."""
+
+    angle: Samples  # (n,) rad
+    velocity: Samples  # (n,) rad/s
+    steps: int
+
+
 def simulate(  # noqa: PLR0917 - a robot, where and how it is driven, and from where on
     parameters: LumpedParameters,
     time: Samples,
@@ -39,6 +48,19 @@ def simulate(  # noqa: PLR0917 - a robot, where and how it is driven, and from w
     velocity: float = 0.0,
     loop: Loop | None = None,
 ) -> tuple[Samples, Samples]:
+    """Return the angles and velocities of `simulate_counted`."""
+    return simulate_counted(parameters, time, inputs, angle, velocity, loop)[:2]
+
+
+def simulate_counted(  # noqa: PLR0917 - as `simulate`
+    parameters: LumpedParameters,
+    time: Samples,
+    inputs: Samples,
+    angle: float,
+    velocity: float = 0.0,
+    loop: Loop | None = None,
+    most: int = MOST_STEPS,
+) -> Simulated:
     """Integrate the equation of `LumpedParameters` over ``time``, one RK4 step per interval.
 
     A step in which the velocity changes sign is split where it vanishes. The joint then sticks
@@ -47,18 +69,28 @@ def simulate(  # noqa: PLR0917 - a robot, where and how it is driven, and from w
     enough for the armature's lag and the bristles; current and bristles start at 0.
 
     `time` has (n,) increasing instants in s, `inputs` (n - 1, 3) values at the start, middle and
-    end of each interval, already delayed; unused with the ``loop`` of a servo. Returns (n,) angles
-    in rad and (n,) velocities in rad/s.
+    end of each interval, already delayed; unused with the ``loop`` of a servo. From where an
+    interval needs more than ``most`` steps, angles and velocities are NaN.
     """
     start, constants = (angle, velocity, 0.0, 0.0), Constants.of(parameters)
     moving = require_plain_base(parameters) if parameters.base_gives else None
     written = np.empty(time.size), np.empty(time.size)
     if loop is None:
-        integrate(time, parameters.p4 * inputs, start, constants, moving, *written)
+        drives = parameters.p4 * inputs
+        steps = integrate(time, drives, start, constants, moving, most, *written)
     else:
         off, memory = _open_circuit(constants), np.zeros(MEMORY)
-        integrate_loop(time, start, constants, off, loop, memory, moving, *written)
-    return written
+        steps = integrate_loop(time, start, constants, off, loop, memory, moving, most, *written)
+    return Simulated(*written, steps)
+
+
+def steps_of_interval(parameters: LumpedParameters, velocity: float, duration: float) -> int:
+    """Return the steps that a simulation takes for one interval, in s, at a velocity in rad/s.
+
+    0 if it needs more than `MOST_STEPS`.
+    """
+    moving = True if parameters.base_gives else None
+    return int(steps_at(velocity, duration, Constants.of(parameters), moving))
 
 
 def require_plain_base(parameters: LumpedParameters) -> bool:
@@ -154,6 +186,14 @@ class Readings:
     weights: Samples  # (4, m) of angle and velocity at the start, and of those at the end
 
 
+class Differentiated(NamedTuple):
+    """Readings of a simulation, their derivatives, and the work that they took."""
+
+    values: Samples  # (m,)
+    rows: Samples  # (m, n) derivatives by n parameters
+    steps: int
+
+
 def differentiate(
     time: Samples,
     inputs: Samples,
@@ -162,39 +202,42 @@ def differentiate(
     columns: Columns,
     *,
     loop: Loop | None = None,
-) -> tuple[Samples, Samples]:
-    """Simulate as `simulate` does; return (m,) readings and (m, n) derivatives by parameters.
+    most: int = MOST_STEPS,
+) -> Differentiated:
+    """Simulate as `simulate` does, with derivatives by n parameters.
 
     `inputs` has (q, n - 1, 3) values at the start, middle and end of each interval: the input,
     already delayed, and, as counted by `Columns.drives`, its derivatives by both delays and the
     terms of the drive (none with the ``loop`` of a servo); `start` is in rad and rad/s.
     """
     if not columns.names:
-        angle, velocity = simulate(columns.joint, time, inputs[0], *start, loop)
+        angle, velocity, steps = simulate_counted(
+            columns.joint, time, inputs[0], *start, loop, most
+        )
         ends = np.array([angle[:-1], velocity[:-1], angle[1:], velocity[1:]])
         values = np.sum(readings.weights * ends[:, readings.into >= 0], axis=0)
-        return values, np.empty((values.size, 0))
+        return Differentiated(values, np.empty((values.size, 0)), steps)
     values = np.empty(readings.weights.shape[1])
     rows = np.empty((values.size, columns.column.size))
     joint, moving, constants = columns.joint, columns.moving, columns.constants
     numbers, moved = columns.column, inputs if loop is None else inputs[:0]
-    begins = numbers == COLUMNS["begin_to_give"]
+    begins, steps = numbers == COLUMNS["begin_to_give"], 0
     if begins.any():
-        motion = simulate(columns.joint, time, inputs[0], *start)
+        *motion, steps = simulate_counted(columns.joint, time, inputs[0], *start, most=most)
         torques, yielding = (
             np.empty((1, *inputs.shape[1:])),
             Constants.of(columns.joint, moving=True),
         )
-        begin_to_give(time, *motion, yielding, torques[0])
+        steps += begin_to_give(time, *motion, yielding, torques[0])
         numbers = np.where(begins, DRIVES + len(inputs), numbers)
         moved = np.concatenate([inputs, torques])
     drives, state = joint.p4 * inputs[0], (*start, 0.0, 0.0)
-    kernel.differentiate(
+    steps += kernel.differentiate(
         *(time, drives, state, constants, readings.into, readings.weights, values),
-        *(numbers, columns.initial, moved, rows, loop, _open_circuit(constants), moving),
+        *(numbers, columns.initial, moved, rows, loop, _open_circuit(constants), moving, most),
         kernel.Work.of(columns.initial, 0 if loop is None else time.size - 1),
     )
-    return values, rows @ columns.mixture
+    return Differentiated(values, rows @ columns.mixture, steps)
 
 
 _ALONE: dict[str, Mapping[str, float]] = {name: {name: 1.0} for name in (*COLUMNS, *INITIAL)}

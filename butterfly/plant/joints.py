@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from butterfly.arrays import Samples
 from butterfly.compiled import compiled
 from butterfly.errors import InputError
-from butterfly.model.kernel.equation import Constants, State, friction_at, least_steps
-from butterfly.model.kernel.integrate import interval
+from butterfly.model.kernel.equation import MOST_STEPS, Constants, State, friction_at, least_steps
+from butterfly.model.kernel.integrate import count_steps, interval
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, VoltageDrive
 from butterfly.plant.mjcf import compile_model, hinge_of
 from butterfly.plant.motor import LARGEST_ANGLE
@@ -379,6 +379,8 @@ def _follow(  # noqa: PLR0917 - compiled functions take no names
 @compiled
 def _hold(c: Constants, state: State, torque: float, duration: float, moving: bool | None) -> State:
     count = _steps_of(duration)
+    h = duration / count
     for _ in range(count):
-        state = interval(state, (torque, torque, torque), duration / count, c, moving)
+        finer = count_steps(state, h, c, moving, MOST_STEPS)
+        state = interval(state, (torque, torque, torque), h, finer, c, moving)
     return state

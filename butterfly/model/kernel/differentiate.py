@@ -113,7 +113,7 @@ class Work(NamedTuple):
 @compiled
 def differentiate(
     time, drives, state, c, into, weights, values, column, initial, moved, rows,
-    loop, without_drive, moving, work,
+    loop, without_drive, moving, most, work,
 ):  # fmt: skip
     """Write (m,) sums of angle and velocity at both ends of intervals, and (m, k) derivatives.
 
@@ -121,8 +121,9 @@ def differentiate(
     derivatives of the state; `butterfly.model.greybox.differentiate` has the other arrays. The
     ``loop`` of a servo, unless None, drives the joint instead of ``drives``, with the constants
     ``without_drive`` while it is off. ``moving`` is None for a fixed base; ``work`` is fresh.
+    An interval that needs more than ``most`` steps diverges. Returns the number of steps taken.
     """
-    held, now, splits = 0.0, c, False
+    held, now, splits, steps = 0.0, c, False, 0
     tape, tangents, kept = work.tape, work.tangents, work.kept
     for k in column:
         splits |= (
@@ -138,7 +139,8 @@ def differentiate(
             held = torque(k, state, loop, work.memory, held, kept)
             kept[k, TORQUE] = held
             drive, now = (held, held, held), at(k, loop, c, without_drive)
-        count = count_steps(state, h, now, moving)
+        count = count_steps(state, h, now, moving, most)
+        steps += max(count, 1)
         if count == 0:
             state = LOST
         for part in range(count):
@@ -157,6 +159,7 @@ def differentiate(
         loop, without_drive, moving, work,
     )  # fmt: skip
     _close(time.size - 2, into, weights, tangents, rows)
+    return steps
 
 
 @inner

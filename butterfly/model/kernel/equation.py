@@ -119,9 +119,12 @@ STAGE_WIDTH = MOVE + 4
 weights of the stage, rates, the derivative by the drive, and (in the first stage) the derivatives
 of a step's end by its begin and its share, with what `differentiate.carry_all` needs."""
 
+MOST_STEPS = 20_000
+"""Steps of one interval beyond which a motion counts as diverged: what settles ten thousand times
+within it no log shows, and less than 1,500 are what stiff bristles at full speed need in 10 ms."""
+
 _LAG_STEPS = 16  # least number of steps in one time constant of the armature
 _DAMPED_STEPS = 2  # the same in one time constant of the speed: from 0.4 on RK4 is stable
-_UNSEEN = 10_000  # time constants of the speed in one interval, from which on no log shows it
 _BRISTLE_STEPS = 4  # the same in one time constant of the bristles
 _TANGENTS = 30  # at most: straight parts of friction need three
 _ROUNDING = 1e-14
@@ -257,11 +260,9 @@ def excess_at(v, c):
 def least_steps(c, v, h):
     """Return the steps needed in h s at v rad/s for damping, lag and bristles.
 
-    0 for an invalid velocity, or for damping too fast for any number of steps.
+    0 for an invalid velocity, or for more than `MOST_STEPS`.
     """
     damping = (c.viscous + c.back_emf + 2.0 * c.drag * abs(v)) / c.p1
-    if not h * damping <= _UNSEEN:
-        return 0
     needed = _DAMPED_STEPS * h * damping
     if c.lag > 0.0:
         needed = max(needed, _LAG_STEPS * h / c.lag)
@@ -270,6 +271,8 @@ def least_steps(c, v, h):
         damping = (c.viscous + c.bristle_damping) / c.p1
         needed = max(needed, _BRISTLE_STEPS * h * max(slip, damping))
         needed = max(needed, _BRISTLE_STEPS * h * math.sqrt(c.bristle_stiffness / c.p1))
+    if not needed <= MOST_STEPS:
+        return 0
     return math.ceil(needed) if needed > 1.0 else 1
 
 

@@ -23,6 +23,7 @@ from butterfly.model.kernel.equation import (
     GIVE,
     MOMENT,
     MOMENT_OFFSET,
+    MOST_STEPS,
     P1,
     SLOW,
     SWING,
@@ -37,19 +38,17 @@ from butterfly.model.kernel.equation import (
 )
 
 _STEPS = 4  # least number of steps in the time in which the base swings by a radian
-_UNSEEN = 100  # such times in one interval, from which on no log shows it
 
 
 @inner
 def least_base_steps(c, h):
-    """Return the steps needed in h s for the base; 0 for impossible masses."""
+    """Return the steps needed in h s for the base; 0 for impossible masses or `MOST_STEPS`."""
     least = c.swing - c.give * (c.moment**2 + c.moment_offset**2) / c.p1  # as the joint lets it
     if not least > 0.0:
         return 0
     fastest = max(1.0 / math.sqrt(least), c.slow / least)
-    if not h * fastest <= _UNSEEN:
-        return 0
-    return max(1, math.ceil(_STEPS * h * fastest))
+    needed = _STEPS * h * fastest
+    return max(1, math.ceil(needed)) if needed <= MOST_STEPS else 0
 
 
 @inner
@@ -79,13 +78,14 @@ def begin_to_give(time, angle, velocity, c, torques):
 
         sd = (rests - slow s - h' thd) / swing,  d rests/dt = -s;
 
-    the torque is -h' sdd, sdd its mean over an interval.
+    the torque is -h' sdd, sdd its mean over an interval. Returns the number of steps taken.
     """
-    force, rests, rate = 0.0, _moments(angle[0], c)[1] * velocity[0], 0.0
+    force, rests, rate, steps = 0.0, _moments(angle[0], c)[1] * velocity[0], 0.0, 0
     for k in range(time.size - 1):
         h, ends = time[k + 1] - time[k], (angle[k], velocity[k], angle[k + 1], velocity[k + 1])
         count = max(least_base_steps(c, h), 1)
         dt, begun = h / count, rate
+        steps += count
         for part in range(count):
             first = _between(part / count, h, ends, c)[1]
             second = _between((part + 0.5) / count, h, ends, c)[1]
@@ -102,6 +102,7 @@ def begin_to_give(time, angle, velocity, c, torques):
         rate = (rests - c.slow * force - _between(1.0, h, ends, c)[1]) / c.swing
         for i in range(3):
             torques[k, i] = -_between(0.5 * i, h, ends, c)[0] * (rate - begun) / h
+    return steps
 
 
 @inner
