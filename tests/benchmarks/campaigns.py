@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 import butterfly as bf
-from butterfly.campaigns.drive import SafetyStop
 from butterfly.campaigns.campaign import OF_GOAL
+from butterfly.campaigns.drive import SafetyStop
 from butterfly.model.parameters import NO_ADDED_MASS, LumpedParameters
 from butterfly.plant.motor import CommandPath, Reading
 from butterfly.plant.rig import Rig, SimulatedMotor, Simulator
