@@ -9,8 +9,8 @@ each other if
 - one factor explains most of the error that common values would leave, by the equations about both
   fits (p3, zero and initial velocity are free): friction that differs from run to run, or a model
   that lacks a term, moves the ratios each in its own way;
-- and a fit of both logs with common values leaves much more of at least one, which an end at
-  another minimum does not do.
+- and a fit of both logs with common values leaves much more of either, which no fit does that
+  ended at another minimum alone.
 
 No model of all logs is asked, which the wrong mass may have spoilt. A steady sine is left out: at
 one frequency gain, inertia and gravity are known in combination only.
@@ -196,7 +196,7 @@ def _part(run: RunRatios, names: Sequence[str]) -> tuple[Samples, Samples]:
 
 
 def _have_common_values(old: RunRatios, new: RunRatios) -> bool:
-    """Whether one joint follows both logs nearly as well as each log its own."""
+    """Whether one joint follows at least one of two logs nearly as well as that log's own does."""
     data = DataSet.of([old.bare, new.bare]).knowing(_RATIOS)
     first = [Start.at(each.estimate, data) for each in (old, new)]
     try:
@@ -204,7 +204,7 @@ def _have_common_values(old: RunRatios, new: RunRatios) -> bool:
     except (ButterflyError, np.linalg.LinAlgError):
         return True  # nothing shows that they have none
     errors = _error(data, found)
-    return bool((LOST * errors <= [old.error, new.error]).all())
+    return bool((LOST**2 * errors <= [old.error, new.error]).any())  # half of the rms
 
 
 def _named(old: RunRatios, new: RunRatios, others: Iterable[RunRatios]) -> Contradiction:
