@@ -88,16 +88,16 @@ class Contradiction(NamedTuple):
 
 @dataclass(kw_only=True, eq=False)
 class Repeatability:
-    """Logs in the order of recording, the ratios of each computed once, when first needed."""
+    """Compares logs of data sets that grow, by their names; ratios are computed once for each."""
 
     _known: dict[str, RunRatios | None] = field(default_factory=dict)  # by the name of the log
 
-    def contradiction(self, logs: Sequence[Log], number: int) -> Contradiction | None:
+    def contradiction(self, data: DataSet, number: int) -> Contradiction | None:
         """Return how a log contradicts one of those before it with the same mass, or None.
 
-        The other logs are asked which of the two moves as with another mass.
+        The logs of other masses show which of the two moves as with another mass.
         """
-        latest = logs[number]
+        logs, latest = data.logs, data.logs[number]
         earlier = [log for log in logs[:number] if log.added_mass == latest.added_mass]
         new = self._ratios(latest) if earlier else None
         if new is None:
@@ -117,7 +117,7 @@ class Repeatability:
 def contradicting_runs(data: DataSet) -> Contradiction | None:
     """Return the first log of a data set that contradicts an earlier one of its mass, or None."""
     repeatability = Repeatability()
-    found = (repeatability.contradiction(data.logs, k) for k in range(len(data.logs)))
+    found = (repeatability.contradiction(data, k) for k in range(len(data.logs)))
     return next(filter(None, found), None)
 
 

@@ -144,8 +144,9 @@ def test_the_ratios_of_each_run_of_a_campaign_are_computed_once(monkeypatch):
     monkeypatch.setattr(
         repeatability, "ratios_of", lambda log: computed.append(log.name) or ratios_of(log)
     )
-    runs = DataSet.of(_named(*(_run(name) for name in PLAYED))).logs
-    repeatability_ = Repeatability()
-    for number in range(len(runs)):
-        assert repeatability_.contradiction(runs, number) is None
-    assert sorted(computed) == [log.name for log in runs]
+    data = DataSet.of(_named(*(_run(name) for name in PLAYED)))
+    compared = Repeatability()
+    for number in range(len(data.logs)):
+        so_far = data.take(range(number + 1))
+        assert compared.contradiction(so_far, number) is None
+    assert sorted(computed) == [log.name for log in data.logs]
