@@ -36,6 +36,7 @@ from butterfly.identification.levels import LOST, MATTERS
 from butterfly.identification.problem import Start
 from butterfly.logs.log import Log
 from butterfly.model.prior import Prior
+from butterfly.progress import counted
 
 _RATIOS = Prior.of({"p1": 1.0})
 _SCALED = ("p4", "p2", "coulomb")  # what an added mass leaves as it is
@@ -142,11 +143,12 @@ def ratios_of(log: Log) -> RunRatios | None:
     bare = replace(log, added_mass=replace(log.added_mass, mass=0.0))
     try:
         data = DataSet.of([bare]).knowing(_RATIOS)
-        first = starts(data, ())
-        estimator, logs = OutputError(terms=(), workers=1).settled(data.logs, first)
-        known = prior_of_fit(logs, data.known)
-        fitted, weighed = estimator.chosen(logs, first, known, ((), set()))
-        estimate = estimator.inferred(fitted, weighed, known)
+        with counted():
+            first = starts(data, ())
+            estimator, logs = OutputError(terms=(), workers=1).settled(data.logs, first)
+            known = prior_of_fit(logs, data.known)
+            fitted, weighed = estimator.chosen(logs, first, known, ((), set()))
+            estimate = estimator.inferred(fitted, weighed, known)
     except (ButterflyError, np.linalg.LinAlgError):
         return None
     equations = fitted.problem.solved(fitted.end)
@@ -154,7 +156,7 @@ def ratios_of(log: Log) -> RunRatios | None:
     names = tuple(name for name in _COMPARED if name in free)
     places = [equations.names.index(name) for name in names]
     error = _error(data, estimate)[0]
-    if "p4" not in names or not np.isfinite(error):
+    if "p4" not in names or estimate.unsettled or not np.isfinite(error):
         return None
     return RunRatios(
         log=log,
@@ -200,7 +202,8 @@ def _have_common_values(old: RunRatios, new: RunRatios) -> bool:
     data = DataSet.of([old.bare, new.bare]).knowing(_RATIOS)
     first = [Start.at(each.estimate, data) for each in (old, new)]
     try:
-        found = OutputError(terms=(), workers=1).of_logs(data.logs, first, data.known)
+        with counted():
+            found = OutputError(terms=(), workers=1).of_logs(data.logs, first, data.known)
     except (ButterflyError, np.linalg.LinAlgError):
         return True  # nothing shows that they have none
     errors = _error(data, found)
