@@ -33,7 +33,7 @@ from butterfly.campaigns.plan import (
     probe,
     validation,
 )
-from butterfly.campaigns.soundness import Rests, require_changed
+from butterfly.campaigns.soundness import Rests, require_changed, require_repeated
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError, require_number
 from butterfly.identification.design import OF_GOAL, Plan, plans, wanted
 from butterfly.identification.findings import FindingKind
@@ -42,6 +42,7 @@ from butterfly.identification.identify import identify
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.identifiability import with_scale
 from butterfly.identification.plausibility import judge_fit
+from butterfly.identification.repeatability import Repeatability, contradicting_runs
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 from butterfly.model.prior import Prior
 from butterfly.plant.motor import Motor
@@ -129,7 +130,7 @@ class _Campaign:
         self._found: Identified | None = None
         self._last_sound: Identified | None = None
         self._size = 0.0  # of a relay's command, so far
-        self._rests = Rests()
+        self._rests, self._repeatability = Rests(), Repeatability()
 
     def run(self) -> Ended:
         """Go on until the goal is reached, or nothing more can be done."""
@@ -183,6 +184,7 @@ class _Campaign:
         if steps:
             bench.used = steps[-1].seconds
             self._mounted, self._is_certain = steps[-1].added_mass, self._carry is None
+            require_repeated(contradicting_runs(self._folder.data().whole))
             self._found = self._identified()
 
     def _announcement(self) -> list[str]:
@@ -294,6 +296,8 @@ class _Campaign:
         steps = self._folder.journal.steps
         old, new = ([*([steps[-1]] * 2), *steps])[-2:]
         require_changed(before, old, new, lambda: self._identified(only=len(steps) - 1))
+        data = self._folder.data().whole
+        require_repeated(self._repeatability.contradiction(data, len(data.logs) - 1))
 
     def _time_left(self, following: _Next) -> str:
         """Say how much robot time the plan still needs, and how much there is."""

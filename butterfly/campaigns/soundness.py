@@ -13,6 +13,7 @@ from butterfly.campaigns.drive import SafetyStop
 from butterfly.campaigns.folder import Step
 from butterfly.identification.identified import Identified
 from butterfly.identification.levels import MATTERS
+from butterfly.identification.repeatability import Contradiction, contradiction_text
 from butterfly.model.parameters import AddedMass
 
 _SLIPS = 2.0  # widths of the band in which friction holds a joint, within which it may rest
@@ -63,6 +64,12 @@ def require_changed(
             f"the joint moves as it did with {old.added_mass}: {new.added_mass}, which was "
             "asked for, is not mounted, or too small beside the joint to tell anything"
         )
+
+
+def require_repeated(contradiction: Contradiction | None) -> None:
+    """Raise `SafetyStop` where two runs of one mass contradict each other."""
+    if contradiction is not None:
+        raise SafetyStop(contradiction_text(contradiction.finding))
 
 
 def _ratios(found: Identified, step: Step) -> Samples:

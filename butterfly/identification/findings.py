@@ -21,6 +21,9 @@ class FindingKind(StrEnum):
     """Kinds of findings, gravest first; comments explain the numbers."""
 
     UNIT_ERROR = "slip"  # name of the error; the factor that undoes it
+    # share by which p4/p1 of the second of two logs of one mass is larger; their names, then which
+    # of both moves like which log of another mass
+    UNREPEATED = "unrepeated"
     POOR_FIT = "poor-fit"  # median FIT in per cent, too low for a model that follows
     NO_INERTIA = "no-inertia"  # p1 with the least added inertia
     NEGATIVE = "negative"  # parameters that cannot be negative
@@ -70,6 +73,7 @@ class FindingKind(StrEnum):
 
 
 KINDS = frozenset(map(str, FindingKind))
+_FORBIDDING = {FindingKind.POOR_FIT, FindingKind.UNIT_ERROR, FindingKind.UNREPEATED}
 _DOUBTING = {
     *(FindingKind.SEARCH_STOPPED, FindingKind.APPROXIMATE, FindingKind.ASKED),
     *(FindingKind.SOURCES_CONFLICT, FindingKind.CONTRADICTED),
@@ -98,7 +102,7 @@ class Finding:
     @property
     def forbids(self) -> bool:
         """Whether it makes the values unusable."""
-        return self.impossible or self.kind in {FindingKind.POOR_FIT, FindingKind.UNIT_ERROR}
+        return self.impossible or self.kind in _FORBIDDING
 
     @property
     def doubts(self) -> bool:

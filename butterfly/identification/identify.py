@@ -31,6 +31,7 @@ from butterfly.identification.plausibility import (
     judge_knowledge,
     judge_physics,
 )
+from butterfly.identification.repeatability import contradicting_runs
 from butterfly.identification.servo_drive import driven_alone
 from butterfly.identification.unit_errors import clock_error, with_unit_errors
 from butterfly.model.parameters import LumpedParameters
@@ -106,12 +107,25 @@ def judge(
     if slips := find_unit_errors(data, estimator, sure):  # which explain what was a guess
         rest = (each for each in sure.findings if each.kind is not FindingKind.TORQUE_DRIVEN)
         sure = replace(sure, findings=(*slips, *rest))
+    else:
+        sure = sure.with_findings(*_unrepeated(data, sure))
     search = current_search()
     if not search.left_out:
         return sure
     seconds = None if search.exhausted or math.isinf(search.seconds) else search.seconds
     stopped = Finding(FindingKind.SEARCH_STOPPED, tuple(search.left_out), number=seconds)
     return sure.with_findings(stopped)
+
+
+def _unrepeated(data: DataSet, found: Estimate) -> list[Finding]:
+    """Return the finding of two logs of one mass that contradict each other, or none.
+
+    Where noise explains the errors of all logs, none does.
+    """
+    if all(each.kind is not FindingKind.MISFIT for each in found.findings):
+        return []
+    contradiction = contradicting_runs(data)
+    return [contradiction.finding] if contradiction else []
 
 
 def fitted(data: DataSet, estimator: Estimator) -> tuple[DataSet, Estimate]:

@@ -26,6 +26,8 @@ _MOST_FALLS = 32  # of the clock that are looked at for each
 _SPLICED = 0.1  # share of the shorter side that must be gained by keeping some of both
 
 _SEVERAL = 3  # flat tops of an input, fewer of which may be chance: 0 of 4,500 rounded inputs were
+_FINEST = 1e-9  # share of its range below which steps of an input are rounding of doubles
+_STRAIGHT = 1e-3  # share of its height by which a ramp may bend: a sine cut at .4 bends by twice it
 _FLAT = 5  # samples at one extreme value that make a suspicious flat top
 _ENOUGH = 4096  # samples that show the noise
 _NEAR_TOP = 12.0  # resolutions below its flat top at which the speed of a signal is looked at
@@ -153,19 +155,62 @@ def _restart(time: Samples, kept: Mask) -> int | None:
     return lasting[fall] if fall < 0 else None
 
 
-def saturated(values: Samples) -> int:
-    """Count samples in flat runs at either extreme that an input reaches at speed, repeatedly."""
-    resolution = resolution_of(values)
-    lengths: list[int] = []
-    rests = 0
+def saturated(values: Samples, time: Samples) -> int:
+    """Count samples in flat runs at either extreme at which an input is cut off, repeatedly.
+
+    It reaches them at speed. An input that goes from one held level straight to the next, as a
+    relay or steps do whose rate is limited, is switched, not cut off: so is a triangle whose tips
+    are lost at both ends, which nothing distinguishes from it.
+    """
+    resolution = max(resolution_of(values), _FINEST * float(np.ptp(values)))
+    flats: list[tuple[int, int, bool]] = []  # first sample, length, whether reached at speed
     for level in (values.min(), values.max()):
         drop = np.abs(values - level)
-        for length, sides in _flanked(drop, *_flat_runs(drop == 0)):
-            if all(_runs_on(side, length, resolution) for side in sides):
-                lengths.append(length)
-            else:
-                rests += 1
-    return sum(lengths) if len(lengths) >= max(_SEVERAL, rests) else 0
+        runs = _flat_runs(drop == 0)
+        for begin, (length, sides) in zip(runs[0].tolist(), _flanked(drop, *runs), strict=True):
+            fast = all(_runs_on(side, length, resolution) for side in sides)
+            flats.append((begin, length, fast))
+    shortest = min((length for _, length, fast in flats if fast), default=0)
+    if not shortest:
+        return 0
+    switched = _switched(values, time, shortest)
+    lengths = [length for begin, length, fast in flats if fast and not switched[begin]]
+    others = len(flats) - len(lengths)
+    return sum(lengths) if len(lengths) >= max(_SEVERAL, others) else 0
+
+
+def _switched(values: Samples, time: Samples, shortest: int) -> dict[int, bool]:
+    """Return by the first sample of each level held whether the input goes straight to others.
+
+    A level is held for at least ``shortest`` samples. Before the first and after the last one
+    nothing shows where the input comes from or goes to: it counts as straight.
+    """
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(values)) + 1, [values.size]])
+    held = np.flatnonzero(np.diff(edges) >= shortest)
+    starts, ends = edges[held], edges[held + 1]
+    steps = np.abs(np.diff(values))
+    quantum = float(np.min(steps, where=steps > 0, initial=np.inf))
+    clocks = time, np.arange(values.size, dtype=np.float64)  # a rate may be one per cycle
+    between = [slice(end, begin) for end, begin in zip(ends[:-1], starts[1:], strict=True)]
+    straight = [
+        any(_is_straight(clock[part], values[part], quantum) for clock in clocks)
+        for part in between
+    ]
+    straight = [True, *straight, True]
+    return {
+        int(begin): before and after
+        for begin, (before, after) in zip(starts, pairwise(straight), strict=True)
+    }
+
+
+def _is_straight(clock: Samples, values: Samples, quantum: float) -> bool:
+    """Whether (n,) values lie on a line over a clock, but for their rounding."""
+    if values.size < 3:  # noqa: PLR2004 - two points are always on one
+        return True
+    along = clock - clock.mean()
+    rate = float(along @ values) / float(along @ along)
+    beside = values - values.mean() - rate * along
+    return float(np.sqrt(np.mean(beside**2))) <= quantum + _STRAIGHT * float(np.ptp(values))
 
 
 def _flanked(
@@ -183,6 +228,9 @@ def _runs_on(drop: Samples, length: int, resolution: float) -> bool:
     beside = 1 + (_first(drop, 1.5 * resolution) if drop.size else 0)
     if drop.size <= 3 * beside:
         return False
+    near = max(_first(drop, _NEAR_TOP * resolution), _NEAREST)
+    if 2 * near <= drop.size and drop[2 * near - 2] > 4.0 * drop[near]:  # faster than a parabola:
+        return False  # it settles, as behind a lag
     moves = drop[3 * beside] > 1.5 * drop[0]  # a rounded top is at most so long, a step jumps:
     return bool(moves and length > 2 / (math.sqrt(2) - 1) * beside)
 

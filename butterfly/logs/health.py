@@ -198,7 +198,7 @@ def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Lo
         longest_gap=float(intervals.max()),
         step=step,
         jitter=float(np.sqrt(np.mean((regular - step) ** 2))),
-        saturated=saturated(clean.input),
+        saturated=saturated(clean.input, clean.time),
         clipped=0 if clean.integrated else clipped(clean.angle),
         idle=clean.time.size if driven and np.ptp(clean.input) == 0 else 0,
         wraps=0 if wrapping is None else wrapping.rows.size,

@@ -10,6 +10,7 @@ from butterfly.errors import UnusableError, listed
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.inference.blocks import Condition
 from butterfly.identification.inference.estimate import OF_VERDICT, Estimate
+from butterfly.identification.repeatability import contradiction_text
 from butterfly.identification.unit_errors import unit_error_text
 from butterfly.model.terms import TERMS
 from butterfly.progress import stopped_text
@@ -263,6 +264,7 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     FindingKind.UNIT_ERROR: lambda finding, _: unit_error_text(finding),
     FindingKind.SUSPECTED: lambda finding, _: unit_error_text(finding),
     FindingKind.ASKED: lambda finding, _: unit_error_text(finding),
+    FindingKind.UNREPEATED: lambda finding, _: contradiction_text(finding),
     FindingKind.POOR_FIT: _poor_fit,
     FindingKind.NO_INERTIA: (
         "No joint has these values: {names} gives an inertia of {number:.2g} kg m². Check units, "

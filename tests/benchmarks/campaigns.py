@@ -37,19 +37,22 @@ class Score:
 
 
 class Drawn(SimulatedMotor):
-    """The motor of a random robot: nearly balanced or strong, damped by 1 to 8 %."""
+    """The motor of a random robot: nearly balanced or strong, damped by 1 to 8 %.
 
-    def __init__(self, kind, number, seed):
+    ``steps``: of its encoder; ``dry``: largest share of the torque that friction takes.
+    """
+
+    def __init__(self, kind, number, seed, *, steps=8192, dry=0.2):
         rng = np.random.default_rng([seed, number])
         lows, highs = (
             (-3, 0.5, 0.01, -1.5, 0.4, 0.0, 0.3, 0.0),
-            (-2, 9, 0.08, 0.5, 1, 0.2, 1, 0.008),
+            (-2, 9, 0.08, 0.5, 1, dry, 1, 0.008),
         )
         p1, natural, damping, p4, share, dry, size, delay = rng.uniform(lows, highs).tolist()
         p1, p4 = 10**p1, 10**p4
         torque = max(p1 * natural**2, 4 * p1) * share  # of about 1 rad
         p2, coulomb = 2 * damping * p1 * max(natural, 1.0), dry * torque
-        self.limit, self._sign = 2 * torque / p4, rng.choice([-1, 1])
+        self.limit, self.sign = 2 * torque / p4, rng.choice([-1, 1])
         more = {
             "bias": {"bias": 0.1 * torque * size},
             "cogging": {"cogging": 0.05 * torque * size, "cogging_periods": round(20 * size)},
@@ -64,14 +67,14 @@ class Drawn(SimulatedMotor):
         robot = replace(Robot.of_lumped(self.true), clutch=play if kind == "backlash" else None)
         self._lag = 0.01 * size if kind == "filter" else 0.0
         simulator = Simulator.MUJOCO if kind in {"mujoco", "backlash"} else Simulator.GREY_BOX
-        seen = {"encoder": Encoder(steps=8192, noise=2e-4)}
+        seen = {"encoder": Encoder(steps=steps, noise=2e-4)}
         seen["path"] = CommandPath(limit=self.limit, delay=delay)
         self._rig = Rig(robot=robot, simulator=simulator, fine=True, **seen)
         self._last, self.farthest = None, 0.0
         super().__init__(self._rig.joint(NO_ADDED_MASS), rng=rng, **seen)
 
     def command(self, value):
-        return self._sign * super().command(self._sign * value)
+        return self.sign * super().command(self.sign * value)
 
     def read(self):
         time, angle, current = super().read()

@@ -1,5 +1,6 @@
 """What clocks, amplifiers and encoders do wrong, told from all that is none of it."""
 
+import math
 from dataclasses import replace
 from functools import cache
 from itertools import combinations, pairwise
@@ -8,10 +9,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.signal import lfilter
 
+from butterfly.campaigns.laws import STILL, Relay
 from butterfly.logs import faults
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import LumpedParameters
+from butterfly.plant.motor import Reading
 
 REGULAR = np.arange(10_000) * 1e-3
 
@@ -160,12 +164,16 @@ def test_a_triangle_cut_off_on_one_side_is_counted_there():
     assert faults.clipped(cut) >= np.count_nonzero(inside)
 
 
+def _saturated(values, time=None):
+    return faults.saturated(values, TIME[: values.size] if time is None else time)
+
+
 def test_an_input_on_its_limit_is_saturated_and_a_constant_or_switched_one_is_not():
-    assert faults.saturated(np.zeros(100)) == 0
-    assert faults.saturated(np.sign(np.sin(TIME + 0.1))) == 0
+    assert _saturated(np.zeros(100)) == 0
+    assert _saturated(np.sign(np.sin(TIME + 0.1))) == 0
     for low, high in ((-2.0, 0.9), (-0.75, 0.75)):
         values = np.clip(np.sin(3 * TIME), low, high)
-        assert faults.saturated(values) == np.count_nonzero((values == low) | (values == high))
+        assert _saturated(values) == np.count_nonzero((values == low) | (values == high))
 
 
 def _rounded(rng, top=np.inf):
@@ -174,21 +182,105 @@ def _rounded(rng, top=np.inf):
     amplitude = 10 ** rng.uniform(-2.3, 0.5)
     wave = np.sin(10 ** rng.uniform(0, 1.3) * time + rng.uniform(0, 2 * np.pi))
     step = 1e-3 if np.isinf(top) else rng.choice([1e-3, 1e-4]) * amplitude
-    return step * np.round(amplitude * np.clip(wave, -top, top) / step + rng.uniform(-1, 1))
+    values = step * np.round(amplitude * np.clip(wave, -top, top) / step + rng.uniform(-1, 1))
+    return values, time
 
 
 @pytest.mark.parametrize("seed", range(20))
 def test_a_sine_that_is_rounded_is_not_saturated_and_one_that_is_cut_off_is(seed):
     rng = np.random.default_rng(seed)
-    assert faults.saturated(_rounded(rng)) == 0
-    assert faults.saturated(_rounded(rng, top=rng.uniform(0.5, 0.9))) > 0
+    assert _saturated(*_rounded(rng)) == 0
+    assert _saturated(*_rounded(rng, top=rng.uniform(0.5, 0.9))) > 0
+
+
+def _noise():
+    noise = np.random.default_rng(0).standard_normal(TIME.size)
+    smooth = np.convolve(noise, np.hanning(200), "same")
+    return smooth / np.abs(smooth).max()
+
+
+VARYING = {
+    "sine": np.sin(5 * TIME + 0.2),
+    "chirp": np.sin(TIME * (1 + TIME / 2)),
+    "multisine": sum(np.sin(1.3 * k * TIME + k * k) for k in (1, 2, 3, 5, 8)) / 4.2,
+    "noise": _noise(),
+}
+
+
+@pytest.mark.parametrize("step", [0.0, 1e-4, 1e-3])
+@pytest.mark.parametrize("wave", VARYING)
+def test_what_is_cut_off_on_one_side_or_both_is_saturated_there(wave, step):
+    for low, high in ((-0.5, 0.5), (-np.inf, 0.4), (-0.6, np.inf)):
+        values = np.clip(VARYING[wave], low, high)
+        values = np.round(values / step) * step if step else values
+        on_limit = np.count_nonzero((values == values.min()) | (values == values.max()))
+        assert 0.9 * on_limit < _saturated(values) <= on_limit, (low, high)
+
+
+@pytest.mark.parametrize("wave", VARYING)
+def test_what_stays_within_its_limits_is_not_saturated(wave):
+    for step in (0.0, 1e-3, 1e-2):
+        values = VARYING[wave]
+        assert _saturated(np.round(values / step) * step if step else values) == 0
+
+
+def _slewed(levels, rate):
+    """Return an input that follows levels at a largest rate per sample."""
+    followed, value = np.empty(levels.size), 0.0
+    for k, level in enumerate(levels):
+        value += np.clip(level - value, -rate, rate)
+        followed[k] = value
+    return followed
+
+
+def _switched():
+    rng = np.random.default_rng(0)
+    square = np.sign(np.sin(3 * TIME + 0.1))
+    return {
+        "square": square,
+        "two-level noise": np.repeat(rng.choice([-1.0, 1.0], 100), 200),
+        "steps": np.repeat(rng.choice([-1.0, -0.5, 0.0, 0.3, 0.5, 1.0], 50), 400),
+        "relay that ends": np.where((TIME > 1) & (TIME < 15), square, 0.0),
+        "relay that grows": np.where(TIME < 4, 0.6 * square, square),
+    }
+
+
+@pytest.mark.parametrize("rate", [2.0, 0.7, 0.4, 0.1, 0.02])
+@pytest.mark.parametrize("levels", _switched())
+def test_levels_that_an_input_is_switched_between_are_not_saturated_however_it_gets_there(
+    levels, rate
+):
+    ramps = _slewed(_switched()[levels], rate)
+    stamps = np.cumsum(1e-3 * (1 + 0.05 * np.random.default_rng(1).standard_normal(TIME.size)))
+    for step in (0.0, 1e-3, 1e-2):
+        values = np.round(ramps / step) * step if step else ramps
+        assert _saturated(values) == 0, step
+        assert _saturated(values, stamps) == 0, step
+
+
+@pytest.mark.parametrize("step", [0.0, 1e-4, 1e-3, 1e-2])
+def test_a_square_behind_a_lag_is_not_saturated(step):
+    square = np.sign(np.sin(3 * TIME + 0.1))
+    for share in (0.02, 0.05, 0.2):
+        values = lfilter([share], [1, share - 1], square)
+        assert _saturated(np.round(values / step) * step if step else values) == 0, share
+
+
+def test_the_relay_of_a_campaign_is_not_saturated():
+    relay, readings = Relay(0.0, 0.18, 1.2, 5.0, 7.0), []
+    for time in TIME[:10_000:2]:
+        angle = 0.2 * math.sin(6 * (time - STILL)) if time > STILL else 0.0
+        readings.append(relay(Reading(time, angle, 0.0)))
+    values = np.round(readings, 2)
+    assert np.count_nonzero(np.abs(values) == values.max()) > 1_000
+    assert _saturated(values, TIME[:10_000:2]) == 0
 
 
 def test_levels_held_in_turn_are_not_saturated():
     rng = np.random.default_rng(0)
     for count in range(3, 30):
         levels = rng.choice([-1.0, -0.5, 0.0, 0.3, 0.5, 1.0], size=count)
-        assert faults.saturated(np.repeat(levels, 200)) == 0
+        assert _saturated(np.repeat(levels, 200)) == 0
 
 
 LONG = np.arange(3000) * 5e-3

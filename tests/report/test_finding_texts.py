@@ -27,6 +27,7 @@ from butterfly.verdict import Level
 from tests.identification.simulated import estimate_of
 
 NUMBERS = {
+    FindingKind.UNREPEATED: (-0.112, "11 % smaller in second"),
     FindingKind.POOR_FIT: (61.3, "61.3 %"),
     FindingKind.NO_INERTIA: (-2e-4, "-0.0002 kg"),
     FindingKind.LEFT_OUT: (12.0, "was excluded"),
@@ -58,7 +59,12 @@ OF_BODY = {FindingKind.CONTRADICTED: ("viscous_friction", "inertia")}
 """Physical parameters instead of the model's."""
 OF_SCALES = {FindingKind.RESTS_ON: ("mass_scale", "arm")}
 """What values rest on instead."""
-OF_LOGS = {FindingKind.LEFT_OUT, FindingKind.UNPREDICTABLE, FindingKind.ZERO_GUESSED}
+OF_LOGS = {
+    FindingKind.UNREPEATED,
+    FindingKind.LEFT_OUT,
+    FindingKind.UNPREDICTABLE,
+    FindingKind.ZERO_GUESSED,
+}
 NAMELESS = OF_LOGS | {
     *(FindingKind.FEW_MASSES, FindingKind.OTHER_END, FindingKind.APPROXIMATE),
     *(FindingKind.POOR_FIT, FindingKind.FEW_LOGS, FindingKind.REST_DIFFERS),
@@ -82,12 +88,16 @@ def _estimate(*findings, ending=Ending.CONVERGED, reach=0.05, **more):
     return replace(plain, names=names, findings=findings, ending=ending, **more)
 
 
+def _logs_of(kind):
+    return ("first", "second") if kind is FindingKind.UNREPEATED else ("first",)
+
+
 def test_every_kind_of_finding_has_its_own_sentence_with_its_number_and_parameters():
     sentences = set()
     for kind in PLAIN:
         number, shown = NUMBERS.get(kind, (None, ""))
         names = OF_BODY.get(kind, OF_SCALES.get(kind, ("p2", "tilt")))
-        text = finding_text(Finding(kind, names, number=number, logs=("first",)), VALUES)
+        text = finding_text(Finding(kind, names, number=number, logs=_logs_of(kind)), VALUES)
         assert re.fullmatch(r"\S.*\.", text)
         assert shown in text, kind
         assert ("first" in text) is (kind in OF_LOGS)
