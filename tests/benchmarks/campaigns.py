@@ -18,7 +18,7 @@ from butterfly.plant.sensors import Encoder
 from tests.benchmarks.coverage import options, write
 
 KINDS = ("grey-box", "mujoco", "known-gain", "bias", "cogging", "stribeck", "drag", "tilt")
-KINDS += ("base", "filter", "backlash")
+KINDS += ("base", "filter", "backlash", "wide", "wide-known")
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,15 @@ class Drawn(SimulatedMotor):
             (-3, 0.5, 0.01, -1.5, 0.4, 0.0, 0.3, 0.0),
             (-2, 9, 0.08, 0.5, 1, 0.2, 1, 0.008),
         )
+        steps, noise = 8192, 2e-4
         p1, natural, damping, p4, share, dry, size, delay = rng.uniform(lows, highs).tolist()
+        if kind.startswith("wide"):
+            natural, dry, bits = (rng.uniform(0, most) for most in (9.0, 0.3, 4.0))
+            balanced, smooth = rng.uniform(size=2) < 1 / 6
+            natural, dry = natural * (not balanced), dry * (not smooth)
+            damping *= rng.choice([0.1, 1.0])
+            steps = round(2 ** (12 + bits))
+            noise = math.tau / steps / 4
         p1, p4 = 10**p1, 10**p4
         torque = max(p1 * natural**2, 4 * p1) * share  # of about 1 rad
         p2, coulomb = 2 * damping * p1 * max(natural, 1.0), dry * torque
@@ -64,7 +72,7 @@ class Drawn(SimulatedMotor):
         robot = replace(Robot.of_lumped(self.true), clutch=play if kind == "backlash" else None)
         self._lag = 0.01 * size if kind == "filter" else 0.0
         simulator = Simulator.MUJOCO if kind in {"mujoco", "backlash"} else Simulator.GREY_BOX
-        seen = {"encoder": Encoder(steps=8192, noise=2e-4)}
+        seen = {"encoder": Encoder(steps=steps, noise=noise)}
         seen["path"] = CommandPath(limit=self.limit, delay=delay)
         self._rig = Rig(robot=robot, simulator=simulator, fine=True, **seen)
         self._last, self.farthest = None, 0.0
