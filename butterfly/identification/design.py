@@ -148,15 +148,16 @@ def plans(
     def planned(each: tuple[_T, Log]) -> Plan[_T]:
         recipe, log = each
         rows = _rows(Simulation(log, parameters), estimate.names, rest)
+        more = forecast.log(rows)
 
         @cache
         def share(runs: int) -> float:
-            return float(np.max(forecast.half_widths(rows, runs) / aim))
+            return float(np.max(forecast.half_widths(more, runs) / aim))
 
         uncertain = float(np.trace(estimate.covariance @ rows.T @ rows))
         duration = log.time.size * log.mean_step
         other = log.added_mass.inertia_and_moment != mounted.inertia_and_moment
-        errors, spread = forecast.errors(rows), math.sqrt(max(uncertain, 0.0) / duration)
+        errors, spread = forecast.errors(more), math.sqrt(max(uncertain, 0.0) / duration)
 
         def repeated(runs: int) -> Plan[_T]:
             return Plan(

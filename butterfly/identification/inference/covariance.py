@@ -40,10 +40,11 @@ def cluster_covariance(
     (Bell & McCaffrey, Survey Methodology 28, 2002). With X_g the (m, p) weighted rows of cluster g,
     N = (X^T X + W)^-1, W the weights of a prior, and A_g = (I - X_g N X_g^T)^(-1/2), the influence
     of a cluster's (m,) residuals is A_g X_g N. Where one cluster alone determines a combination of
-    parameters, it leaves no residual of it, and what it hides counts as what is seen of a parameter
-    does (see `Clusters.seen`). Two parts add with infinite degrees of freedom: the
-    prior, and ``considered`` (n, m, k), derivatives of the residuals by k quantities that are not
-    estimated, each times its standard uncertainty (Schmidt's considered parameters).
+    parameters, it leaves no residual of it: what it hides is taken to vary as what is seen of a
+    parameter does, with one degree of freedom (see `Clusters.hidden`). Two parts add with infinite
+    degrees of freedom: the prior, and ``considered`` (n, m, k), derivatives of the residuals by k
+    quantities that are not estimated, each times its standard uncertainty (Schmidt's considered
+    parameters).
     """
     weight = np.zeros(rows.shape[2]) if prior is None else prior.weight
     clusters = Clusters.of(rows, weight)
@@ -79,7 +80,7 @@ class Clusters:
     scale: Samples  # (p,) lengths of the columns, by which they are divided
     normal: Samples  # (p, p): N
     influence: Samples  # (n, m, p): A_g X_g N, A_g without directions that leave no residual
-    seen: Samples  # (p,) share of the variance, if the weights are right, in the other directions
+    hidden: Samples  # (n, p) shares of the variance, if the weights are right, in these directions
 
     @classmethod
     def of(cls, rows: Samples, weight: Samples) -> Clusters:
@@ -92,23 +93,28 @@ class Clusters:
         eigenvalues, axes = np.linalg.eigh(residual_maker)
         along = np.swapaxes(axes, 1, 2) @ rows @ normal
         shows = eigenvalues > ROUNDING
-        seen = np.sum(np.where(shows[:, :, None], along**2, 0.0), axis=(0, 1))
+        hidden = np.sum(np.where(shows[:, :, None], 0.0, along**2), axis=1)
         whole = np.sum(along**2, axis=(0, 1))
-        share = np.divide(seen, whole, out=np.ones_like(whole), where=whole > 0)
         roots = np.where(shows, np.maximum(eigenvalues, ROUNDING) ** -0.5, 0.0)
         return cls(
             rows=rows,
             scale=scale,
             normal=np.asarray(normal),
             influence=axes @ (roots[:, :, None] * along),
-            seen=np.maximum(share, ROUNDING),
+            hidden=np.divide(hidden, whole, out=np.zeros_like(hidden), where=whole > 0),
         )
+
+    @property
+    def seen(self) -> Samples:
+        """(p,) shares of the variances in directions that leave residuals."""
+        return np.maximum(1 - self.hidden.sum(axis=0), ROUNDING)
 
     def freedom(self, scatter: Samples, given: Samples) -> Samples:
         """(p,) degrees of freedom of sums of variances by scatter and of given ones, (p,) each."""
         both, moving = scatter + given, (scatter > 0) & (given > 0)
         share = np.divide(scatter, both, out=np.ones_like(scatter), where=moving)
-        return np.asarray(self._satterthwaite / share**2)
+        inverse = self.seen**2 / self._satterthwaite + np.sum(self.hidden**2, axis=0)
+        return np.asarray(1 / inverse / share**2)
 
     @cached_property
     def _satterthwaite(self) -> Samples:
