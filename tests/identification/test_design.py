@@ -16,7 +16,7 @@ from butterfly.campaigns.plan import Recipe, played
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification import design
 from butterfly.identification.data import DataSet
-from butterfly.identification.design import OF_GOAL, plans, wanted
+from butterfly.identification.design import MOST_RUNS, OF_GOAL, plans, wanted
 from butterfly.identification.estimators import HarmonicBalance
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.logs.log import InputKind, Log, Sine
@@ -129,6 +129,49 @@ def test_the_first_advice_reaches_the_goal_and_gives_the_half_widths_that_it_pro
         reached = after.estimate.farther / wanted(after.estimate, after.data.logs, 0.005)
         ratios.append(np.max(reached) / best.expected[1])
     assert 0.5 < np.median(ratios) < 2
+
+
+def test_a_torque_that_is_hardly_there_is_wanted_below_the_goal_of_the_largest_torque(data, found):
+    """Logs of 0.02 at 0.5 per unit; p2 and p3 where they move fastest and farthest."""
+    names, most, goal = [*found.names], 0.02 * found.parameters.p4, 0.01
+    speed = math.sqrt(2) * max(log.rms_speed for log in data.logs)
+    moves = {
+        "coulomb": 1.0,
+        "p2": speed,
+        "p3": math.sin(max(np.ptp(x.angle) for x in data.logs) / 2),
+    }
+    for name, factor in moves.items():
+        for share in (0.0, 0.004, 0.5):
+            values = found.values.copy()
+            values[names.index(name)] = value = share * most / factor
+            aim = wanted(replace(found, values=values), data.logs, goal)[names.index(name)]
+            hardly = goal * most / factor - value  # to where the interval may reach
+            assert aim == pytest.approx(max(hardly, goal * value), rel=0.01), name
+
+
+def test_without_a_drive_the_largest_torque_is_that_of_gravity(data, found):
+    falling = [replace(log, input=0 * log.input, excitation=None) for log in data.logs]
+    values = np.where(np.array(found.names) == "coulomb", 0.0, found.values)
+    aim = wanted(replace(found, values=values), falling, 0.01)[found.names.index("coulomb")]
+    moments = [
+        found.parameters.with_added_mass(log.added_mass).p3 * math.sin(np.ptp(log.angle) / 2)
+        for log in falling
+    ]
+    assert aim == pytest.approx(0.01 * max(moments))
+
+
+@pytest.mark.parametrize("absent", ["p3", "coulomb"])
+def test_a_joint_that_is_balanced_or_without_friction_gets_a_plan_that_reaches_the_goal(absent):
+    robot = Robot.of_lumped(replace(ROBOT, **{absent: 0.0}))
+    seen = {"path": CommandPath(delay=ROBOT.delay), "encoder": Encoder(steps=65536)}
+    rig = Rig(robot=robot, **seen, **SIMULATED)
+    sines = [Sine(omega=omega, amplitude=0.03) for omega in (3.0, 7.0)]
+    runs = [(mass, sine) for mass in MASSES[::2] for sine in sines]
+    before = bf.identify(list(simulate_runs(rig, runs, 6.5, range(4))))
+    assert abs(before.estimate.named[absent]) < 0.01 * getattr(ROBOT, absent)
+    best = next_runs(before.data, before.estimate, duration=20.0, goal=0.01)[0]
+    assert best.expected[1] <= 1
+    assert best.runs < MOST_RUNS
 
 
 def test_a_campaign_plans_the_same_run_alike(data, found):

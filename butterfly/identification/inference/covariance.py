@@ -107,14 +107,14 @@ class Clusters:
     @property
     def seen(self) -> Samples:
         """(p,) shares of the variances in directions that leave residuals."""
-        return np.maximum(1 - self.hidden.sum(axis=0), ROUNDING)
+        return np.asarray(np.maximum(1 - self.hidden.sum(axis=0), ROUNDING))
 
     def freedom(self, scatter: Samples, given: Samples) -> Samples:
         """(p,) degrees of freedom of sums of variances by scatter and of given ones, (p,) each."""
         both, moving = scatter + given, (scatter > 0) & (given > 0)
         share = np.divide(scatter, both, out=np.ones_like(scatter), where=moving)
         inverse = self.seen**2 / self._satterthwaite + np.sum(self.hidden**2, axis=0)
-        return np.asarray(1 / inverse / share**2)
+        return np.asarray(1 / (inverse * share**2))
 
     @cached_property
     def _satterthwaite(self) -> Samples:
