@@ -56,24 +56,21 @@ class Journal:
 
     @property
     def in_vain(self) -> list[Step]:
-        """Runs since the best one that brought less than half of what was expected of them.
+        """The last runs in a row that brought less than half of what was expected of them.
 
-        That is of the way, in logarithms, from the largest share of the run before. One that gets
-        below all before it, as expected, ends the count; others that do what is expected do not
-        count. The first with which the scale is no longer open is compared to nothing.
+        That is of the way, in logarithms, from the smallest of the largest shares so far. The first
+        with which the scale is no longer open is compared to nothing.
         """
-        vain, least, before, scaled = list[Step](), math.inf, math.inf, False
+        vain, least, scaled = list[Step](), math.inf, False
         for step in (step for step in self.steps if not step.held_out):
             if scaled != ("p1" in step.shares) and step.shares:
-                least, before, scaled = math.inf, math.inf, not scaled
-            expected = before if step.expected is None else step.expected
-            enough = max(math.sqrt(before * expected), expected)
-            if math.isinf(step.largest) or step.largest > enough:
+                least, scaled = math.inf, not scaled
+            promised = least if step.expected is None else min(step.expected, least)
+            if math.isinf(step.largest) or step.largest > math.sqrt(least * promised):
                 vain.append(step)
-            elif step.largest < least:
+            else:
                 vain.clear()
-            if math.isfinite(step.largest):
-                before, least = step.largest, min(least, step.largest)
+            least = min(least, step.largest)
         return vain
 
 
