@@ -179,7 +179,9 @@ def campaign(
         Folder for logs, manifest and report: new, empty, or that of the campaign to go on with.
         Default: ``campaign``.
     goal
-        Half-width of the 95 % intervals of p1..p4 and Coulomb friction, over their values.
+        Half-width of the 95 % intervals of p1..p4 and Coulomb friction, over their values. Of
+        friction, or a gravity moment, that is hardly there the whole interval is to be below this
+        share of the largest torque.
     masses
         Masses at hand in kg, the one that is mounted first. Default: those of the experiment, or
         none.

@@ -1,17 +1,22 @@
 """Design of the next experiment: runs that reach a goal, ranked by the robot time that they cost.
 
-Each is simulated with the estimate. Its information is the integral of J' J over time (Walter &
-Pronzato, Identification of Parametric Models from Experimental Data, 1997, ch. 6), in units in
-which the logs so far have the information that their intervals show: so whatever errors are not
-white, or rest on something else, counts as often as it did before. A servo is planned set-points,
-and falls with its torque off: it takes no other input.
+Each run is simulated with the estimate, and its rows are added to those of the logs so far as often
+as it is played. The intervals that then follow are those of the inference: standard errors by the
+inverse of the information (Walter & Pronzato, Identification of Parametric Models from Experimental
+Data, 1997, ch. 6), times the quantile of Student's t with the degrees of freedom of these clusters.
+So more of the runs that a parameter rests on count most, where few do. All is in units in which
+the logs so far have the intervals that they show. A servo is planned set-points, and falls with its
+torque off: it takes no other input.
 """
 
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
+from itertools import pairwise
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -21,7 +26,8 @@ from butterfly.errors import IdentifiabilityError, require_number
 from butterfly.identification.data import DataSet
 from butterfly.identification.free_run import Setting
 from butterfly.identification.inference.estimate import Estimate
-from butterfly.identification.levels import LOST, PRECISE, ROUNDING, SPREADS
+from butterfly.identification.inference.interval_forecast import IntervalForecast
+from butterfly.identification.levels import LOST, ROUNDING
 from butterfly.identification.segment import LONGEST_STEP
 from butterfly.identification.servo_drive import driven
 from butterfly.identification.simulation import Simulation
@@ -55,7 +61,8 @@ class Plan(Generic[_T]):
 
     recipe: _T  # what is played
     duration: float  # of one run in s
-    runs: int  # from which what is wanted is reached, at most `MOST_RUNS`
+    # from which what is wanted is reached; of the least cost if `MOST_RUNS` do not reach it
+    runs: int
     change: float  # s that a change of mass before them costs; 0 without one
     expected: tuple[float, float]  # largest half-width over the wanted: after one run, after all
     errors: Samples  # (n,) standard errors after one run, over those before
@@ -77,19 +84,41 @@ def wanted(
 ) -> Samples:
     """Return (n,) half-widths that a goal asks for, infinite where it asks for none.
 
-    Of friction that may be 0 the share in all friction counts. While the scale is open, they are
-    half as large: it follows from two configurations, whose errors add.
+    A torque that by its whole interval is below the goal's share of the largest torque is known
+    well enough: friction that is hardly there, the gravity moment of a balanced joint. While the
+    scale is open, half-widths are half as large: it follows from two configurations, whose errors
+    add.
     """
-    speed = float(np.median([log.rms_speed for log in logs]))
-    friction = abs(estimate.parameters.p2) * speed + estimate.parameters.coulomb
-    least = {"p2": PRECISE * friction / speed, "coulomb": PRECISE * friction}
-    sizes = np.abs(estimate.values)
+    values = np.abs(estimate.values)
+    sizes = np.maximum(values, ROUNDING * estimate.upper)
+    most, units = largest_torque(estimate.parameters, logs), _largest_motion(logs)
     for k, name in enumerate(estimate.names):
         if name not in OF_GOAL:
             sizes[k] = math.inf
-        elif estimate.lower[k] <= 0:
-            sizes[k] = max(sizes[k], least.get(name, ROUNDING * estimate.upper[k]))
+        elif name in units:
+            sizes[k] = max(sizes[k], most / units[name] - values[k] / goal)
     return goal * sizes / (1 + scale_open)
+
+
+def largest_torque(parameters: LumpedParameters, logs: Sequence[Log]) -> float:
+    """Return the largest torque in N m by which some logs were driven, or fell without a drive."""
+    driven = max(float(np.max(np.abs(log.input))) for log in logs) * abs(parameters.p4)
+    if driven > 0:
+        return driven
+    falls = (abs(parameters.with_added_mass(log.added_mass).p3) * _swing(log) for log in logs)
+    return max(falls)
+
+
+def _largest_motion(logs: Sequence[Log]) -> dict[str, float]:
+    """Return what multiplies friction and the gravity moment where some logs move most."""
+    speed = math.sqrt(2) * max(log.rms_speed for log in logs)  # amplitude, of a sine
+    return {"p2": speed, "p3": max(map(_swing, logs)), "coulomb": 1.0}
+
+
+def _swing(log: Log) -> float:
+    """Return the sine of the largest swing of a log; the swing itself in m on a slide way."""
+    swing = float(np.ptp(log.angle)) / 2
+    return swing if log.added_mass.joint is JointKind.SLIDE else math.sin(min(swing, math.pi / 2))
 
 
 def plans(
@@ -107,60 +136,64 @@ def plans(
     ``recipes``: what is played, and its log as it is expected, which begins at rest; ``price``: of
     another mass than the ``mounted`` one, in s of robot time.
     """
-    covariance = estimate.interval_covariance
-    if not np.isfinite(covariance).all():
-        covariance = estimate.covariance
-    errors = np.sqrt(np.diag(covariance))
-    units = np.outer(errors, errors)
-    settings = [data.simulations.setting(k, estimate) for k in range(len(data.logs))]
-    so_far = sum(
-        _information(data.simulations.simulation(k, each), estimate.names, each)
-        for k, each in enumerate(settings)
-    )
-    worth = float(np.exp(2 * np.mean(np.log(_errors(so_far * units)))))  # as intervals show
-    sizes, axes = np.linalg.eigh(covariance / units)
-    root = axes * np.sqrt(np.maximum(sizes, 0.0))
-    counts, parameters = np.arange(1, MOST_RUNS + 1), estimate.parameters
+    parameters = estimate.parameters
     rest = Setting(parameters=parameters, zero=0.0, velocity=0.0)
+    settings = [data.simulations.setting(k, estimate) for k in range(len(data.logs))]
+    so_far = [
+        _rows(data.simulations.simulation(k, each), estimate.names, each)
+        for k, each in enumerate(settings)
+    ]
+    forecast = IntervalForecast(estimate, so_far)
 
     def planned(each: tuple[_T, Log]) -> Plan[_T]:
         recipe, log = each
-        found = _information(Simulation(log, parameters), estimate.names, rest)
-        gains, turns = np.linalg.eigh(root.T @ (worth * found * units) @ root)
-        after = 1 / (1 + np.outer(np.maximum(gains, 0.0), counts))
-        left = np.sqrt((root @ turns) ** 2 @ after)  # errors after each number of runs, over now's
-        shares = np.max((SPREADS * errors / aim)[:, None] * left, axis=0)
-        runs = int(np.argmax(np.append(shares[:-1] <= 1, True))) + 1
+        rows = _rows(Simulation(log, parameters), estimate.names, rest)
+        more = forecast.log(rows)
+
+        @cache
+        def share(runs: int) -> float:
+            return float(np.max(forecast.half_widths(more, runs) / aim))
+
+        uncertain = float(np.trace(estimate.covariance @ rows.T @ rows))
         duration = log.time.size * log.mean_step
         other = log.added_mass.inertia_and_moment != mounted.inertia_and_moment
-        return Plan(
-            recipe=recipe,
-            duration=duration,
-            runs=runs,
-            change=price * other,
-            expected=(float(shares[0]), float(shares[runs - 1])),
-            errors=left[:, 0],
-            spread=math.sqrt(max(np.trace(estimate.covariance @ found), 0.0) / duration),
-        )
+        errors, spread = forecast.errors(more), math.sqrt(max(uncertain, 0.0) / duration)
+
+        def repeated(runs: int) -> Plan[_T]:
+            return Plan(
+                recipe=recipe,
+                duration=duration,
+                runs=runs,
+                change=price * other,
+                expected=(share(1), share(runs)),
+                errors=errors,
+                spread=spread,
+            )
+
+        # doubled, as one run more may widen intervals: from some logs on, not their parts count
+        tried = [*(2**k for k in range(MOST_RUNS.bit_length())), MOST_RUNS]
+        for before, last in pairwise([0, *tried]):
+            if share(last) <= 1:
+                some = range(before + 1, last)
+                fewer = bisect_left(some, True, key=lambda runs: share(runs) <= 1)
+                return repeated(before + 1 + fewer)
+        return min(map(repeated, tried), key=lambda plan: plan.cost)
 
     return in_threads(planned, recipes, track, "Rating candidates")
 
 
-def _information(simulation: Simulation, names: Sequence[str], setting: Setting) -> Samples:
-    """Return the (n, n) integral of J' J over time, of a log by n parameters; 0 if it diverges."""
+def _rows(simulation: Simulation, names: Sequence[str], setting: Setting) -> Samples:
+    """Return (m, n) derivatives of a log by n parameters, their squares' sum its integral in time.
+
+    They are 0 if the simulation diverges.
+    """
     parameters, zero, velocity = setting.parameters, setting.zero, setting.velocity
     with np.errstate(all="ignore"):
         _, rows = simulation.linearised(names, parameters, zero, velocity)
         counts, *_ = simulation.averages(parameters)
-        found = np.asarray(rows.T @ (rows * counts[:, None]) * simulation.log.mean_step)
-    return found if np.isfinite(found).all() else np.zeros_like(found)
-
-
-def _errors(information: Samples) -> Samples:
-    """Return (n,) standard errors of an (n, n) information."""
-    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    inverse = np.linalg.pinv(information / np.outer(scale, scale), hermitian=True)
-    return np.asarray(np.sqrt(np.maximum(np.diag(inverse), 1e-300)) / scale)
+        rows = rows * np.sqrt(counts * simulation.log.mean_step)[:, None]
+        finite = np.isfinite(rows.T @ rows).all()
+    return rows if finite else np.zeros_like(rows)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

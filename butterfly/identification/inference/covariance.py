@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.special import stdtrit
@@ -37,55 +39,102 @@ def cluster_covariance(
     are accounted for by Satterthwaite degrees of freedom, one number per parameter, for Student's t
     (Bell & McCaffrey, Survey Methodology 28, 2002). With X_g the (m, p) weighted rows of cluster g,
     N = (X^T X + W)^-1, W the weights of a prior, and A_g = (I - X_g N X_g^T)^(-1/2), the influence
-    of a cluster's (m,) residuals is A_g X_g N. Two parts add with infinite degrees of freedom: the
-    prior, and ``considered`` (n, m, k), derivatives of the residuals by k quantities that are not
-    estimated, each times its standard uncertainty (Schmidt's considered parameters).
+    of a cluster's (m,) residuals is A_g X_g N. Where one cluster alone determines a combination of
+    parameters, it leaves no residual of it: what it hides is taken to vary as what is seen of a
+    parameter does, with one degree of freedom (see `Clusters.hidden`). Two parts add with infinite
+    degrees of freedom: the prior, and ``considered`` (n, m, k), derivatives of the residuals by k
+    quantities that are not estimated, each times its standard uncertainty (Schmidt's considered
+    parameters).
     """
     weight = np.zeros(rows.shape[2]) if prior is None else prior.weight
-    scale = np.sqrt(np.sum(rows**2, axis=(0, 1)) + weight)
-    rows, weight = np.asarray(rows / scale), weight / scale**2
-    flat = rows.reshape(-1, rows.shape[2])
-    normal = np.linalg.inv(flat.T @ flat + np.diag(weight))
-    residual_maker = np.eye(rows.shape[1]) - rows @ normal @ np.swapaxes(rows, 1, 2)
-    eigenvalues, axes = np.linalg.eigh(residual_maker)
-    # a cluster that alone determines a parameter leaves no residual
-    roots = np.maximum(eigenvalues, ROUNDING) ** -0.5
-    influence = np.einsum("nij,nj,nkj->nik", axes, roots, axes) @ rows @ normal
-    scores = np.einsum("nip,ni->np", influence, residuals)
+    clusters = Clusters.of(rows, weight)
+    scale, normal = clusters.scale, clusters.normal
+    scores = np.einsum("nip,ni->np", clusters.influence, residuals) / np.sqrt(clusters.seen)
     covariance = np.asarray(scores.T @ scores)
-    freedom = _satterthwaite(rows, np.asarray(normal), influence)
     given = np.zeros_like(covariance)
     if prior is not None:
-        given += prior.variance * (normal * weight) @ normal
+        given += prior.variance * (normal * weight / scale**2) @ normal
     if considered is not None:
-        moved = normal @ np.einsum("nip,nik->pk", rows, considered)
+        moved = normal @ np.einsum("nip,nik->pk", clusters.rows, considered)
         given += moved @ moved.T
-    if given.any():
-        scatter = np.diag(covariance)
-        both, moving = scatter + np.diag(given), scatter > 0
-        share = np.divide(scatter, both, out=np.ones_like(scatter), where=moving)
-        covariance, freedom = covariance + given, freedom / share**2
-    return covariance / np.outer(scale, scale), freedom
+    freedom = clusters.freedom(np.diag(covariance), np.diag(given))
+    return (covariance + given) / np.outer(scale, scale), freedom
 
 
-def _satterthwaite(rows: Samples, normal: Samples, influence: Samples) -> Samples:
-    """(p,) degrees of freedom tr(P)^2/tr(P^2), with one matrix P for each parameter.
+def expected_covariance(rows: Samples, weight: Samples) -> tuple[Samples, Samples]:
+    """Return what `cluster_covariance` has on average if errors have variance 1, without residuals.
 
-    P = D - B N B^T over clusters: D the squared length of each cluster's influence on the
-    parameter, and the rows of B that influence times X_g. It is never formed, so that memory grows
-    with the number of clusters only.
+    Of (n, m, p) weighted rows of clusters, and the (p,) weights of a prior.
     """
-    lengths = np.sum(influence**2, axis=1)  # (n, p): the diagonals of D
-    b = np.einsum("nij,nip->pnj", rows, influence)  # (p, n, p)
-    shared = np.swapaxes(b, 1, 2) @ b @ normal  # (p, p, p): B^T B N
-    overlap = np.einsum("pnj,jk,pnk->np", b, normal, b)
-    trace = lengths.sum(axis=0) - np.trace(shared, axis1=1, axis2=2)
-    squares = (lengths**2 - 2 * lengths * overlap).sum(axis=0)
-    squares += np.einsum("pij,pji->p", shared, shared)
-    # P has no negative eigenvalue, so that these bounds are violated by rounding only, which is all
-    # that remains where one cluster alone determines a parameter.
-    squares = np.clip(squares, trace**2 / rows.shape[0], trace**2)
-    return np.asarray(np.divide(trace**2, squares, out=np.ones_like(trace), where=squares > 0))
+    clusters = Clusters.of(rows, weight)
+    given = np.einsum("ij,j,ji->i", clusters.normal, weight / clusters.scale**2, clusters.normal)
+    freedom = clusters.freedom(np.diag(clusters.normal) - given, given)
+    return clusters.normal / np.outer(clusters.scale, clusters.scale), freedom
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Clusters:
+    """Weighted rows of n clusters in p parameters, scaled to columns of length 1."""
+
+    rows: Samples  # (n, m, p): X_g
+    scale: Samples  # (p,) lengths of the columns, by which they are divided
+    normal: Samples  # (p, p): N
+    influence: Samples  # (n, m, p): A_g X_g N, A_g without directions that leave no residual
+    hidden: Samples  # (n, p) shares of the variance, if the weights are right, in these directions
+
+    @classmethod
+    def of(cls, rows: Samples, weight: Samples) -> Clusters:
+        """Return the clusters of (n, m, p) rows, with the (p,) weights of a prior."""
+        scale = np.sqrt(np.sum(rows**2, axis=(0, 1)) + weight)
+        rows = np.asarray(rows / scale)
+        flat = rows.reshape(-1, rows.shape[2])
+        normal = np.linalg.inv(flat.T @ flat + np.diag(weight / scale**2))
+        residual_maker = np.eye(rows.shape[1]) - rows @ normal @ np.swapaxes(rows, 1, 2)
+        eigenvalues, axes = np.linalg.eigh(residual_maker)
+        along = np.swapaxes(axes, 1, 2) @ rows @ normal
+        shows = eigenvalues > ROUNDING
+        hidden = np.sum(np.where(shows[:, :, None], 0.0, along**2), axis=1)
+        whole = np.sum(along**2, axis=(0, 1))
+        roots = np.where(shows, np.maximum(eigenvalues, ROUNDING) ** -0.5, 0.0)
+        return cls(
+            rows=rows,
+            scale=scale,
+            normal=np.asarray(normal),
+            influence=axes @ (roots[:, :, None] * along),
+            hidden=np.divide(hidden, whole, out=np.zeros_like(hidden), where=whole > 0),
+        )
+
+    @property
+    def seen(self) -> Samples:
+        """(p,) shares of the variances in directions that leave residuals."""
+        return np.asarray(np.maximum(1 - self.hidden.sum(axis=0), ROUNDING))
+
+    def freedom(self, scatter: Samples, given: Samples) -> Samples:
+        """(p,) degrees of freedom of sums of variances by scatter and of given ones, (p,) each."""
+        both, moving = scatter + given, (scatter > 0) & (given > 0)
+        share = np.divide(scatter, both, out=np.ones_like(scatter), where=moving)
+        inverse = self.seen**2 / self._satterthwaite + np.sum(self.hidden**2, axis=0)
+        return np.asarray(1 / (inverse * share**2))
+
+    @cached_property
+    def _satterthwaite(self) -> Samples:
+        """(p,) degrees of freedom tr(P)^2/tr(P^2), with one matrix P for each parameter.
+
+        P = D - B N B^T over clusters: D the squared length of each cluster's influence on the
+        parameter, and the rows of B that influence times X_g. It is never formed, so that memory
+        grows with the number of clusters only.
+        """
+        influence, normal = self.influence, self.normal
+        lengths = np.sum(influence**2, axis=1)  # (n, p): the diagonals of D
+        b = np.einsum("nij,nip->pnj", self.rows, influence)  # (p, n, p)
+        shared = np.swapaxes(b, 1, 2) @ b @ normal  # (p, p, p): B^T B N
+        overlap = np.einsum("pnj,jk,pnk->np", b, normal, b)
+        trace = lengths.sum(axis=0) - np.trace(shared, axis1=1, axis2=2)
+        squares = (lengths**2 - 2 * lengths * overlap).sum(axis=0)
+        squares += np.einsum("pij,pji->p", shared, shared)
+        # P has no negative eigenvalue, so that these bounds are violated by rounding only
+        squares = np.clip(squares, trace**2 / self.rows.shape[0], trace**2)
+        return np.asarray(np.divide(trace**2, squares, out=np.ones_like(trace), where=squares > 0))
 
 
 def widened(
