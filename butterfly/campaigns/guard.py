@@ -41,6 +41,7 @@ _GROWN, _FLOOR = 1.1, 0.1  # growth of a speed that counts: its ratio, and limit
 _GAINED, _SWING = 3.0, 0.15  # the same of an energy: its ratio, and limits of angle
 _STOOD, _SHORTEST, _LONGEST = 2.0, 0.15, 0.6  # times, and s, that an encoder may stand at most
 _LASTING = 0.05  # s, lag of the command that a stand is judged by: a brake's noise moves nothing
+_STOPS = 0.1  # s, in which a joint that hardly moves comes to stand for certain
 _SUDDEN, _ROOM = 3.0, 3.0  # times the largest acceleration so far, and motions, of a sudden stand
 _JUMP, _TIMES = 2.0, 5.0  # limits of angle per s, and times the largest step so far, of a jump
 _CLOCKS = 2.0  # s, after which clocks are compared
@@ -140,9 +141,6 @@ class MotionGuard:
             self._free = self._last.time, 0.0
         self._command = command
         self._lasting += (command - self._lasting) * min(self._step / _LASTING, 1.0)
-        if self._stand is not None:
-            self._stand.low = min(self._stand.low, self._lasting)
-            self._stand.high = max(self._stand.high, self._lasting)
 
     def waited(self, duration: float) -> None:
         """Take the s that the drive was asked to let pass."""
@@ -348,10 +346,12 @@ class MotionGuard:
         if self._stand is None or abs(angle - self._stand.angle) > self.motion:
             if self._stand is not None and self._stand.since is not None:
                 self._stood_now = max(self._stood_now, time - self._stand.since)
-            speed, lasting = self._speed_at_least(), self._lasting
-            self._stand = _Stand(angle, time, speed, lasting, lasting)
+            self._stand = _Stand(angle, time, self._speed_at_least())
             return
         stand, lasting = self._stand, self._lasting
+        if time - stand.begun < _STOPS:
+            return
+        stand.low, stand.high = min(stand.low, lasting), max(stand.high, lasting)
         if max(stand.high - lasting, lasting - stand.low) <= 2 * self.breakaway:
             stand.since = None
             return
@@ -404,6 +404,6 @@ class _Stand:
     angle: float
     begun: float  # time in s
     speed: float  # before it, in rad/s at least
-    low: float
-    high: float
+    low: float = math.inf  # of the commands since it has stopped for certain
+    high: float = -math.inf
     since: float | None = None  # time from which on the joint has to move

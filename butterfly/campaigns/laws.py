@@ -72,6 +72,7 @@ class Relay:
         self._side, self._peak, self._switched = 1, 0.0, STILL
         self._command, self._time = 0.0, STILL
         self._stands = rest, STILL  # an angle, and since when the joint is there
+        self._forced = 0.0  # time until when it pushes on, wherever the joint is
 
     def __call__(self, reading: Reading) -> float:
         """Return the command for one reading."""
@@ -91,7 +92,8 @@ class Relay:
         if abs(reading.angle - self._stands[0]) > _STAND * self._reach:
             self._stands = reading.angle, reading.time
         stands = reading.time - self._stands[1] > _STANDS  # gravity or friction holds it
-        switches = stands or self._side * swing > threshold
+        passed = self._side * swing > threshold and reading.time > self._forced
+        switches = stands or passed
         if switches or reading.time - self._switched > _PATIENCE:
             if self._peak < _SWITCH * self._reach:
                 self.size = min(_GROWTH * self.size, self._most)
@@ -99,6 +101,7 @@ class Relay:
         if switches:
             self._side, self._peak = -self._side, abs(swing)
             self._stands = reading.angle, reading.time
+            self._forced = reading.time + _STANDS * stands
         return self._side * self.size
 
 

@@ -9,8 +9,10 @@ each other if
 - one factor explains most of the error that common values would leave, by the equations about both
   fits (p3, zero and initial velocity are free): friction that differs from run to run, or a model
   that lacks a term, moves the ratios each in its own way;
-- and a fit of both logs with common values leaves much more of either, which no fit does that
-  ended at another minimum alone.
+- a fit of both logs with common values leaves much more of either, which no fit does that ended at
+  another minimum alone;
+- and one of them is followed with the input, friction and delay of the other, by another inertia
+  and gravity alone: slow runs, whose inertia hardly acts, may end at other ratios too.
 
 No model of all logs is asked, which the wrong mass may have spoilt. A steady sine is left out: at
 one frequency gain, inertia and gravity are known in combination only.
@@ -104,7 +106,11 @@ class Repeatability:
         if new is None:
             return None
         for old in filter(None, map(self._ratios, earlier)):
-            if _differ(old, new) and not _have_common_values(old, new):
+            if (
+                _differ(old, new)
+                and not _have_common_values(old, new)
+                and (_has_other_inertia(old, new) or _has_other_inertia(new, old))
+            ):
                 others = [log for log in logs if log.added_mass != latest.added_mass]
                 return _named(old, new, filter(None, map(self._ratios, others)))
         return None
@@ -208,6 +214,26 @@ def _have_common_values(old: RunRatios, new: RunRatios) -> bool:
         return True  # nothing shows that they have none
     errors = _error(data, found)
     return bool((LOST**2 * errors <= [old.error, new.error]).any())  # half of the rms
+
+
+def _has_other_inertia(run: RunRatios, other: RunRatios) -> bool:
+    """Whether the other log is followed with the torques of a run, by another inertia.
+
+    Input, friction and delay are held; inertia, gravity and start are free. Where that follows the
+    log not nearly as well as its own fit does, something else than a mass has changed.
+    """
+    values = run.estimate.parameters
+    held = Prior.of({name: getattr(values, name) for name in _COMPARED})
+    data = DataSet.of([other.bare]).knowing(held)
+    try:
+        with counted():
+            first = [Start.at(each.estimate, data) for each in (run, other)]
+            found = OutputError(terms=(), workers=1).of_logs(data.logs, first, data.known)
+    except (ButterflyError, np.linalg.LinAlgError):
+        return False
+    inertia, (gain, width) = found.named["p1"], run.interval("p4")
+    unlike = abs(inertia - 1) > max(2 * MATTERS, width / gain)
+    return unlike and bool(LOST**2 * _error(data, found)[0] <= other.error)
 
 
 def _named(old: RunRatios, new: RunRatios, others: Iterable[RunRatios]) -> Contradiction:

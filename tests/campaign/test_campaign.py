@@ -48,6 +48,7 @@ class Faulty:
         self._inner = robot(self._rig)
         self.input_kind = self._inner.input_kind
         self.commands, self.stopped, self._passed, self._mounts, self.farthest = [], 0, 0.0, 0, 0.0
+        self._stuck = 0.0
 
     def start(self):
         self._inner.start()
@@ -61,14 +62,20 @@ class Faulty:
             raise OSError("device not configured")
         self.commands.append(value)
         acts = self._wrong == "no supply" and self._passed >= self._since
-        sent = {"reversed": -value, "one way": abs(value), "loose": value * (self._passed % 2 > 1)}
-        sent = sent.get(self._wrong, value)
+        odd = self._passed % 2 > 1
+        sent = {
+            "reversed": -value,
+            "one way": abs(value),
+            "loose": value * odd,
+            "fading": value * (0.1 if odd else 1.0),
+        }.get(self._wrong, value)
         self._inner.command(0.0 if acts else sent)
         return max(-COMMAND, min(COMMAND, value))
 
     def read(self):
         time, angle, current = self._inner.read()
         self.farthest = max(self.farthest, abs(angle))
+        self._stuck = angle if self._passed < self._since else self._stuck
         at_rest = not any(self.commands[-50:])
         if self._passed < self._since or (
             self._since > 0 and self._wrong == "slips" and not at_rest
@@ -78,7 +85,7 @@ class Faulty:
         self._since = -math.inf if self._wrong == "slips" else self._since
         return {
             "cable": Reading(time, math.nan, current),
-            "frozen": Reading(time, 0.0, current),
+            "frozen": Reading(time, self._stuck, current),
             "late": Reading(time + beyond * 200, angle, current),
             "back": Reading(time - 2 * beyond, angle, current),
             "slips": Reading(time, angle + 0.3, current),
@@ -149,7 +156,8 @@ def test_a_campaign_that_was_killed_goes_on_and_ends_alike(tmp_path, monkeypatch
     kept, calls = getattr(owner, name), []
 
     def killed(of, what, *more, **options):
-        laws = isinstance(getattr(of, "_motor", None), Faulty) and isinstance(what, Relay | Signal)
+        motor = getattr(getattr(of, "_drive", None), "_motor", None)
+        laws = isinstance(motor, Faulty) and isinstance(what, Relay | Signal)
         calls.append(laws or owner is folder)
         if sum(calls) > after:
             raise KeyboardInterrupt
@@ -180,6 +188,8 @@ FAILURES = [
     ("mounted once", 0.0, "as it did with 100 g at 100 mm", {"goal": 1e-4, "price": 0.0}),
     *[("current", since, "50 A beyond 10 A", {"current": 10.0}) for since in (0.0, 12.0)],
     ("unplugged", 12.0, "no longer answers", {}),
+    ("end stop", 0.0, "nothing blocks the joint", {}),
+    ("loose", 0.0, "no longer moves when it is driven", {}),
 ]
 
 
@@ -192,13 +202,12 @@ def test_what_is_wrong_ends_in_words_with_the_drive_off_and_nothing_lost(
         run(motor, tmp_path / "a", **options)
     assert motor.commands[-1] == 0 or wrong == "unplugged"
     assert motor.stopped
-    kept = len(list((tmp_path / "a").glob("*.parquet"))) if (tmp_path / "a").exists() else 0
+    kept = len(list((tmp_path / "a").glob("run_???.parquet"))) if (tmp_path / "a").exists() else 0
     assert kept == (len(bf.read(tmp_path / "a").recorded) if kept else 0)
 
 
-@pytest.mark.parametrize("wrong", ["end stop", "loose"])
-def test_what_the_model_does_not_follow_ends_in_words_after_small_runs(tmp_path, wrong):
-    found = run(Faulty(wrong), tmp_path / "a")
+def test_what_the_model_does_not_follow_ends_in_words_after_small_runs(tmp_path):
+    found = run(Faulty("fading"), tmp_path / "a")
     assert not found.reached
     assert "encoder does not slip, and that no end stop" in found.content["ending"]
     assert "butterfly residual" in str(found)
@@ -228,15 +237,21 @@ def test_runs_that_bring_less_than_half_of_what_was_expected_are_in_vain():
     assert in_vain(step(8.0), step(9.0, 2.0), step(None, held_out=True)) == 1
 
 
-def test_a_limit_cuts_a_run_short_and_is_not_exceeded_by_a_tenth():
-    motor = robot(rig(true=replace(TRUE, p2=1e-4, coulomb=0.0)))
+@pytest.mark.parametrize(("command", "brake"), [(0.03, COMMAND), (COMMAND, 0.02)])
+def test_a_limit_cuts_a_run_short_and_the_drive_is_off_where_the_brake_is_too_weak(command, brake):
+    motor = Faulty("", of=rig(true=replace(TRUE, p2=1e-4, coulomb=0.0)))
     with Bench(motor, Limits(command=COMMAND, angle=0.2), 0.002) as bench:
         bench.settle()
-        bench.braked_with(0.02, 0.5)
-        cut = bench.run(lambda _: COMMAND, 5.0)
-        bench.settle()
+        bench.braked_with(brake, 0.5)
+        cut = bench.run(lambda _: command, 5.0)
+        if brake >= command:
+            bench.settle()
+        else:
+            with pytest.raises(SafetyStop, match="beyond its limit"):
+                bench.settle()
     assert "swing" in cut.cut
     assert np.abs(cut.angle).max() < 0.22
+    assert motor.farthest < 0.25
 
 
 @pytest.mark.parametrize(
