@@ -32,6 +32,7 @@ _HARD = 1.25  # times the largest angle, at which the drive is off at once
 _RESCUE = 0.15  # s beyond a limit, in which a cut or a brake has to help
 _LATE = 0.1  # s between two readings, beyond which the drive was not under control
 _LAG = 0.01  # s, of the speed that is guarded
+_ROUNDED = 1.05  # times the largest command, that a drive may make of it by its steps
 _READINGS = 5  # that a change of command is given to show
 _SLOPE = 0.03  # s, over which a speed is measured that is compared with another
 _SHARE_OF_TIME = 0.1  # of the joint's time constant, in which a brake has to help
@@ -135,6 +136,12 @@ class MotionGuard:
     def sent(self, command: float) -> None:
         """Take a command as the drive set it."""
         assert self._last is not None  # noqa: S101 - a command follows a reading
+        if abs(command) > _ROUNDED * self.limits.command:
+            raise SafetyStop(
+                f"the drive says that it set a command of {command:.4g}, and at most "
+                f"{self.limits.command:g} was sent: command() has to return what it set, in the "
+                "unit of the command"
+            )
         if command != 0:
             self._free = None
         elif self._free is None:
