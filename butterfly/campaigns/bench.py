@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from butterfly.arrays import Samples
 from butterfly.campaigns.drive import Drive, DriveFault, SafetyStop, TimeUsed
 from butterfly.campaigns.guard import FINEST, NOISES, SOFT, Expected, Limits, MotionGuard
-from butterfly.campaigns.laws import LAG, STILL, Brake, Law
+from butterfly.campaigns.laws import LAG, STILL, Brake, Law, LetGo
 from butterfly.logs.log import InputKind, Log
 from butterfly.plant.motor import Motor, Reading, Sample, recorded
 
@@ -108,7 +108,7 @@ class Bench:
         if self.used >= self.limits.seconds:
             raise TimeUsed(f"the robot time of {self.limits.seconds:g} s is used up")
         run = self._play(law, duration, reach or SOFT * self.limits.angle)
-        if run.cut and not run.input.size:
+        if run.cut and (not run.time.size or run.time[-1] < STILL):
             raise SafetyStop(f"{run.cut} before the run: check joint and drive, and go on")
         return run
 
@@ -176,7 +176,7 @@ class Bench:
                 if self._is_new or passed > _RETURN:  # where it is, if not at home
                     width = math.inf
                 self._play(Brake(self.home, size, speed, width), self._window)
-            angle = self._play(lambda _: 0.0, self._window).angle
+            angle = self._play(LetGo(self.near), self._window).angle
             rest = float(angle.mean())
             near = self._is_new or abs(rest - self.home) < self.near or passed > _RETURN
             if near and self._is_still(angle):

@@ -91,6 +91,7 @@ class MotionGuard:
         """Time in s for which the joint may stand in a sound run although it has to move."""
         self._fastest = 0.0  # acceleration so far in rad/s^2
         self._widest = _JUMP * limits.angle * step  # angle between two readings so far in rad
+        self._count = math.inf  # the smallest one, in rad
         self.begin()
 
     def begin(self) -> None:
@@ -100,7 +101,7 @@ class MotionGuard:
         self._beyond: float | None = None  # time since when a limit is exceeded
         self._trail: deque[tuple[float, float]] = deque()  # times and angles of the last readings
         self._speed = FilteredDifference(_LAG)
-        self.rate = self.swing = 0.0
+        self.rate = self.swing = 0.0  # the least by which the joint moves, and will swing
         self._command = self._lasting = 0.0  # the last one, and what lasted of the last ones
         self._saved: float | None = None  # time since when a cut or a brake has to help
         self._outward: tuple[float, float] | None = None  # since when, and its largest speed then
@@ -118,7 +119,8 @@ class MotionGuard:
             self.home = reading.angle
         time, angle = reading.time, reading.angle
         self._require_no_jump(reading)
-        self.rate = self._speed.update(time, angle, 0.0)
+        rate = self._speed.update(time, angle, 0.0)
+        self.rate = math.copysign(max(abs(rate) - self._rate_doubt, 0.0), rate)
         away = angle - self.home
         self.swing = math.hypot(away, self.rate / self._pace)
         self._trail.append((time, angle))
@@ -210,6 +212,13 @@ class MotionGuard:
         delay = 0.0 if self.model is None else self.model.delay
         return min(max(_READINGS * self._step, _SHARE_OF_TIME * constant) + delay, _MOST)
 
+    @property
+    def _rate_doubt(self) -> float:
+        """Speed in rad/s that the noise of a reading, or its count, makes of rest."""
+        step = self._step
+        error = max(NOISES * self.noise, self._count if self._count < math.inf else 0.0)
+        return error * -math.expm1(-step / _LAG) / step
+
     def _slope(self) -> tuple[float, float]:
         """Return the mean speed of the last readings in rad/s, and by how much it may err."""
         (begin, first), (end, last) = self._trail[0], self._trail[-1]
@@ -262,6 +271,7 @@ class MotionGuard:
         if self._last is None:
             return
         step = abs(reading.angle - self._last.angle)
+        self._count = min(self._count, step or math.inf)
         if step > _TIMES * self._widest:
             raise SafetyStop(
                 f"the encoder jumped by {step:.3g} rad in {reading.time - self._last.time:.2g} s: "
@@ -353,7 +363,7 @@ class MotionGuard:
         if self._stand is None or abs(angle - self._stand.angle) > self.motion:
             if self._stand is not None and self._stand.since is not None:
                 self._stood_now = max(self._stood_now, time - self._stand.since)
-            self._stand = _Stand(angle, time, self._speed_at_least())
+            self._stand = _Stand(angle, time, self._speed_at_least(), self._grain)
             return
         stand, lasting = self._stand, self._lasting
         if time - stand.begun < _STOPS:
@@ -396,7 +406,7 @@ class MotionGuard:
         if stand is None or stand.speed <= 0 or limit <= 0:
             return
         passed = min(time - stand.begun, stand.speed / limit)
-        if stand.speed * passed - limit * passed**2 / 2 > _ROOM * self._grain:
+        if stand.speed * passed - limit * passed**2 / 2 > _ROOM * stand.grain:
             raise SafetyStop(
                 f"the joint no longer moves: its encoder stands at {stand.angle:.4g} rad at once, "
                 f"from {stand.speed:.2g} rad/s or more; check its cable, and that the joint has "
@@ -411,6 +421,7 @@ class _Stand:
     angle: float
     begun: float  # time in s
     speed: float  # before it, in rad/s at least
+    grain: float  # by which a reading may err, in rad
     low: float = math.inf  # of the commands since it has stopped for certain
     high: float = -math.inf
     since: float | None = None  # time from which on the joint has to move

@@ -23,7 +23,7 @@ LAG = 0.02
 _GROWTH = 1.25  # of a command, step by step
 _STEP = 0.1  # s at one command
 _SWITCH = 0.5  # share of the reach at which a relay switches while the swing is small
-_SLEW = 0.05  # s, in which a relay's command reaches its size
+_SLEW = 0.02  # s, in which a relay's command reaches its size
 _PATIENCE = 2.0  # s for which a relay waits to be switched
 _STANDS = 0.6  # s for which it waits while the joint stands
 _STAND = 0.03  # share of the reach within which that is
@@ -69,7 +69,8 @@ class Relay:
         self._rest, self._reach, self._most, self._end = rest, reach, most, STILL + driven
         self.size = min(size, most)
         """Of the command, so far."""
-        self._side, self._peak, self._switched = 1, 0.0, STILL
+        self._side, self._switched = 1, STILL
+        self._peak = self._before = 0.0  # of the swing to this side, and to the other before
         self._command, self._time = 0.0, STILL
         self._stands = rest, STILL  # an angle, and since when the joint is there
         self._forced = 0.0  # time until when it pushes on, wherever the joint is
@@ -95,10 +96,11 @@ class Relay:
         passed = self._side * swing > threshold and reading.time > self._forced
         switches = stands or passed
         if switches or reading.time - self._switched > _PATIENCE:
-            if self._peak < _SWITCH * self._reach:
+            if max(self._peak, self._before) < _SWITCH * self._reach:
                 self.size = min(_GROWTH * self.size, self._most)
             self._switched = reading.time
         if switches:
+            self._before = self._peak
             self._side, self._peak = -self._side, abs(swing)
             self._stands = reading.angle, reading.time
             self._forced = reading.time + _STANDS * stands
@@ -117,6 +119,18 @@ class Brake:
         velocity = self._velocity.update(reading.time, reading.angle, 0.0)
         away = (reading.angle - self._home) / self._width + velocity / self._speed
         return -self._size * max(-1.0, min(1.0, away))
+
+
+class LetGo:
+    """No command, until the joint has moved by ``far`` rad: then it does not rest."""
+
+    def __init__(self, far: float) -> None:
+        self._far, self._from = far, math.nan
+
+    def __call__(self, reading: Reading) -> float | None:
+        """Return the command for one reading."""
+        self._from = reading.angle if math.isnan(self._from) else self._from
+        return None if abs(reading.angle - self._from) > self._far else 0.0
 
 
 class Signal:

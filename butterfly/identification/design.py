@@ -110,9 +110,9 @@ def largest_torque(parameters: LumpedParameters, logs: Sequence[Log]) -> float:
 
 
 def _largest_motion(logs: Sequence[Log]) -> dict[str, float]:
-    """Return what multiplies friction and the gravity moment where some logs move most."""
+    """Return what multiplies friction where logs move most, and the moment of a level joint."""
     speed = math.sqrt(2) * max(log.rms_speed for log in logs)  # amplitude, of a sine
-    return {"p2": speed, "p3": max(map(_swing, logs)), "coulomb": 1.0}
+    return {"p2": speed, "p3": 1.0, "coulomb": 1.0}
 
 
 def _swing(log: Log) -> float:

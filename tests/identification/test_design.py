@@ -137,7 +137,7 @@ def test_a_torque_that_is_hardly_there_is_wanted_below_the_goal_of_the_largest_t
     speed = math.sqrt(2) * max(log.rms_speed for log in data.logs)
     farthest = max(float(np.ptp(log.angle)) / 2 for log in data.logs)
     # gravity's moment is largest where the hand is level
-    moves = {"coulomb": 1.0, "p2": speed, "p3": math.sin(min(farthest, math.pi / 2))}
+    moves = {"coulomb": 1.0, "p2": speed, "p3": 1.0}
     for name, factor in moves.items():
         for share in (0.0, 0.004, 0.5):
             values = found.values.copy()
