@@ -108,7 +108,7 @@ class Bench:
         if self.used >= self.limits.seconds:
             raise TimeUsed(f"the robot time of {self.limits.seconds:g} s is used up")
         run = self._play(law, duration, reach or SOFT * self.limits.angle)
-        if run.cut and (not run.time.size or run.time[-1] < STILL):
+        if run.cut and not np.any(run.input):
             raise SafetyStop(f"{run.cut} before the run: check joint and drive, and go on")
         return run
 
@@ -151,8 +151,10 @@ class Bench:
         return Recording(times, inputs, angles, cut, self.input_kind, fault)
 
     def has_moved(self, run: Recording) -> bool:
-        """Whether a run shows the joint in motion."""
-        return bool(run.angle.size) and float(np.ptp(run.angle)) > 2 * self.guard.motion
+        """Whether a run shows the joint in motion, beyond the encoder's noise."""
+        if not run.angle.size:
+            return False
+        return float(np.ptp(run.angle)) > 2 * FINEST and float(np.std(run.angle)) > 2 * self.noise
 
     @property
     def near(self) -> float:

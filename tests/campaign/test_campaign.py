@@ -15,6 +15,7 @@ from butterfly.campaigns.drive import SafetyStop
 from butterfly.campaigns.folder import Journal, Step
 from butterfly.campaigns.guard import Limits
 from butterfly.campaigns.laws import Relay, Signal
+from butterfly.campaigns.observer import Observer
 from butterfly.errors import InputError
 from butterfly.model.parameters import NO_ADDED_MASS, LumpedParameters
 from butterfly.plant.motor import CommandPath, Reading
@@ -48,7 +49,7 @@ class Faulty:
         self._inner = robot(self._rig)
         self.input_kind = self._inner.input_kind
         self.commands, self.stopped, self._passed, self._mounts, self.farthest = [], 0, 0.0, 0, 0.0
-        self._stuck = 0.0
+        self._stuck, self.last_readings = 0.0, (0.0, 0.0)
 
     def start(self):
         self._inner.start()
@@ -75,6 +76,7 @@ class Faulty:
     def read(self):
         time, angle, current = self._inner.read()
         self.farthest = max(self.farthest, abs(angle))
+        self.last_readings = (*self.last_readings[1:], angle)
         self._stuck = angle if self._passed < self._since else self._stuck
         at_rest = not any(self.commands[-50:])
         if self._passed < self._since or (
@@ -106,6 +108,41 @@ class Faulty:
 def run(motor, folder, **options):
     given = {"command": COMMAND, "masses": (0.0, 0.1), "arm": 0.1, "change": motor.carry} | options
     return bf.campaign(motor, out=folder, **given)
+
+
+class Heard(Observer):
+    """Keeps what it is told, and how many commands there were by then."""
+
+    def __init__(self, motor):
+        self._motor, self.announced, self.phases, self.cycles = motor, None, [], 0
+
+    def begin(self, announcement):
+        self.announced = len(self._motor.commands), " ".join(announcement)
+
+    def phase(self, sentence):
+        self.phases.append(sentence)
+
+    def cycle(self, *_):
+        self.cycles += 1
+
+
+def test_a_campaign_says_what_it_does_and_why_and_ends_at_rest(tmp_path):
+    motor = Faulty("")
+    heard = Heard(motor)
+    found = run(motor, tmp_path / "a", observer=heard)
+    commands, announcement = heard.announced
+    assert commands == 0
+    assert "Limits: command 0.15 unit, angle 1 rad from rest" in announcement
+    assert heard.cycles > 1000
+    begins = [sentence for sentence in heard.phases if ": to " in sentence or "gives" in sentence]
+    assert [sentence[:5] for sentence in begins] == [f"Run {k}" for k in range(len(begins))]
+    assert len(begins) == len(found.rows())
+    assert all("s of robot time" in sentence for sentence in begins)
+    assert "predicted, not fitted" in begins[-1]
+    assert motor.stopped == len(found.rows()) + 1  # after contact and after each run
+    before, after = motor.last_readings
+    assert abs(after) < 0.05
+    assert abs(after - before) < 1e-3
 
 
 def test_an_unknown_robot_is_known_to_one_per_cent_after_a_minute(tmp_path):
@@ -188,7 +225,6 @@ FAILURES = [
     ("mounted once", 0.0, "as it did with 100 g at 100 mm", {"goal": 1e-4, "price": 0.0}),
     *[("current", since, "50 A beyond 10 A", {"current": 10.0}) for since in (0.0, 12.0)],
     ("unplugged", 12.0, "no longer answers", {}),
-    ("end stop", 0.0, "nothing blocks the joint", {}),
     ("loose", 0.0, "no longer moves when it is driven", {}),
 ]
 
@@ -204,6 +240,13 @@ def test_what_is_wrong_ends_in_words_with_the_drive_off_and_nothing_lost(
     assert motor.stopped
     kept = len(list((tmp_path / "a").glob("run_???.parquet"))) if (tmp_path / "a").exists() else 0
     assert kept == (len(bf.read(tmp_path / "a").recorded) if kept else 0)
+
+
+@pytest.mark.slow
+def test_readings_that_end_at_a_stop_are_not_followed_and_no_goal_is_claimed(tmp_path):
+    found = run(Faulty("end stop"), tmp_path / "a")
+    assert not found.reached
+    assert "no end stop or cable touches the joint" in found.content["ending"]
 
 
 def test_what_the_model_does_not_follow_ends_in_words_after_small_runs(tmp_path):

@@ -132,11 +132,29 @@ class _FakeDrive(threading.Thread):
                     motor.wait(0.002)
 
 
-def test_the_page_on_hardware_works_as_printed(tmp_path):
+def _printed():
+    """What the page on hardware defines."""
     text = (Path(__file__).parents[2] / "docs/hardware.md").read_text(encoding="utf-8")
     names = {}
     for block in re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL):
         exec(block, names)  # noqa: S102 - our own documentation
+    return names
+
+
+def test_the_printed_stop_closes_the_socket_whatever_is_raised_and_may_be_called_twice():
+    motor = _printed()["SocketMotor"]("127.0.0.1", 0, limit=0.15)
+    motor.stop()  # never started
+    ours, theirs = socket.socketpair()
+    vars(motor).update(_socket=ours, _lines=ours.makefile("r"))
+    theirs.close()
+    with pytest.raises(BrokenPipeError):
+        motor.stop()
+    assert ours.fileno() == -1
+    motor.stop()
+
+
+def test_the_page_on_hardware_works_as_printed(tmp_path):
+    names = _printed()
     drive = _FakeDrive()
     drive.start()
     motor = names["SocketMotor"]("127.0.0.1", drive.port, limit=0.15)

@@ -151,9 +151,13 @@ def widened(
 
 
 def half_widths(covariance: Samples, freedom: Samples) -> Samples:
-    """(n,) half-widths of Student's intervals at `CONFIDENCE`."""
-    quantiles = stdtrit(freedom, 0.5 + CONFIDENCE / 2)
-    return np.asarray(quantiles * np.sqrt(np.diag(covariance)), dtype=float)
+    """(n,) half-widths of Student's intervals at `CONFIDENCE`.
+
+    A negative variance is what rounding leaves of one that the data do not determine.
+    """
+    quantiles, variances = stdtrit(freedom, 0.5 + CONFIDENCE / 2), np.diag(covariance)
+    errors = np.sqrt(np.where(variances < 0, np.inf, variances))
+    return np.asarray(quantiles * errors, dtype=float)
 
 
 def honest_limits(
