@@ -125,7 +125,7 @@ class Bench:
             since = reading.time - begun
             guard.saw(reading)
             cut = guard.exceeded(reach) if reach < math.inf else ""
-            command = None if cut or since > duration else law(reading._replace(time=since))
+            command = None if cut or since > duration else law(Reading(since, *reading[1:]))
             if command is None:
                 break
             most = self.limits.command

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import signal
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from numbers import Real
 from types import FrameType
 from typing import Any
@@ -53,17 +53,20 @@ class Drive:
             self._take_signals()
             self._enabled, self._ending = True, False  # half a start is a start
             try:
-                with _answering("start()"):
-                    self._motor.start()
-            except BaseException:
+                self._motor.start()
+            except BaseException as error:
                 with suppress(DriveFault):  # a drive that was never reached cannot be stopped
                     self.switch_off()
-                raise
+                if _is_interrupt(error):
+                    raise
+                raise _fault("start()", error) from error
 
     def command(self, value: float) -> float:
         """Set the command; return it as the drive set it."""
-        with _answering("command()"):
+        try:
             given = self._motor.command(value)
+        except Exception as error:
+            raise _fault("command()", error) from error
         number = _number(given, "command()", "the command as it was set")
         if not math.isfinite(number):
             raise DriveFault(f"command() of the drive returned {number}: expected a finite number")
@@ -71,12 +74,11 @@ class Drive:
 
     def read(self) -> Reading:
         """Read clock and sensors now."""
-        with _answering("read()"):
+        try:
             given: Any = self._motor.read()
-        if isinstance(given, Reading) and all(type(part) is float for part in given):
-            time, angle, current = given
-        else:
-            time, angle, current = _three_numbers(given)
+        except Exception as error:
+            raise _fault("read()", error) from error
+        time, angle, current = _three_numbers(given)
         if not math.isfinite(angle):
             raise DriveFault("the encoder gives no number: check its cable")
         if not math.isfinite(time):
@@ -85,8 +87,10 @@ class Drive:
 
     def wait(self, duration: float) -> None:
         """Let some s pass."""
-        with _answering("wait()"):
+        try:
             self._motor.wait(duration)
+        except Exception as error:
+            raise _fault("wait()", error) from error
 
     def switch_off(self) -> None:
         """Set the command to 0 and stop the drive, whatever is raised meanwhile; try again.
@@ -162,16 +166,10 @@ def require_drive(motor: object) -> InputKind:
     return kind
 
 
-@contextmanager
-def _answering(call: str) -> Iterator[None]:
-    """Turn whatever a drive raises into a `DriveFault`."""
-    try:
-        yield
-    except SafetyStop:
-        raise
-    except Exception as error:
-        what = "the drive no longer answers" if isinstance(error, OSError) else "the drive fails"
-        raise DriveFault(f"{what}: {call} raised {_reason(error)}") from error
+def _fault(call: str, error: BaseException) -> DriveFault:
+    """Return what a drive raised as a fault of its own."""
+    what = "the drive no longer answers" if isinstance(error, OSError) else "the drive fails"
+    return DriveFault(f"{what}: {call} raised {_reason(error)}")
 
 
 def _attempt(act: Callable[[], object]) -> BaseException | None:
@@ -197,6 +195,8 @@ def _reason(error: BaseException) -> str:
 
 def _number(given: Any, call: str, expected: str) -> float:  # noqa: ANN401 - what a drive returned
     """Return a scalar as a float; `DriveFault` for anything else."""
+    if type(given) is float:
+        return given
     if isinstance(given, Real | np.generic | np.ndarray) and np.ndim(given) == 0:  # type: ignore[arg-type]
         with suppress(TypeError, ValueError):
             return float(given)
@@ -207,6 +207,8 @@ def _three_numbers(given: Any) -> tuple[float, float, float]:  # noqa: ANN401 - 
     """Return time, angle and current of a reading; `DriveFault` for anything else."""
     try:
         time, angle, current = given
+        if float is type(time) is type(angle) is type(current):
+            return time, angle, current
     except (TypeError, ValueError):
         raise DriveFault(
             f"read() of the drive returned {_short(given)}: expected Reading(time, angle, current)"

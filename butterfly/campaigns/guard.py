@@ -90,6 +90,8 @@ class MotionGuard:
         self.stood = _LONGEST / _STOOD
         """Time in s for which the joint may stand in a sound run although it has to move."""
         self._fastest = 0.0  # acceleration so far in rad/s^2
+        self._slope_time = max(_SLOPE, _READINGS * step)  # s over which a speed is measured
+        self._rate_of_error = -math.expm1(-step / _LAG) / step  # rad/s, of a reading's rad
         self._widest = _JUMP * limits.angle * step  # angle between two readings so far in rad
         self._count = math.inf  # the smallest one, in rad
         self.begin()
@@ -108,6 +110,8 @@ class MotionGuard:
         self._free: tuple[float, float] | None = None  # time of the last command, energy then
         self._stand: _Stand | None = None
         self._slopes: deque[tuple[float, float]] = deque()  # times and speeds
+        self._least = 0.0, math.inf  # speed in rad/s at least, and by how much a reading may err
+        self._count_to_learn = 0
         self._stood_now = 0.0
         self._clocks: tuple[float, float] | None = None
         self._waited = 0.0
@@ -124,7 +128,7 @@ class MotionGuard:
         away = angle - self.home
         self.swing = math.hypot(away, self.rate / self._pace)
         self._trail.append((time, angle))
-        while time - self._trail[0][0] > self._slope_time and len(self._trail) > 2:  # noqa: PLR2004
+        while time - self._trail[0][0] > self._slope_time:
             self._trail.popleft()
         self._last = reading
         self._require_within(time, away, reading.current)
@@ -132,6 +136,9 @@ class MotionGuard:
             self._require_help(time, away)
         elif self._command == 0:
             self._require_less_energy(time, angle)
+        self._count_to_learn -= 1
+        if self._count_to_learn <= 0:
+            self._learn(time)
         self._require_live(time, angle)
         self._require_no_sudden_stand(time)
 
@@ -162,11 +169,14 @@ class MotionGuard:
         ``reach`` is that of its swing in rad.
         """
         assert self._last is not None  # noqa: S101 - asked after a reading
-        limits = self.limits
+        limits, current = self.limits, abs(self._last.current)
+        within = self.swing <= reach and abs(self.rate) <= SOFT * limits.speed
+        if within and not current > limits.current:
+            return ""
         for what, value, most, unit in (
             ("swing", self.swing, reach, "rad"),
             ("speed", abs(self.rate), SOFT * limits.speed, "rad/s"),
-            ("current", abs(self._last.current), limits.current, "A"),
+            ("current", current, limits.current, "A"),
         ):
             if value > most:
                 self.save()
@@ -201,11 +211,6 @@ class MotionGuard:
         return math.inf if self.model is None else self.model.resonance
 
     @property
-    def _slope_time(self) -> float:
-        """Time in s over which a speed is measured."""
-        return max(_SLOPE, _READINGS * self._step)
-
-    @property
     def _patience(self) -> float:
         """Time in s that a change of command is given to show."""
         constant = _UNKNOWN if self.model is None else 1 / self.model.resonance
@@ -215,9 +220,8 @@ class MotionGuard:
     @property
     def _rate_doubt(self) -> float:
         """Speed in rad/s that the noise of a reading, or its count, makes of rest."""
-        step = self._step
-        error = max(NOISES * self.noise, self._count if self._count < math.inf else 0.0)
-        return error * -math.expm1(-step / _LAG) / step
+        count = self._count if self._count < math.inf else 0.0
+        return max(NOISES * self.noise, count) * self._rate_of_error
 
     def _slope(self) -> tuple[float, float]:
         """Return the mean speed of the last readings in rad/s, and by how much it may err."""
@@ -289,10 +293,14 @@ class MotionGuard:
                 f"{limits.angle:g} rad, and turns on: neither a cut nor the brake holds it; check "
                 "that the drive follows its command, and its sign"
             )
+        swing, rate, current = abs(away), abs(self.rate), abs(current)
+        if not (swing > limits.angle or rate > limits.speed or current > limits.current):
+            self._beyond = None
+            return
         for what, value, most, unit in (
-            ("angle", abs(away), limits.angle, "rad"),
-            ("speed", abs(self.rate), limits.speed, "rad/s"),
-            ("current", abs(current), limits.current, "A"),
+            ("angle", swing, limits.angle, "rad"),
+            ("speed", rate, limits.speed, "rad/s"),
+            ("current", current, limits.current, "A"),
         ):
             if value > most:
                 self.save()
@@ -304,7 +312,6 @@ class MotionGuard:
                         "drive follows its command, and that nothing else turns the joint"
                     )
                 return
-        self._beyond = None
 
     def _require_help(self, time: float, away: float) -> None:
         """Raise `SafetyStop` if a joint that is saved speeds up, away from home.
@@ -363,7 +370,7 @@ class MotionGuard:
         if self._stand is None or abs(angle - self._stand.angle) > self.motion:
             if self._stand is not None and self._stand.since is not None:
                 self._stood_now = max(self._stood_now, time - self._stand.since)
-            self._stand = _Stand(angle, time, self._speed_at_least(), self._grain)
+            self._stand = _Stand(angle, time, *self._least)
             return
         stand, lasting = self._stand, self._lasting
         if time - stand.begun < _STOPS:
@@ -383,19 +390,21 @@ class MotionGuard:
                 "joint"
             )
 
-    def _speed_at_least(self) -> float:
-        """Return how fast in rad/s the joint moves at least, and learn how it accelerates."""
+    def _learn(self, time: float) -> None:
+        """Learn how the joint accelerates, and how fast it moves at least; now and then."""
+        self._count_to_learn = _READINGS
         slope, doubt = self._slope()
         if math.isinf(doubt):
-            return 0.0
-        end, long = self._trail[-1][0], self._slope_time
-        self._slopes.append((end, slope))
-        while end - self._slopes[0][0] > 2 * long:
+            return
+        long = self._slope_time
+        self._slopes.append((time, slope))
+        while time - self._slopes[0][0] > 2 * long:
             self._slopes.popleft()
         before, earlier = self._slopes[0]
-        if end - before > long:
-            self._fastest = max(self._fastest, abs(slope - earlier) / (end - before))
-        return abs(slope) - doubt - self._fastest * long / 2
+        if time - before > long:
+            self._fastest = max(self._fastest, abs(slope - earlier) / (time - before))
+        since = long / 2 + _READINGS * self._step  # s for which it may have slowed down
+        self._least = abs(slope) - doubt - self._fastest * since, self._grain
 
     def _require_no_sudden_stand(self, time: float) -> None:
         """Raise `SafetyStop` if the encoder stands at once where the joint cannot.

@@ -181,7 +181,7 @@ def test_the_clock_of_the_drive_is_held_against_the_computers(
 def test_a_limit_of_speed_and_of_current_hold_while_the_joint_is_braked():
     shown = Shown(speed=2.0)
     shown.guard.save()
-    seconds, _ = shown.stopped_after(np.resize([0.0, 0.01], 400).cumsum() - 0.5, 0.1)
+    seconds, _ = shown.stopped_after(3.0 * times(0.4) - 0.5, 0.1)
     assert seconds < 0.2
     assert "speed" in shown.sentence
     shown = Shown(current=3.0)
