@@ -147,7 +147,8 @@ class _Campaign:
                     ending = str(error)
         found = self._sound
         if found is not None and self._folder.journal.steps[-1].held_out is False:
-            unseen = validation(found.estimate, self._mounted, self._wish.limits)
+            least = self._folder.journal.contact.breakaway
+            unseen = validation(found.estimate, self._mounted, self._wish.limits, least)
             try:
                 self._play(_Next("to be predicted, not fitted", unseen), held_out=True)
             except TimeUsed as error:
@@ -440,11 +441,12 @@ class _Campaign:
     ) -> Plan[Recipe] | None:
         """Return the best plan with the mounted mass, or others, unlike what was in vain."""
         estimate, limits = found.estimate, self._wish.limits
+        least = self._folder.journal.contact.breakaway
         unlike = {(step.kind, step.added_mass) for step in vain}
         logs = [
             (recipe, log)
             for mass in [self._mounted, *others]
-            for recipe in candidates(estimate, mass, limits)
+            for recipe in candidates(estimate, mass, limits, least)
             if (recipe.kind, mass) not in unlike
             and (log := played(found.data, estimate, recipe, limits))
         ]

@@ -33,6 +33,7 @@ _SHORTEST, _LONGEST = 5.0, 30.0  # s of a run
 _DRIVEN = 2 / 3  # share of a relay's run in which it drives
 _REACHES = (0.3, 0.6, 1.0)  # of the allowed swing
 _TONES = (0.6, 0.8, 1.25, 1.6, 2.5)  # of the resonance
+_MOVES = 1.2  # times the command that moved the joint, that moves it for certain
 _STEP = 0.004  # s, of the model's cycle
 
 
@@ -77,12 +78,18 @@ def _signal(kind: str, what: str, mass: AddedMass, duration: float, signal: Exci
     )
 
 
-def validation(estimate: Estimate, mass: AddedMass, limits: Limits) -> Recipe:
-    """Return a sum of sines about the resonance, unlike all that is fitted."""
+def validation(
+    estimate: Estimate, mass: AddedMass, limits: Limits, breakaway: float = 0.0
+) -> Recipe:
+    """Return a sum of sines about the resonance, unlike all that is fitted.
+
+    ``breakaway``: the command that moves the joint from rest, which its peak exceeds.
+    """
     loaded = estimate.parameters.with_added_mass(mass)
     resonance = pace_of(estimate.parameters, mass)
     reach = RESERVE * limits.angle * _REACHES[0]
     peak = 2 * loaded.coulomb / abs(loaded.p4) + _static(loaded, reach)
+    peak = max(peak, _MOVES * breakaway)
     lines, base = (5, 8, 11, 17, 23), resonance / 10
     signal = Multisine(base=base, harmonics=lines, peak=min(peak, RESERVE * limits.command))
     what = f"multisine about {resonance:.3g} rad/s, peak {signal.peak:.2g}"
@@ -100,8 +107,14 @@ def duration_of(parameters: LumpedParameters, mass: AddedMass) -> float:
     return STILL + min(max(_PERIODS * math.tau / resonance, _SHORTEST), _LONGEST)
 
 
-def candidates(estimate: Estimate, mass: AddedMass, limits: Limits) -> list[Recipe]:
-    """Propose relays of several reaches, and sines on both sides of the resonance."""
+def candidates(
+    estimate: Estimate, mass: AddedMass, limits: Limits, breakaway: float = 0.0
+) -> list[Recipe]:
+    """Propose relays of several reaches, and sines on both sides of the resonance.
+
+    ``breakaway``: the command that moves the joint from rest, below which a sine may not move it:
+    friction at rest may be more than the model's.
+    """
     loaded = estimate.parameters.with_added_mass(mass)
     duration = duration_of(estimate.parameters, mass)
     resonance = pace_of(estimate.parameters, mass)
@@ -116,7 +129,7 @@ def candidates(estimate: Estimate, mass: AddedMass, limits: Limits) -> list[Reci
         for reach in reaches[1:]:
             force = math.hypot(loaded.p3 - loaded.p1 * omega**2, loaded.p2 * omega) * reach / 2
             amplitude = force / abs(loaded.p4) + 4 / math.pi * dry
-            if amplitude <= RESERVE * limits.command:
+            if _MOVES * breakaway <= amplitude <= RESERVE * limits.command:
                 kind = f"sine at {tone:g} of the resonance, of {reach:.2g} rad"
                 what = f"sine of {omega:.3g} rad/s, amplitude {amplitude:.2g}"
                 sine = Sine(omega=omega, amplitude=amplitude)
