@@ -21,8 +21,8 @@ from butterfly.campaigns.contact import make_contact
 from butterfly.campaigns.drive import DriveFault, SafetyStop, TimeUsed
 from butterfly.campaigns.folder import Folder, Journal, Step, log_name
 from butterfly.campaigns.guard import Expected, Limits
-from butterfly.campaigns.laws import LAG, RESERVE
-from butterfly.campaigns.observer import SILENT, Observer
+from butterfly.campaigns.laws import LAG
+from butterfly.campaigns.observer import SILENT, Observer, announcement, time_left
 from butterfly.campaigns.plan import (
     PROBE,
     Recipe,
@@ -161,7 +161,8 @@ class _Campaign:
 
     def _begin(self) -> None:
         """Make contact, or take up where the journal ends."""
-        self._observer.begin(self._announcement())
+        runs = len(self._folder.journal.steps) if self._folder.is_begun else 0
+        self._observer.begin(announcement(self._wish.limits, self._bench.input_kind, runs))
         if self._folder.is_begun:
             journal = self._folder.journal
             journal = replace(journal, known=journal.known | self._wish.known)
@@ -188,23 +189,6 @@ class _Campaign:
             require_repeated(contradicting_runs(self._folder.data().whole))
             self._found = self._identified()
 
-    def _announcement(self) -> list[str]:
-        """Say what will be played, within which limits."""
-        limits, kind = self._wish.limits, self._bench.input_kind
-        within = [
-            f"command {limits.command:g} {kind.unit}",
-            f"angle {limits.angle:g} rad from rest",
-        ]
-        within += [f"speed {limits.speed:g} rad/s"] * math.isfinite(limits.speed)
-        within += [f"current {limits.current:g} A"] * math.isfinite(limits.current)
-        runs = len(self._folder.journal.steps) if self._folder.is_begun else 0
-        first = f"goes on after {runs} runs" if runs else "begins with small pushes either way"
-        return [
-            f"The campaign {first}, then swings of at most {RESERVE * limits.angle:.2g} rad, each "
-            f"followed by a pause with the drive off; {limits.seconds:g} s of robot time at most.",
-            f"Limits: {', '.join(within)}. Beyond one the joint is braked, then switched off.",
-        ]
-
     def _mount(self, mass: AddedMass) -> None:
         """Have a mass mounted, if it is not for certain; the drive is off meanwhile."""
         if self._carry is not None and (mass != self._mounted or not self._is_certain):
@@ -218,9 +202,10 @@ class _Campaign:
         assert recipe is not None  # noqa: S101 - see `run`
         number = len(self._folder.journal.steps)
         self._mount(recipe.added_mass)
+        left = time_left(self._wish.limits.seconds - bench.used, following.remaining)
         self._observer.phase(
             f"Run {number}, {recipe.added_mass}: {recipe.what} ({recipe.duration:.3g} s): "
-            f"{following.why}. {self._time_left(following)}"
+            f"{following.why}. {left}"
         )
         run, interruption = self._recorded(recipe)
         step = Step(
@@ -299,13 +284,6 @@ class _Campaign:
         require_changed(before, old, new, lambda: self._identified(only=len(steps) - 1))
         data = self._folder.data().whole
         require_repeated(self._repeatability.contradiction(data, len(data.logs) - 1))
-
-    def _time_left(self, following: _Next) -> str:
-        """Say how much robot time the plan still needs, and how much there is."""
-        left = self._wish.limits.seconds - self._bench.used
-        if math.isnan(following.remaining):
-            return f"{left:.0f} s of robot time left."
-        return f"About {following.remaining:.0f} s of robot time to the goal; {left:.0f} s left."
 
     def _expected(self, mass: AddedMass) -> Expected | None:
         """Return what the model says of the joint with a mass; None while there is none."""

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
+from butterfly.campaigns.guard import Limits
+from butterfly.campaigns.laws import RESERVE
+from butterfly.logs.log import InputKind
 from butterfly.plant.motor import Reading
 
 
@@ -24,3 +28,23 @@ class Observer:
 
 
 SILENT = Observer()
+
+
+def announcement(limits: Limits, kind: InputKind, runs: int) -> list[str]:
+    """Return what will be played within which limits, in sentences, after some runs."""
+    within = [f"command {limits.command:g} {kind.unit}", f"angle {limits.angle:g} rad from rest"]
+    within += [f"speed {limits.speed:g} rad/s"] * math.isfinite(limits.speed)
+    within += [f"current {limits.current:g} A"] * math.isfinite(limits.current)
+    first = f"goes on after {runs} runs" if runs else "begins with small pushes either way"
+    return [
+        f"The campaign {first}, then swings of at most {RESERVE * limits.angle:.2g} rad, each "
+        f"followed by a pause with the drive off; {limits.seconds:g} s of robot time at most.",
+        f"Limits: {', '.join(within)}. Beyond one the joint is braked, then switched off.",
+    ]
+
+
+def time_left(left: float, remaining: float) -> str:
+    """Return how much of the robot time is left in s, and what the plan still needs, if known."""
+    if math.isnan(remaining):
+        return f"{left:.0f} s of robot time left."
+    return f"About {remaining:.0f} s of robot time to the goal; {left:.0f} s left."
