@@ -15,10 +15,10 @@ import numpy as np
 from butterfly.api.identification import Identification
 from butterfly.api.sources import Named
 from butterfly.api.verbs import share_of
+from butterfly.campaigns.callbacks import CampaignCallbacks
 from butterfly.campaigns.campaign import Carry, Ended, Wish, conduct
 from butterfly.campaigns.folder import PAGE, Folder
 from butterfly.campaigns.guard import Limits
-from butterfly.campaigns.observer import SILENT, Observer
 from butterfly.errors import InputError
 from butterfly.experiment.source import read_experiment
 from butterfly.files import locate
@@ -162,7 +162,7 @@ def campaign(
     step: float | None = None,
     known: Mapping[str, Any] | None = None,
     change: Carry | None = None,
-    observer: Observer = SILENT,
+    callbacks: CampaignCallbacks | None = None,
 ) -> Campaign:
     """Run experiments on an unknown joint that choose themselves, until a goal is reached.
 
@@ -206,8 +206,8 @@ def campaign(
     change
         Mounts a mass, and returns when it is mounted; without it a motor's mass is never changed.
         The drive is off meanwhile. A campaign that goes on calls it before its first run.
-    observer
-        Is told what begins and why, and shown each cycle (`butterfly.campaigns.observer`).
+    callbacks
+        Is told what begins and why, and shown each cycle (`butterfly.campaigns.callbacks`).
 
     Raises
     ------
@@ -243,8 +243,8 @@ def campaign(
     folder = Path(out or "campaign")
     with Folder(folder) as kept:
         for note in kept.notes:
-            observer.phase(note)
-        ended = conduct(robot, wish, kept, change, observer)
+            (callbacks or CampaignCallbacks()).phase(note)
+        ended = conduct(robot, wish, kept, change, callbacks)
         found = Campaign.of(ended, wish, folder, kept.notes)
         found.report(kept.path / PAGE)
     return replace(found, page_path=folder / PAGE)

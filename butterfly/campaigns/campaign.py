@@ -17,12 +17,12 @@ import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.campaigns.bench import Bench, Recording
+from butterfly.campaigns.callbacks import CampaignCallbacks, announcement, time_left
 from butterfly.campaigns.contact import make_contact
 from butterfly.campaigns.drive import DriveFault, SafetyStop, TimeUsed
 from butterfly.campaigns.folder import Folder, Journal, Step, log_name
 from butterfly.campaigns.guard import Expected, Limits
 from butterfly.campaigns.laws import LAG
-from butterfly.campaigns.observer import SILENT, Observer, announcement, time_left
 from butterfly.campaigns.plan import (
     PROBE,
     Recipe,
@@ -96,16 +96,17 @@ def conduct(
     wish: Wish,
     folder: Folder,
     carry: Carry | None = None,
-    observer: Observer = SILENT,
+    callbacks: CampaignCallbacks | None = None,
 ) -> Ended:
     """Run a campaign, or go on with one, to its end.
 
     ``carry`` mounts a mass, or asks a person to, and returns when it is mounted; without it the
     mass is never changed. The drive is off whenever nothing is played.
     """
+    callbacks = callbacks or CampaignCallbacks()
     masses = wish.masses if carry is not None else wish.masses[:1]
-    bench = Bench(motor, wish.limits, wish.step, observer.cycle)
-    return _Campaign(bench, replace(wish, masses=masses), folder, carry, observer).run()
+    bench = Bench(motor, wish.limits, wish.step, callbacks.cycle)
+    return _Campaign(bench, replace(wish, masses=masses), folder, carry, callbacks).run()
 
 
 class _Next(NamedTuple):
@@ -121,10 +122,15 @@ class _Campaign:
     """The state of a campaign between two runs."""
 
     def __init__(
-        self, bench: Bench, wish: Wish, folder: Folder, carry: Carry | None, observer: Observer
+        self,
+        bench: Bench,
+        wish: Wish,
+        folder: Folder,
+        carry: Carry | None,
+        callbacks: CampaignCallbacks,
     ) -> None:
         self._bench, self._wish, self._folder, self._carry = bench, wish, folder, carry
-        self._observer = observer
+        self._callbacks = callbacks
         self._mounted = wish.masses[0]
         self._is_certain = True  # what is mounted; after a pause somebody may have changed it
         self._found: Identified | None = None
@@ -162,17 +168,19 @@ class _Campaign:
     def _begin(self) -> None:
         """Make contact, or take up where the journal ends."""
         runs = len(self._folder.journal.steps) if self._folder.is_begun else 0
-        self._observer.begin(announcement(self._wish.limits, self._bench.input_kind, runs))
+        self._callbacks.begin(announcement(self._wish.limits, self._bench.input_kind, runs))
         if self._folder.is_begun:
             journal = self._folder.journal
             journal = replace(journal, known=journal.known | self._wish.known)
         else:
-            self._observer.phase("Contact: a command that grows until the joint moves, either way.")
+            self._callbacks.phase(
+                "Contact: a command that grows until the joint moves, either way."
+            )
             with self._bench as bench:
                 contact = make_contact(bench)
             kind = self._bench.input_kind
             side = "positive" if contact.polarity > 0 else "negative"
-            self._observer.phase(
+            self._callbacks.phase(
                 f"It moves at {contact.breakaway:.3g} {kind.unit}; positive commands turn it "
                 f"towards {side} angles."
             )
@@ -203,7 +211,7 @@ class _Campaign:
         number = len(self._folder.journal.steps)
         self._mount(recipe.added_mass)
         left = time_left(self._wish.limits.seconds - bench.used, following.remaining)
-        self._observer.phase(
+        self._callbacks.phase(
             f"Run {number}, {recipe.added_mass}: {recipe.what} ({recipe.duration:.3g} s): "
             f"{following.why}. {left}"
         )
@@ -238,9 +246,9 @@ class _Campaign:
             self._folder.conclude(replace(step, verdict=verdict, misses=misses, shares=shares))
             widest = max(shares.items(), key=lambda pair: pair[1], default=("", 0.0))
             came = f"; {widest[0]} is known to {widest[1]:.3g} times the goal" if shares else ""
-            self._observer.phase(f"Run {number}: {verdict}{came}.")
+            self._callbacks.phase(f"Run {number}: {verdict}{came}.")
         else:
-            self._observer.phase(f"Run {number}: no model follows the runs so far.")
+            self._callbacks.phase(f"Run {number}: no model follows the runs so far.")
 
     def _recorded(self, recipe: Recipe) -> tuple[Recording, BaseException | None]:
         """Return a run, from rest to rest, and what happened after it before the drive was off."""

@@ -8,7 +8,7 @@ import time
 from collections.abc import Sequence
 
 import butterfly as bf
-from butterfly.campaigns.observer import Observer
+from butterfly.campaigns.callbacks import CampaignCallbacks
 from butterfly.cli.output import note
 from butterfly.errors import StoppedError
 from butterfly.plant.motor import Reading
@@ -16,7 +16,7 @@ from butterfly.plant.motor import Reading
 _EVERY = 0.1  # s from one live line to the next
 
 
-class CampaignTerminal(Observer):
+class CampaignTerminal(CampaignCallbacks):
     """Shows a person what a campaign does, on standard error, and asks what only they can do.
 
     Parameters

@@ -34,7 +34,7 @@ _WITHOUT = {
     "select": ("terms",),
     "validate": ("others",),
     **dict.fromkeys(("compare", "inspect"), ("hand_mass",)),
-    "campaign": ("change", "known", "observer", "step"),
+    "campaign": ("callbacks", "change", "known", "step"),
 }
 """Parameters of verbs, or options of their methods, that are no options of their commands."""
 
@@ -178,7 +178,7 @@ def _campaign(
             raise InputError("butterfly campaign", "--masses", ask.keywords["masses"], expected)
     terminal = CampaignTerminal(asks=moves and not yes)
     change = terminal.mount if keyboard else None
-    found = ask(known=pairs, change=change, observer=terminal)
+    found = ask(known=pairs, change=change, callbacks=terminal)
     ended = show(found)
     say(f"Report: {found.page_path}")
     return ended

@@ -13,7 +13,7 @@ from butterfly.arrays import Samples
 from butterfly.compiled import compiled
 from butterfly.errors import InputError
 from butterfly.model.kernel.equation import MOST_STEPS, Constants, State, friction_at, least_steps
-from butterfly.model.kernel.integrate import count_steps, interval
+from butterfly.model.kernel.integrate import after_steps, count_steps
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, VoltageDrive
 from butterfly.plant.mjcf import compile_model, hinge_of
 from butterfly.plant.motor import LARGEST_ANGLE
@@ -382,5 +382,5 @@ def _hold(c: Constants, state: State, torque: float, duration: float, moving: bo
     h = duration / count
     for _ in range(count):
         finer = count_steps(state, h, c, moving, MOST_STEPS)
-        state = interval(state, (torque, torque, torque), h, finer, c, moving)
+        state = after_steps(state, (torque, torque, torque), h, finer, c, moving)
     return state

@@ -9,13 +9,13 @@ import pytest
 import butterfly as bf
 from butterfly.campaigns import folder
 from butterfly.campaigns.bench import Bench
+from butterfly.campaigns.callbacks import CampaignCallbacks
 from butterfly.campaigns.campaign import OF_GOAL
 from butterfly.campaigns.contact import Contact
 from butterfly.campaigns.drive import SafetyStop
 from butterfly.campaigns.folder import Journal, Step
 from butterfly.campaigns.guard import Limits
 from butterfly.campaigns.laws import Relay, Signal
-from butterfly.campaigns.observer import Observer
 from butterfly.errors import InputError
 from butterfly.model.parameters import NO_ADDED_MASS, LumpedParameters
 from butterfly.plant.motor import CommandPath, Reading
@@ -110,7 +110,7 @@ def run(motor, folder, **options):
     return bf.campaign(motor, out=folder, **given)
 
 
-class Heard(Observer):
+class Heard(CampaignCallbacks):
     """Keeps what it is told, and how many commands there were by then."""
 
     def __init__(self, motor):
@@ -129,7 +129,7 @@ class Heard(Observer):
 def test_a_campaign_says_what_it_does_and_why_and_ends_at_rest(tmp_path):
     motor = Faulty("")
     heard = Heard(motor)
-    found = run(motor, tmp_path / "a", observer=heard)
+    found = run(motor, tmp_path / "a", callbacks=heard)
     commands, announcement = heard.announced
     assert commands == 0
     assert "Limits: command 0.15 unit, angle 1 rad from rest" in announcement

@@ -22,7 +22,7 @@ def integrate(time, drives, state, c, moving, most, angle, velocity):
     for k in range(time.size - 1):
         row, h = (drives[k, 0], drives[k, 1], drives[k, 2]), time[k + 1] - time[k]
         count = count_steps(state, h, c, moving, most)
-        state = interval(state, row, h, count, c, moving)
+        state = after_steps(state, row, h, count, c, moving)
         angle[k + 1], velocity[k + 1] = state[X], state[V]
         steps += max(count, 1)
     return steps
@@ -39,7 +39,7 @@ def integrate_loop(
         held, h = torque(k, state, loop, memory, held, None), time[k + 1] - time[k]
         now = at(k, loop, c, without_drive)
         count = count_steps(state, h, now, moving, most)
-        state = interval(state, (held, held, held), h, count, now, moving)
+        state = after_steps(state, (held, held, held), h, count, now, moving)
         angle[k + 1], velocity[k + 1] = state[X], state[V]
         steps += max(count, 1)
     return steps
@@ -70,8 +70,14 @@ def step(state, drives, h, c, tape, splits, moving):
 
 
 @pasted
-def interval(state, drives, h, count, c, moving):
-    """Return the state at the end of one interval, after ``count`` steps."""
+def interval(state, drives, h, c, moving):
+    """Return the state at the end of one interval, after the necessary steps: a twin's."""
+    return after_steps(state, drives, h, count_steps(state, h, c, moving, MOST_STEPS), c, moving)
+
+
+@pasted
+def after_steps(state, drives, h, count, c, moving):
+    """Return the state at the end of one interval, after ``count`` steps; lost without any."""
     for k in range(count):
         own = drives if count == 1 else part_of(drives, k, count)
         state = step(state, own, h / count, c, None, False, moving)

@@ -11,7 +11,7 @@ from butterfly.logs.log import InputKind
 from butterfly.plant.motor import Reading
 
 
-class Observer:
+class CampaignCallbacks:
     """Is told each phase and shown each cycle; this one says nothing. Any method may be replaced.
 
     What a method raises ends the campaign, with the drive off.
@@ -25,9 +25,6 @@ class Observer:
 
     def cycle(self, reading: Reading, command: float) -> None:
         """Take a reading, and the command that was set after it."""
-
-
-SILENT = Observer()
 
 
 def announcement(limits: Limits, kind: InputKind, runs: int) -> list[str]:
