@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -76,6 +77,12 @@ class Bench:
         """Switch the drive off, whatever happens meanwhile."""
         self._drive.switch_off()
 
+    def make_sure_it_is_off(self) -> None:
+        """Switch the drive off where an interrupt has prevented it, however often."""
+        while self._drive.is_enabled:
+            with suppress(KeyboardInterrupt):
+                self._drive.switch_off()
+
     def loaded_anew(self) -> None:
         """Take the next rest as home: the load is another one."""
         self._is_new, self.guard.home = True, None
@@ -131,7 +138,10 @@ class Bench:
             most = self.limits.command
             sent = drive.command(self.polarity * max(-most, min(most, command)))
             guard.sent(sent)
-            samples.append((since, sent, reading.angle))
+            if samples and since <= samples[-1][0]:  # a clock with long ticks: one sample each
+                samples[-1] = (since, sent, reading.angle)
+            else:
+                samples.append((since, sent, reading.angle))
             if self._watch is not None:
                 self._watch(reading, sent)
             if sent:

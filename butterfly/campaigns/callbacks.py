@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from butterfly.campaigns.folder import Journal
 from butterfly.campaigns.guard import Limits
 from butterfly.campaigns.laws import RESERVE
 from butterfly.logs.log import InputKind
@@ -27,15 +28,19 @@ class CampaignCallbacks:
         """Take a reading, and the command that was set after it."""
 
 
-def announcement(limits: Limits, kind: InputKind, runs: int) -> list[str]:
-    """Return what will be played within which limits, in sentences, after some runs."""
+def announcement(limits: Limits, kind: InputKind, journal: Journal | None) -> list[str]:
+    """Return what will be played within which limits; the journal is of a former part."""
     within = [f"command {limits.command:g} {kind.unit}", f"angle {limits.angle:g} rad from rest"]
     within += [f"speed {limits.speed:g} rad/s"] * math.isfinite(limits.speed)
     within += [f"current {limits.current:g} A"] * math.isfinite(limits.current)
-    first = f"goes on after {runs} runs" if runs else "begins with small pushes either way"
+    begins = "begins with small pushes either way, then plays"
+    steps = () if journal is None else journal.steps
+    if journal is not None:
+        begins = f"goes on after {len(steps)} run{'s' if len(steps) != 1 else ''}: it plays"
+    left = limits.seconds - (steps[-1].seconds if steps else 0.0)
     return [
-        f"The campaign {first}, then swings of at most {RESERVE * limits.angle:.2g} rad, each "
-        f"followed by a pause with the drive off; {limits.seconds:g} s of robot time at most.",
+        f"The campaign {begins} swings of at most {RESERVE * limits.angle:.2g} rad, each followed "
+        f"by a pause with the drive off; {left:.0f} s of robot time at most.",
         f"Limits: {', '.join(within)}. Beyond one the joint is braked, then switched off.",
     ]
 

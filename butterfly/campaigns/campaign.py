@@ -9,7 +9,7 @@ configurations, whose errors add. At the end a run that was not fitted is predic
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -19,7 +19,7 @@ from butterfly.arrays import Samples
 from butterfly.campaigns.bench import Bench, Recording
 from butterfly.campaigns.callbacks import CampaignCallbacks, announcement, time_left
 from butterfly.campaigns.contact import make_contact
-from butterfly.campaigns.drive import DriveFault, SafetyStop, TimeUsed
+from butterfly.campaigns.drive import DriveFault, SafetyStop, TimeUsed, signals_wait
 from butterfly.campaigns.folder import Folder, Journal, Step, log_name
 from butterfly.campaigns.guard import Expected, Limits
 from butterfly.campaigns.laws import LAG
@@ -28,6 +28,7 @@ from butterfly.campaigns.plan import (
     Recipe,
     candidates,
     duration_of,
+    least_friction,
     pace_of,
     played,
     probe,
@@ -56,6 +57,7 @@ Carry = Callable[[AddedMass], None]
 
 _OVER = 2.5  # command of the first relay, over what moves the joint: friction never holds it
 _LEAST = 1e-9  # of a half-width, that counts as wanted of a value that is 0
+_ZERO = 0.5  # rad from where a joint rests, within which it may hang
 _IN_VAIN = 5  # runs in a row that may bring too little
 _REACHED = "the goal is reached"
 _RATIOS = "ratios are known so well, and without another mass, or a known value, nothing more is"
@@ -106,7 +108,10 @@ def conduct(
     callbacks = callbacks or CampaignCallbacks()
     masses = wish.masses if carry is not None else wish.masses[:1]
     bench = Bench(motor, wish.limits, wish.step, callbacks.cycle)
-    return _Campaign(bench, replace(wish, masses=masses), folder, carry, callbacks).run()
+    try:
+        return _Campaign(bench, replace(wish, masses=masses), folder, carry, callbacks).run()
+    finally:
+        bench.make_sure_it_is_off()
 
 
 class _Next(NamedTuple):
@@ -151,6 +156,7 @@ class _Campaign:
                     self._play(following)
                 except TimeUsed as error:
                     ending = str(error)
+        self._callbacks.phase(f"The campaign ends: {ending}.")
         found = self._sound
         if found is not None and self._folder.journal.steps[-1].held_out is False:
             least = self._folder.journal.contact.breakaway
@@ -167,8 +173,9 @@ class _Campaign:
 
     def _begin(self) -> None:
         """Make contact, or take up where the journal ends."""
-        runs = len(self._folder.journal.steps) if self._folder.is_begun else 0
-        self._callbacks.begin(announcement(self._wish.limits, self._bench.input_kind, runs))
+        before = self._folder.journal if self._folder.is_begun else None
+        self._require_mass_at_hand(before)
+        self._callbacks.begin(announcement(self._wish.limits, self._bench.input_kind, before))
         if self._folder.is_begun:
             journal = self._folder.journal
             journal = replace(journal, known=journal.known | self._wish.known)
@@ -193,9 +200,31 @@ class _Campaign:
         self._size = _OVER * contact.breakaway
         if steps:
             bench.used = steps[-1].seconds
-            self._mounted, self._is_certain = steps[-1].added_mass, self._carry is None
-            require_repeated(contradicting_runs(self._folder.data().whole))
+            self._mounted = steps[-1].added_mass
+            self._require_last_run_sound()
             self._found = self._identified()
+            zeros = {} if self._sound is None else self._sound.zeros
+            for number, step in enumerate(steps):
+                if (zero := zeros.get(log_name(number))) is not None:
+                    self._rests.take(step.added_mass, zero)
+        self._is_certain = before is None or self._carry is None
+
+    def _require_mass_at_hand(self, journal: Journal | None) -> None:
+        """Raise InputError if the last run had another mass and nobody can change it."""
+        mass, steps = self._wish.masses[0], () if journal is None else journal.steps
+        if self._carry is None and steps and steps[-1].added_mass != mass:
+            expected = f"{steps[-1].added_mass}, as in the last run, or somebody who changes it"
+            raise InputError("campaign", "masses", str(mass), expected)
+
+    def _require_last_run_sound(self) -> None:
+        """Check a run that a former part of the campaign kept, but did not come to check."""
+        require_repeated(contradicting_runs(self._folder.data().whole))
+        *earlier, last = self._folder.journal.steps
+        if earlier and not last.is_sound:
+            runs = slice(0, len(earlier))
+            before = self._identified(runs)
+            used = before is not None and before.estimate.level is not Level.WARNING
+            self._require_mass_changed(before if used else None)
 
     def _mount(self, mass: AddedMass) -> None:
         """Have a mass mounted, if it is not for certain; the drive is off meanwhile."""
@@ -215,30 +244,16 @@ class _Campaign:
             f"Run {number}, {recipe.added_mass}: {recipe.what} ({recipe.duration:.3g} s): "
             f"{following.why}. {left}"
         )
-        run, interruption = self._recorded(recipe)
-        step = Step(
-            what=recipe.what,
-            kind=recipe.kind,
-            why=following.why,
-            added_mass=recipe.added_mass,
-            seconds=bench.used,
-            cut=run.cut,
-            expected=following.expected,
-            held_out=held_out,
-        )
-        if isinstance(interruption, SafetyStop) and not isinstance(interruption, DriveFault):
-            self._folder.set_aside(run, step)  # what was wrong then may have been before
-            raise interruption
-        self._folder.add(run, step)
-        if interruption is not None:
-            raise interruption
+        about = {"why": following.why, "expected": following.expected, "held_out": held_out}
+        self._record(recipe, about)
         try:
-            self._require_sound(run, before)
+            self._require_sound(before)
         except SafetyStop:
             self._folder.withdraw()
             raise
         bench.guard.sound_run()
         self._found = self._identified()
+        step = replace(self._folder.journal.steps[-1], is_sound=True)
         if self._found is not None:
             estimate = self._found.estimate
             shares = {} if held_out else self._shares
@@ -248,65 +263,96 @@ class _Campaign:
             came = f"; {widest[0]} is known to {widest[1]:.3g} times the goal" if shares else ""
             self._callbacks.phase(f"Run {number}: {verdict}{came}.")
         else:
+            self._folder.conclude(step)
             self._callbacks.phase(f"Run {number}: no model follows the runs so far.")
 
-    def _recorded(self, recipe: Recipe) -> tuple[Recording, BaseException | None]:
-        """Return a run, from rest to rest, and what happened after it before the drive was off."""
+    def _record(self, recipe: Recipe, about: dict[str, Any]) -> None:
+        """Play a recipe from rest to rest and keep its log, ``about`` being fields of its step."""
+        bench, mass, run = self._bench, recipe.added_mass, None
+        known = {"what": recipe.what, "kind": recipe.kind, "added_mass": mass, **about}
+        begun = len(self._folder.journal.steps)
+        try:
+            with bench:
+                run = self._played(recipe)
+                if run.fault is not None:
+                    raise run.fault
+                bench.settle()
+                if bench.has_moved(run):
+                    step = Step(seconds=bench.used, cut=run.cut, **known)
+                    with signals_wait():
+                        self._folder.add(run, step)
+        except BaseException as error:  # whatever it is, the run was played to its end
+            is_kept = len(self._folder.journal.steps) > begun
+            if run is not None and bench.has_moved(run) and not is_kept:
+                with signals_wait():
+                    self._keep(run, Step(seconds=bench.used, cut=run.cut, **known), error)
+            raise
+        if not bench.has_moved(run):
+            raise SafetyStop(
+                "the joint no longer moves when it is driven: check supply, enable, end stops, and "
+                "that the encoder has its cable and slips nowhere"
+            )
+
+    def _played(self, recipe: Recipe) -> Recording:
+        """Return a run from rest; learn from it how to brake, and how large relays are."""
         bench, mass, before = self._bench, recipe.added_mass, self._sound
         self._last_sound = before or self._last_sound
         bench.expect(self._expected(mass))
         if before is not None and self._is_known(mass):
             bench.braked_with(self._size, *self._damping(before, mass))
-        run: Recording | None = None
-        try:
-            with bench:
-                if bench.is_loaded_anew:
-                    bench.settle()
-                    self._rests.require_no_slip(bench.rest, mass, self._last_sound)
-                law = recipe.law(bench.home)
-                run = bench.run(law, recipe.duration, recipe.reach)
-                size = getattr(law, "size", 0.0)
-                if before is None:
-                    fast = float(np.std(np.diff(run.angle))) / self._wish.step
-                    bench.braked_with(max(self._size, size), fast, float(np.ptp(run.angle)) / 2)
-                self._size = size / 2 if run.cut and size else max(self._size, size)
-                if run.fault is not None:
-                    raise run.fault
-                bench.settle()
-        except (SafetyStop, KeyboardInterrupt) as interruption:
-            if run is None or not bench.has_moved(run):
-                raise
-            return run, interruption
-        return run, None
+        if bench.is_loaded_anew:
+            bench.settle()
+            self._rests.require_no_slip(bench.rest, mass, self._last_sound)
+            bench.expect(self._expected(mass))
+        law = recipe.law(bench.home)
+        run = bench.run(law, recipe.duration, recipe.reach)
+        size = getattr(law, "size", 0.0)
+        if before is None and run.angle.size:
+            fast = float(np.std(np.diff(run.angle))) / self._wish.step
+            bench.braked_with(max(self._size, size), fast, float(np.ptp(run.angle)) / 2)
+        self._size = size / 2 if run.cut and size else max(self._size, size)
+        return run
 
-    def _require_sound(self, run: Recording, before: Identified | None) -> None:
+    def _keep(self, run: Recording, step: Step, error: BaseException) -> None:
+        """Keep a finished run after which something was raised; beside, if the joint may be it."""
+        stop = _stop_behind(error)
+        if stop is None:
+            self._folder.add(run, step)
+        else:  # what was wrong then may have been before
+            self._folder.set_aside(run, step)
+            self._callbacks.phase(f"{str(stop)[:1].upper()}{str(stop)[1:]}.")
+
+    def _require_sound(self, before: Identified | None) -> None:
         """Raise `SafetyStop` if the last run, whose log is kept, is not as it is said to be."""
-        if not self._bench.has_moved(run):
-            raise SafetyStop(
-                "the joint no longer moves when it is driven: check supply, enable, end stops, and "
-                "that the encoder has its cable and slips nowhere"
-            )
         self._rests.require_no_slip(self._bench.rest, self._mounted, self._last_sound)
-        steps = self._folder.journal.steps
-        old, new = ([*([steps[-1]] * 2), *steps])[-2:]
-        require_changed(before, old, new, lambda: self._identified(only=len(steps) - 1))
+        self._require_mass_changed(before)
         data = self._folder.data().whole
         require_repeated(self._repeatability.contradiction(data, len(data.logs) - 1))
+
+    def _require_mass_changed(self, before: Identified | None) -> None:
+        """Raise `SafetyStop` if the last run, with another mass, shows the joint as before."""
+        steps = self._folder.journal.steps
+        old, new = ([*([steps[-1]] * 2), *steps])[-2:]
+        last = slice(len(steps) - 1, None)
+        require_changed(before, old, new, lambda: self._identified(last))
 
     def _expected(self, mass: AddedMass) -> Expected | None:
         """Return what the model says of the joint with a mass; None while there is none."""
         if self._sound is None:
             return None
         loaded, stiffness = self._sound.parameters.with_added_mass(mass), None
-        if self._is_known(mass):
+        if self._is_known(mass) and not self._bench.is_loaded_anew:
             stiffness = max(loaded.p3, 0.0) / loaded.p1
         runs = self._folder.journal.steps
         names = [log_name(k) for k, step in enumerate(runs) if step.added_mass == mass]
+        home = self._bench.home
         zeros = [self._sound.zeros[name] for name in names if name in self._sound.zeros]
+        near = [zero for zero in zeros if abs(zero - home) < _ZERO]  # of this start of the encoder
         return Expected(
             resonance=self._pace(mass),
+            friction=least_friction(self._sound.estimate, mass),
             stiffness=stiffness,
-            hanging=zeros[-1] if zeros else self._bench.home,
+            hanging=near[-1] if near else home,
             delay=max(loaded.delay, 0.0),
         )
 
@@ -337,13 +383,13 @@ class _Campaign:
         resonance = pace_of(least, mass if known else last)
         return resonance if known else max(resonance, alone)
 
-    def _identified(self, only: int | None = None) -> Identified | None:
-        """Identify from all logs so far, or one; None if they do not determine the parameters.
+    def _identified(self, runs: slice | None = None) -> Identified | None:
+        """Identify from all logs so far, or some; None if they do not determine the parameters.
 
         While the scale is open, p1 is held at 1: all others are ratios to it.
         """
-        data = self._folder.data(only)
-        if self._open or only is not None:
+        data, steps = self._folder.data(runs), self._folder.journal.steps
+        if self._leaves_open(steps if runs is None else steps[runs]):
             data = data.knowing(Prior.of({"p1": 1.0}))
         try:
             found = identify(data)
@@ -361,9 +407,12 @@ class _Campaign:
     @property
     def _open(self) -> bool:
         """Whether the runs so far leave the scale open."""
-        masses = {step.added_mass for step in self._folder.journal.steps}
+        return self._leaves_open(self._folder.journal.steps)
+
+    def _leaves_open(self, steps: Sequence[Step]) -> bool:
+        """Whether some runs leave the scale open."""
         try:
-            with_scale(masses, Prior.of(self._wish.known))
+            with_scale({step.added_mass for step in steps}, Prior.of(self._wish.known))
         except IdentifiabilityError:
             return True
         return False
@@ -419,8 +468,11 @@ class _Campaign:
         if plan is None:  # by a model that hardly knows
             again = probe(self._mounted, self._size, limits, PROBE)
             return _Next(f"{stays}, and nothing that is planned stays within the limits", again)
-        runs = f"{plan.runs} such runs" if plan.runs > 1 else "one such run"
-        return _Next(f"{stays}; {runs} expected", plan.recipe, plan.expected[0], plan.seconds)
+        runs = f"; {plan.runs} such runs expected" if plan.runs > 1 else "; one such run expected"
+        seconds = plan.seconds
+        if plan.expected[1] > 1:
+            runs, seconds = ", and this helps most", math.nan
+        return _Next(stays + runs, plan.recipe, plan.expected[0], seconds)
 
     def _plan(
         self, found: Identified, others: list[AddedMass], vain: list[Step]
@@ -438,7 +490,22 @@ class _Campaign:
         ]
         aim, mounted, price = self._wanted(found), self._mounted, self._wish.price
         every = plans(found.data, estimate, logs, aim, mounted=mounted, price=price)
-        return min(every, key=lambda plan: plan.cost, default=None)
+        left = limits.seconds - self._bench.used
+
+        def rank(plan: Plan[Recipe]) -> tuple[bool, float]:
+            falls_short = plan.expected[1] > 1 or plan.seconds - plan.change > left
+            return falls_short, plan.cost
+
+        return min(every, key=rank, default=None)
+
+
+def _stop_behind(error: BaseException | None) -> SafetyStop | None:
+    """Return the stop of the joint, if one led to an error or was interrupted by it."""
+    while error is not None:
+        if isinstance(error, SafetyStop) and not isinstance(error, DriveFault):
+            return error
+        error = error.__context__
+    return None
 
 
 def _missed(estimate: Estimate) -> str:

@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 import signal
 import threading
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from functools import partial
 from numbers import Real
+from time import sleep
 from types import FrameType
 from typing import Any
 
@@ -18,8 +20,9 @@ from butterfly.logs.log import InputKind
 from butterfly.plant.motor import Motor, Reading
 
 _METHODS = ("start", "stop", "command", "read", "wait")
-_TRIES = 3  # of switching off
-_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")  # that ask a program to end
+_TRIES = 5  # of switching off
+_PAUSE = 0.05  # s after the first of them, twice as long after each
+_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGTSTP")  # that end or halt a program
 
 
 class SafetyStop(ButterflyError):  # noqa: N818 - it is what happens, not only an error
@@ -34,11 +37,15 @@ class DriveFault(SafetyStop):
     """The drive raised an error, or answered with what is no number."""
 
 
+class LeftOnError(DriveFault):
+    """The drive could not be switched off."""
+
+
 class Drive:
     """A `Motor` with checked answers: whatever goes wrong is a `DriveFault` with one sentence.
 
-    It is enabled by `start` and until `switch_off`. Meanwhile the first Ctrl-C, SIGTERM or SIGHUP
-    raises KeyboardInterrupt, and further ones wait until the drive is off.
+    It is enabled by `start` and until `switch_off`. Meanwhile signals that end or halt a program
+    raise KeyboardInterrupt; while the drive is being stopped they wait until it is off.
     """
 
     def __init__(self, motor: Motor) -> None:
@@ -47,19 +54,26 @@ class Drive:
         self._ending = self._waiting = False  # no signal may interrupt; one did not
         self._handlers: dict[int, Any] = {}
 
+    @property
+    def is_enabled(self) -> bool:
+        """Whether it was started, and not yet switched off."""
+        return self._enabled
+
     def start(self) -> None:
         """Enable the drive, with command 0."""
-        if not self._enabled:
+        if self._enabled:
+            return
+        self._enabled, self._ending = True, False  # half a start is a start
+        try:
             self._take_signals()
-            self._enabled, self._ending = True, False  # half a start is a start
+            self._motor.start()
+        except BaseException as error:
+            failed = error if _is_interrupt(error) else _fault("start()", error)
             try:
-                self._motor.start()
-            except BaseException as error:
-                with suppress(DriveFault):  # a drive that was never reached cannot be stopped
-                    self.switch_off()
-                if _is_interrupt(error):
-                    raise
-                raise _fault("start()", error) from error
+                self.switch_off()
+            except LeftOnError as left_on:
+                raise LeftOnError(f"{failed or 'interrupted'}; {left_on}") from error
+            raise failed from error
 
     def command(self, value: float) -> float:
         """Set the command; return it as the drive set it."""
@@ -83,6 +97,7 @@ class Drive:
             raise DriveFault("the encoder gives no number: check its cable")
         if not math.isfinite(time):
             raise DriveFault(f"the drive's clock gives {time}: check where its time comes from")
+        self._require_no_signal()
         return Reading(time, angle, current)
 
     def wait(self, duration: float) -> None:
@@ -99,23 +114,25 @@ class Drive:
         """
         if not self._enabled:
             return
-        self._ending = True  # from here on signals wait
         interrupt: BaseException | None = None
-        for _ in range(_TRIES):
-            unsent, failure = _attempt(lambda: self._motor.command(0.0)), _attempt(self._motor.stop)
+        for attempt in range(_TRIES):
+            unsent = _attempt(lambda: self._motor.command(0.0))  # which a signal may end
+            self._ending = True  # from here on signals wait
+            failure = _attempt(self._motor.stop)
             for error in (unsent, failure):
                 interrupt = error if _is_interrupt(error) else interrupt
             if failure is None:
                 break
+            _attempt(partial(sleep, _PAUSE * 2**attempt))
         self._enabled = False
         self._give_signals_back()
         if failure is not None:
-            raise DriveFault(
+            raise LeftOnError(
                 "THE DRIVE COULD NOT BE SWITCHED OFF: cut its supply now "
                 f"(stop() raised {_reason(failure)})"
             ) from failure
-        if interrupt is not None or self._waiting:
-            self._waiting = False
+        waiting, self._waiting = self._waiting, False
+        if interrupt is not None or waiting:
             raise interrupt or KeyboardInterrupt
 
     def _take_signals(self) -> None:
@@ -124,7 +141,8 @@ class Drive:
             return  # where Python delivers none
         for name in _SIGNALS:
             if (number := getattr(signal, name, None)) is not None:
-                self._handlers[number] = signal.signal(number, self._interrupted)
+                self._handlers[number] = signal.getsignal(number)
+                signal.signal(number, self._interrupted)
 
     def _give_signals_back(self) -> None:
         """Restore what handled signals before."""
@@ -134,10 +152,31 @@ class Drive:
 
     def _interrupted(self, number: int, frame: FrameType | None) -> None:  # noqa: ARG002
         """Raise KeyboardInterrupt, unless the drive is already being switched off."""
-        if self._ending:
-            self._waiting = True
-        else:
-            self._ending = True
+        self._waiting = True
+        if not self._ending:
+            raise KeyboardInterrupt
+
+    def _require_no_signal(self) -> None:
+        """Raise KeyboardInterrupt if a signal came whose interrupt a motor did not let through."""
+        if self._waiting:
+            raise KeyboardInterrupt
+
+
+@contextmanager
+def signals_wait() -> Iterator[None]:
+    """Let signals that end or halt a program wait for the end of a block, and then interrupt."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+    numbers = [getattr(signal, name) for name in _SIGNALS if hasattr(signal, name)]
+    before = [signal.signal(number, lambda number, _: came.append(number)) for number in numbers]
+    try:
+        yield
+    finally:
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler if handler is not None else signal.SIG_DFL)
+        if came:
             raise KeyboardInterrupt
 
 

@@ -58,6 +58,7 @@ class Step:
     expected: float | None = None  # the largest of them, before the run
     misses: str = ""  # what the model misses, in words
     held_out: bool = False  # whether it was kept for the validation
+    is_sound: bool = False  # whether it was checked, and nothing was wrong
 
     @property
     def largest(self) -> float:
@@ -184,11 +185,11 @@ class Folder:
             log = parquet_bytes(run.log(added_mass=step.added_mass))
             create_file(_beside(self.path / log_name(len(self.journal.steps))), log)
 
-    def data(self, only: int | None = None) -> DataSet:
-        """Return the logs so far, or one of them, as `identify` reads them."""
+    def data(self, runs: slice | None = None) -> DataSet:
+        """Return the logs so far, or of some of the runs, as `identify` reads them."""
         manifest = self._manifest(self.journal)
-        one = {} if only is None else {"logs": [manifest.logs[only]], "holdout": []}
-        return read_data_set(manifest.model_copy(update=one))
+        some = {} if runs is None else {"logs": manifest.logs[runs], "holdout": []}
+        return read_data_set(manifest.model_copy(update=some))
 
     def _require_own(self) -> None:
         """Raise InputError unless the folder may be used, and all that is replaced may be."""

@@ -44,7 +44,7 @@ _STOOD, _SHORTEST, _LONGEST = 2.0, 0.15, 0.6  # times, and s, that an encoder ma
 _LASTING = 0.05  # s, lag of the command that a stand is judged by: a brake's noise moves nothing
 _STOPS = 0.1  # s, in which a joint that hardly moves comes to stand for certain
 _SUDDEN, _ROOM = 3.0, 3.0  # times the largest acceleration so far, and motions, of a sudden stand
-_JUMP, _TIMES = 2.0, 5.0  # limits of angle per s, and times the largest step so far, of a jump
+_LEAP, _TIMES = 0.03, 5.0  # rad, and times the largest step so far, that a jump exceeds
 _CLOCKS = 2.0  # s, after which clocks are compared
 _CLOCK_ERROR = 0.03  # by which they may differ
 
@@ -70,6 +70,7 @@ class Expected:
     """What a model says of the joint as it is loaded."""
 
     resonance: float  # rad/s, the least that the model allows
+    friction: float = 0.0  # Coulomb's over the inertia in rad/s^2, as little as there may be
     stiffness: float | None = None  # of gravity over the inertia, in 1/s^2; None if not known
     hanging: float = 0.0  # rad, the angle to which gravity pulls it
     delay: float = 0.0  # s, from a command to its effect
@@ -92,7 +93,7 @@ class MotionGuard:
         self._fastest = 0.0  # acceleration so far in rad/s^2
         self._slope_time = max(_SLOPE, _READINGS * step)  # s over which a speed is measured
         self._rate_of_error = -math.expm1(-step / _LAG) / step  # rad/s, of a reading's rad
-        self._widest = _JUMP * limits.angle * step  # angle between two readings so far in rad
+        self._widest = 0.0  # angle between two readings so far in rad
         self._count = math.inf  # the smallest one, in rad
         self.begin()
 
@@ -100,7 +101,7 @@ class MotionGuard:
         """Forget the readings so far: the drive starts anew."""
         self._last: Reading | None = None
         self._same_time = 0.0  # s waited for without that the clock went on
-        self._beyond: float | None = None  # time since when a limit is exceeded
+        self._beyond = 0.0  # s beyond a limit since the joint rested
         self._trail: deque[tuple[float, float]] = deque()  # times and angles of the last readings
         self._speed = FilteredDifference(_LAG)
         self.rate = self.swing = 0.0  # the least by which the joint moves, and will swing
@@ -126,12 +127,13 @@ class MotionGuard:
         rate = self._speed.update(time, angle, 0.0)
         self.rate = math.copysign(max(abs(rate) - self._rate_doubt, 0.0), rate)
         away = angle - self.home
-        self.swing = math.hypot(away, self.rate / self._pace)
+        self.swing = self._swing(away)
         self._trail.append((time, angle))
         while time - self._trail[0][0] > self._slope_time:
             self._trail.popleft()
+        passed = 0.0 if self._last is None else time - self._last.time
         self._last = reading
-        self._require_within(time, away, reading.current)
+        self._require_within(passed, away, reading.current)
         if self._saved is not None:
             self._require_help(time, away)
         elif self._command == 0:
@@ -190,7 +192,7 @@ class MotionGuard:
 
     def at_rest(self) -> None:
         """Take that the joint rests: nothing has to be saved."""
-        self._saved = self._outward = None
+        self._saved, self._outward, self._beyond = None, None, 0.0
         self._free = (self._now, 0.0)
 
     def sound_run(self) -> None:
@@ -206,9 +208,18 @@ class MotionGuard:
     def _now(self) -> float:
         return 0.0 if self._last is None else self._last.time
 
-    @property
-    def _pace(self) -> float:
-        return math.inf if self.model is None else self.model.resonance
+    def _swing(self, away: float) -> float:
+        """Return how far in rad from home the joint gets, if it is let go now.
+
+        Its energy goes into the spring that gravity is, and into friction on the way.
+        """
+        if self.model is None:
+            return abs(away)
+        pace, friction = self.model.resonance, self.model.friction
+        outward = math.copysign(1.0, away * self.rate)
+        energy = self.rate**2 + (pace * away) ** 2 + 2 * friction * outward * abs(away)
+        root = math.sqrt(max(friction**2 + pace**2 * energy, 0.0))
+        return max(abs(away), (root - friction) / pace**2)
 
     @property
     def _patience(self) -> float:
@@ -252,7 +263,7 @@ class MotionGuard:
             )
         if passed > _LATE:
             raise SafetyStop(
-                f"{passed:.3g} s passed between two readings (at most {_LATE:g} s): the command "
+                f"{passed:.4g} s passed between two readings (at most {_LATE:g} s): the command "
                 "was held meanwhile; take load from the computer"
             )
         assert self._clocks is not None  # noqa: S101 - set with the first reading
@@ -275,15 +286,16 @@ class MotionGuard:
         if self._last is None:
             return
         step = abs(reading.angle - self._last.angle)
-        self._count = min(self._count, step or math.inf)
-        if step > _TIMES * self._widest:
+        counts = 3 * self._count if self._count < math.inf else 0.0
+        if step > max(_TIMES * self._widest, _LEAP, counts, 2 * NOISES * self.noise):
             raise SafetyStop(
                 f"the encoder jumped by {step:.3g} rad in {reading.time - self._last.time:.2g} s: "
                 "it slips, loses counts, or starts again after a turn; check its mount and cable"
             )
         self._widest = max(self._widest, step)
+        self._count = min(self._count, step or math.inf)
 
-    def _require_within(self, time: float, away: float, current: float) -> None:
+    def _require_within(self, passed: float, away: float, current: float) -> None:
         """Raise `SafetyStop` where limits are left for too long, or by too much."""
         limits = self.limits
         coming = abs(away) + 2 * self._step * max(math.copysign(1.0, away) * self.rate, 0.0)
@@ -295,8 +307,8 @@ class MotionGuard:
             )
         swing, rate, current = abs(away), abs(self.rate), abs(current)
         if not (swing > limits.angle or rate > limits.speed or current > limits.current):
-            self._beyond = None
             return
+        self._beyond += passed
         for what, value, most, unit in (
             ("angle", swing, limits.angle, "rad"),
             ("speed", rate, limits.speed, "rad/s"),
@@ -304,11 +316,10 @@ class MotionGuard:
         ):
             if value > most:
                 self.save()
-                self._beyond = time if self._beyond is None else self._beyond
-                if time - self._beyond > _RESCUE:
+                if self._beyond > _RESCUE:
                     raise SafetyStop(
                         f"{what} {value:.3g} {unit} beyond {most:g} {unit} for "
-                        f"{time - self._beyond:.2g} s, although the run was ended: check that the "
+                        f"{self._beyond:.2g} s, although the run was ended: check that the "
                         "drive follows its command, and that nothing else turns the joint"
                     )
                 return

@@ -27,6 +27,7 @@ _SLEW = 0.02  # s, in which a relay's command reaches its size
 _PATIENCE = 2.0  # s for which a relay waits to be switched
 _STANDS = 0.6  # s for which it waits while the joint stands
 _STAND = 0.03  # share of the reach within which that is
+_BRAKED, _HELD = 1e-3, 0.2  # rad within which, and s for which, a joint stands that is braked
 _BEGUN = 0.25  # share of a push's way from which on it has begun
 
 
@@ -108,14 +109,22 @@ class Relay:
 
 
 class Brake:
-    """A command back to ``home``, full from ``speed`` rad/s and from ``width`` rad on."""
+    """A command back to ``home``, full from ``speed`` rad/s and from ``width`` rad on.
+
+    It ends where the joint stands: friction holds it, or its encoder is dead.
+    """
 
     def __init__(self, home: float, size: float, speed: float, width: float) -> None:
         self._home, self._size, self._speed, self._width = home, size, speed, width
         self._velocity = FilteredDifference(LAG)
+        self._stands = math.nan, 0.0  # an angle, and since when the joint is there
 
-    def __call__(self, reading: Reading) -> float:
-        """Return the command for one reading."""
+    def __call__(self, reading: Reading) -> float | None:
+        """Return the command for one reading; None when the joint stands."""
+        if not abs(reading.angle - self._stands[0]) <= _BRAKED:
+            self._stands = reading.angle, reading.time
+        elif reading.time - self._stands[1] > _HELD:
+            return None
         velocity = self._velocity.update(reading.time, reading.angle, 0.0)
         away = (reading.angle - self._home) / self._width + velocity / self._speed
         return -self._size * max(-1.0, min(1.0, away))

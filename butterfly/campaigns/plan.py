@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from butterfly.campaigns.bench import Bench
+from butterfly.campaigns.drive import DriveFault
 from butterfly.campaigns.guard import SOFT, Expected, Limits
 from butterfly.campaigns.laws import RESERVE, STILL, Law, Relay, Signal
 from butterfly.identification.data import DataSet
@@ -101,6 +102,12 @@ def pace_of(parameters: LumpedParameters, mass: AddedMass) -> float:
     return resonance_frequency(parameters.with_added_mass(mass)) or 1.0
 
 
+def least_friction(estimate: Estimate, mass: AddedMass) -> float:
+    """Return the friction in rad/s^2 that stops a joint for certain: half of what is certain."""
+    lower = dict(zip(estimate.names, estimate.lower.tolist(), strict=True)).get("coulomb", 0.0)
+    return float(max(lower, 0.0) / 2 / estimate.parameters.with_added_mass(mass).p1)
+
+
 def duration_of(parameters: LumpedParameters, mass: AddedMass) -> float:
     """Return the length in s of a run: some periods of the resonance."""
     resonance = pace_of(parameters, mass)
@@ -159,7 +166,10 @@ def played(data: DataSet, estimate: Estimate, recipe: Recipe, limits: Limits) ->
         path=CommandPath(delay=max(parameters.delay, 0.0), **vars(parameters.drive)),
         encoder=Encoder(steps=FINEST),
     )
-    with Bench(motor, limits, _STEP) as bench:
-        bench.expect(Expected(resonance=pace))
-        run = bench.run(recipe.law(0.0), recipe.duration)
+    try:
+        with Bench(motor, limits, _STEP) as bench:
+            bench.expect(Expected(resonance=pace, friction=least_friction(estimate, mass)))
+            run = bench.run(recipe.law(0.0), recipe.duration)
+    except DriveFault as fault:  # no drive's: the model's
+        raise fault.__cause__ or fault from None
     return None if run.cut else run.log(added_mass=mass)

@@ -25,6 +25,10 @@ class Rests:
     def __init__(self) -> None:
         self._first: dict[AddedMass, float] = {}  # angle in rad of the first rest
 
+    def take(self, mass: AddedMass, rest: float) -> None:
+        """Take where the joint rested with a mass, in rad, in a former session."""
+        self._first.setdefault(mass, rest)
+
     def require_no_slip(self, rest: float, mass: AddedMass, model: Identified | None) -> None:
         """Raise `SafetyStop` if the joint rests where gravity and friction do not let it.
 
@@ -40,7 +44,8 @@ class Rests:
         if abs(rest - first) > _SLIPS * width + ENOUGH:
             raise SafetyStop(
                 f"the joint rests {abs(rest - first):.3g} rad from where it rested first, and "
-                f"friction explains {width:.2g} rad: the encoder slips, or the mount moved"
+                f"friction explains {width:.2g} rad: the encoder slips or starts at another zero, "
+                "or the mount moved; set it back, or begin in a new folder"
             )
 
 

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import select
 import shutil
 import sys
+import textwrap
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 
 import butterfly as bf
 from butterfly.campaigns.callbacks import CampaignCallbacks
-from butterfly.cli.output import note
+from butterfly.cli.output import asked
 from butterfly.errors import StoppedError
 from butterfly.plant.motor import Reading
 
+_EMPTY = "\r\033[K"  # goes back in a line and empties it
 _EVERY = 0.1  # s from one live line to the next
 
 
@@ -23,31 +27,33 @@ class CampaignTerminal(CampaignCallbacks):
     ----------
     asks
         Whether the first motion waits for Enter.
+    moves
+        Whether a motor moves; nobody has to be told of a simulated one, except on a terminal.
     """
 
-    def __init__(self, *, asks: bool) -> None:
-        self._asks = asks
+    def __init__(self, *, asks: bool, moves: bool) -> None:
+        self._asks, self._moves = asks, moves
         self._shown = -_EVERY  # s on the computer's clock
-        self._shows = sys.stderr.isatty()
+        self._shows = sys.stderr.isatty() and not asked.quiet
 
     def begin(self, announcement: Sequence[str]) -> None:
         """Say what will be played, and wait for Enter."""
         for sentence in announcement:
-            note(sentence)
-        note(
+            self._tell(sentence, even_if_quiet=self._asks)
+        self._tell(
             "Ctrl-C ends it at any time: the drive is switched off, finished runs are kept, and "
-            "the same command goes on."
+            "the same command goes on.",
+            even_if_quiet=self._asks,
         )
         if self._asks:
-            _answered(
+            _await_enter(
                 "Keep clear of the joint, and the switch of its supply in reach. Press Enter to "
                 "begin: "
             )
 
     def phase(self, sentence: str) -> None:
         """Say what begins, or what came of it."""
-        self._clear()
-        note(sentence)
+        self._tell(sentence)
 
     def cycle(self, reading: Reading, command: float) -> None:
         """Show angle and command in one line that changes."""
@@ -55,31 +61,63 @@ class CampaignTerminal(CampaignCallbacks):
         if not self._shows or now - self._shown < _EVERY:
             return
         self._shown = now
-        line = f"{reading.time:8.1f} s   angle {reading.angle:+8.3f} rad   command {command:+9.4g}"
-        sys.stderr.write("\r" + line[: shutil.get_terminal_size().columns - 1])
-        sys.stderr.flush()
+        line = f"{reading.time:8.1f} s   angle {reading.angle:+8.3f} rad   command {command:+12.5f}"
+        with suppress(OSError, ValueError):  # a terminal that is gone, or stands, stops no motor
+            if select.select([], [sys.stderr], [], 0)[1]:
+                sys.stderr.write(_EMPTY + line[: shutil.get_terminal_size().columns - 1])
+                sys.stderr.flush()
 
     def mount(self, mass: bf.AddedMass) -> None:
         """Ask a person to mount a mass, or to leave it on."""
-        self._clear()
+        self.clear()
         wanted = str(mass) if mass.mass else "no added mass"
-        _answered(
+        _await_enter(
             f"The drive is off. The next run is with {wanted}: change what is mounted, or leave it "
             "so; let the joint hang, then press Enter: "
         )
 
-    def _clear(self) -> None:
+    def clear(self) -> None:
         """Empty the line that changes."""
         if self._shows:
-            sys.stderr.write("\r\033[K")
+            with suppress(OSError):
+                sys.stderr.write(_EMPTY)
+
+    def _tell(self, sentence: str, *, even_if_quiet: bool = False) -> None:
+        """Print a sentence on standard error, where somebody waits."""
+        self.clear()
+        if even_if_quiet or (not asked.quiet and (self._moves or self._shows)):
+            print(_folded(sentence), file=sys.stderr, flush=True)
 
 
-def _answered(question: str) -> None:
-    """Wait for Enter."""
+def _folded(sentence: str) -> str:
+    """Return a sentence folded between words, on a terminal."""
+    if not sys.stderr.isatty():
+        return sentence
+    return "\n".join(textwrap.wrap(sentence, shutil.get_terminal_size().columns - 1))
+
+
+def _await_enter(question: str) -> None:
+    """Wait for Enter alone, pressed after the question."""
     try:
-        input(question)
+        while _answer(question).strip():
+            pass
     except EOFError:
         raise StoppedError(
             "stopped: nobody answers at the keyboard; the drive is off, finished runs are kept, "
             "and the same command goes on"
         ) from None
+
+
+def _answer(question: str) -> str:
+    """Return what is typed after a question, not what was typed before it."""
+    if sys.stdin.isatty():
+        try:
+            import termios  # noqa: PLC0415 - not on every system
+
+            termios.tcflush(sys.stdin, termios.TCIFLUSH)
+        except (ImportError, OSError):
+            pass
+    lead, _, last = _folded(question).rpartition("\n")
+    if lead:
+        print(lead)
+    return input(f"{last.rstrip()} ")

@@ -17,7 +17,7 @@ from butterfly.cli.derived import Ask, command, verb_named
 from butterfly.cli.options import NO_REPORT, OUT, SILENT, WRITTEN, DataOptions, Report, parse_pairs
 from butterfly.cli.output import ExitCode, asked, say, show, show_progress, warn
 from butterfly.cli.written import FOLDER, SAVED, OutputFile
-from butterfly.errors import InputError
+from butterfly.errors import InputError, StoppedError
 
 _DRAWS = Parameter(help="Write the parameter draws: .csv, .parquet, or a folder of MJCF.")
 _More = Annotated[Path, Parameter(show=False)]
@@ -165,6 +165,7 @@ def _campaign(
     ] = False,
 ) -> ExitCode:
     from butterfly.api.campaigns import names_motor  # noqa: PLC0415 - slow to import
+    from butterfly.campaigns.drive import LeftOnError, SafetyStop  # noqa: PLC0415
     from butterfly.cli.campaign_terminal import CampaignTerminal  # noqa: PLC0415
 
     pairs = parse_pairs(",".join(known), "--known") if known else None
@@ -176,9 +177,20 @@ def _campaign(
         if len(ask.keywords["masses"] or ()) > 1:
             expected = "one mass: without a keyboard nobody can be asked to change it"
             raise InputError("butterfly campaign", "--masses", ask.keywords["masses"], expected)
-    terminal = CampaignTerminal(asks=moves and not yes)
+    terminal = CampaignTerminal(asks=moves and not yes, moves=moves)
     change = terminal.mount if keyboard else None
-    found = ask(known=pairs, change=change, callbacks=terminal)
+    folder = shlex.quote(str(ask.keywords["out"] or "campaign"))
+    kept = f"the drive is off; finished runs are kept in {folder}, and the same command goes on"
+    try:
+        found = ask(known=pairs, change=change, callbacks=terminal)
+    except KeyboardInterrupt:
+        raise StoppedError(f"stopped: {kept}") from None
+    except LeftOnError:
+        raise
+    except SafetyStop as stop:
+        raise SafetyStop(f"{stop}; {kept}") from stop
+    finally:
+        terminal.clear()
     ended = show(found)
     say(f"Report: {found.page_path}")
     return ended

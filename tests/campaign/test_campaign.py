@@ -225,7 +225,6 @@ FAILURES = [
     ("mounted once", 0.0, "as it did with 100 g at 100 mm", {"goal": 1e-4, "price": 0.0}),
     *[("current", since, "50 A beyond 10 A", {"current": 10.0}) for since in (0.0, 12.0)],
     ("unplugged", 12.0, "no longer answers", {}),
-    ("loose", 0.0, "no longer moves when it is driven", {}),
 ]
 
 
@@ -249,11 +248,13 @@ def test_readings_that_end_at_a_stop_are_not_followed_and_no_goal_is_claimed(tmp
     assert "no end stop or cable touches the joint" in found.content["ending"]
 
 
-def test_what_the_model_does_not_follow_ends_in_words_after_small_runs(tmp_path):
-    found = run(Faulty("fading"), tmp_path / "a")
+@pytest.mark.parametrize("wrong", ["fading", "loose"])
+def test_what_the_model_does_not_follow_ends_in_words_after_small_runs(tmp_path, wrong):
+    found = run(Faulty(wrong), tmp_path / "a")
     assert not found.reached
     assert "encoder does not slip, and that no end stop" in found.content["ending"]
-    assert "butterfly residual" in str(found)
+    shows = "residual" if found.identification is not None else "inspect"  # what can be shown
+    assert f"butterfly {shows}" in str(found)
     assert all("relay of 0.18 rad" in row["played"] for row in found.rows())
 
 

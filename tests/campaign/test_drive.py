@@ -1,5 +1,6 @@
 """Motors that raise, or answer with what is no number; and switching them off, whatever happens."""
 
+import contextlib
 import math
 import os
 import signal
@@ -7,7 +8,7 @@ import signal
 import numpy as np
 import pytest
 
-from butterfly.campaigns.drive import Drive, DriveFault
+from butterfly.campaigns.drive import Drive, DriveFault, signals_wait
 from butterfly.errors import InputError
 from butterfly.logs.log import InputKind
 from butterfly.plant.motor import Reading
@@ -123,7 +124,6 @@ def test_no_signal_prevents_that_a_drive_is_switched_off(name):
             os.kill(os.getpid(), number)
             pytest.fail("the first signal interrupts what is played")
         finally:
-            os.kill(os.getpid(), number)  # a second one, on the way to switch off
             drive.switch_off()
 
     with pytest.raises(KeyboardInterrupt):
@@ -156,3 +156,40 @@ def test_what_cannot_be_commanded_is_refused_before_it_is_started(motor, named):
     with pytest.raises(InputError, match=named):
         Drive(motor)
     assert "start" not in getattr(motor, "calls", [])
+
+
+def test_a_zero_that_is_never_sent_does_not_keep_a_drive_from_being_stopped():
+    motor = Fake(command=lambda: os.kill(os.getpid(), signal.SIGINT))  # Ctrl-C while it waits
+    drive = Drive(motor)
+    drive.start()
+    with pytest.raises(KeyboardInterrupt):
+        drive.switch_off()
+    assert motor.calls[-1] == "stop"
+    assert not drive.is_enabled
+
+
+def test_an_interrupt_that_a_motor_swallows_ends_the_run_at_its_next_reading():
+    def swallowing():
+        with contextlib.suppress(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGINT)
+        return Reading(0.0, 0.0, math.nan)
+
+    drive = Drive(Fake(read=swallowing))
+    drive.start()
+    with pytest.raises(KeyboardInterrupt):
+        drive.read()
+    with pytest.raises(KeyboardInterrupt):
+        drive.switch_off()
+
+
+def test_what_is_written_while_signals_wait_is_written_whole():
+    written = []
+
+    def write():
+        with signals_wait():
+            os.kill(os.getpid(), signal.SIGTERM)
+            written.append(1)
+
+    with pytest.raises(KeyboardInterrupt):
+        write()
+    assert written == [1]

@@ -91,7 +91,7 @@ def begun(tmp_path):
 def test_what_is_written_is_what_identify_reads(begun):
     assert set(contents(begun)) == OURS
     with Folder(begun) as folder:
-        ours, one = folder.data(), folder.data(only=1)
+        ours, one = folder.data(), folder.data(slice(1, 2))
     theirs = read_data_set(read_manifest(begun / "manifest.yaml"))
     assert [log.added_mass for log in ours.logs] == [log.added_mass for log in theirs.logs]
     assert all(
