@@ -35,6 +35,7 @@ _LAG = 0.01  # s, of the speed that is guarded
 _ROUNDED = 1.05  # times the largest command, that a drive may make of it by its steps
 _READINGS = 5  # that a change of command is given to show
 _SLOPE = 0.03  # s, over which a speed is measured that is compared with another
+_LONG, _NOISY = 0.2, 0.5  # s of the same for noisy encoders: errors in limits of angle per s
 _SHARE_OF_TIME = 0.1  # of the joint's time constant, in which a brake has to help
 _UNKNOWN = 0.5  # s, for the time constant of a joint that is not known
 _MOST = 0.1  # s that a change of command is given to show
@@ -113,6 +114,8 @@ class MotionGuard:
         self._slopes: deque[tuple[float, float]] = deque()  # times and speeds
         self._least = 0.0, math.inf  # speed in rad/s at least, and by how much a reading may err
         self._count_to_learn = 0
+        self._past: deque[tuple[float, float]] = deque()  # times and angles, now and then
+        self._slow = 0.0  # speed in rad/s at least, over a longer time
         self._stood_now = 0.0
         self._clocks: tuple[float, float] | None = None
         self._waited = 0.0
@@ -126,6 +129,8 @@ class MotionGuard:
         self._require_no_jump(reading)
         rate = self._speed.update(time, angle, 0.0)
         self.rate = math.copysign(max(abs(rate) - self._rate_doubt, 0.0), rate)
+        if self._rate_doubt > _NOISY * self.limits.angle and abs(self._slow) > abs(self.rate):
+            self.rate = self._slow  # of a noisy encoder, over a longer time
         away = angle - self.home
         self.swing = self._swing(away)
         self._trail.append((time, angle))
@@ -305,7 +310,7 @@ class MotionGuard:
                 f"{limits.angle:g} rad, and turns on: neither a cut nor the brake holds it; check "
                 "that the drive follows its command, and its sign"
             )
-        swing, rate, current = abs(away), abs(self.rate), abs(current)
+        swing, rate, current = abs(away) - NOISES * self.noise, abs(self.rate), abs(current)
         if not (swing > limits.angle or rate > limits.speed or current > limits.current):
             return
         self._beyond += passed
@@ -404,6 +409,13 @@ class MotionGuard:
     def _learn(self, time: float) -> None:
         """Learn how the joint accelerates, and how fast it moves at least; now and then."""
         self._count_to_learn = _READINGS
+        self._past.append((time, self._trail[-1][1]))
+        while time - self._past[0][0] > _LONG:
+            self._past.popleft()
+        (begin, first), (_, last) = self._past[0], self._past[-1]
+        mean = (last - first) / max(time - begin, _LONG / 2)
+        sure = max(abs(mean) - NOISES * self.noise / _LONG, 0.0)
+        self._slow = math.copysign(sure, mean)
         slope, doubt = self._slope()
         if math.isinf(doubt):
             return
