@@ -62,19 +62,11 @@ class Bench:
         self._brake: tuple[float, float, float] | None = None
 
     def __enter__(self) -> Bench:
-        self.switch_on()
+        self.guard.begin()
+        self._drive.start()  # with command 0
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.switch_off()
-
-    def switch_on(self) -> None:
-        """Enable the drive, with command 0."""
-        self.guard.begin()
-        self._drive.start()
-
-    def switch_off(self) -> None:
-        """Switch the drive off, whatever happens meanwhile."""
         self._drive.switch_off()
 
     def make_sure_it_is_off(self) -> None:

@@ -183,7 +183,7 @@ class Folder:
         """Keep a run that is not to be used beside the others, where it makes a log."""
         with suppress(InputError):  # such as of a joint that diverged
             log = parquet_bytes(run.log(added_mass=step.added_mass))
-            create_file(_beside(self.path / log_name(len(self.journal.steps))), log)
+            create_file(_unlisted_path(self.path / log_name(len(self.journal.steps))), log)
 
     def data(self, runs: slice | None = None) -> DataSet:
         """Return the logs so far, or of some of the runs, as `identify` reads them."""
@@ -257,7 +257,7 @@ class Folder:
         for path in sorted(self.path.glob("run_*.parquet")):
             number = path.stem.removeprefix("run_")
             if number.isdecimal() and int(number) >= begun and path.name == log_name(int(number)):
-                kept = _beside(path)
+                kept = _unlisted_path(path)
                 try:
                     path.rename(kept)
                 except OSError as error:
@@ -360,8 +360,8 @@ def _digest(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-def _beside(path: Path) -> Path:
-    """Return a free name beside that of a log."""
+def _unlisted_path(path: Path) -> Path:
+    """Return a free path beside a log, for one that no journal lists."""
     there = {each.name for each in path.parent.iterdir()}
     stems = (f"{path.stem}.unlisted{f'_{n}' if n > 1 else ''}" for n in itertools.count(1))
     return next(each for each in map(path.with_stem, stems) if each.name not in there)
