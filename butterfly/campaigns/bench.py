@@ -18,9 +18,10 @@ from butterfly.logs.log import InputKind, Log
 from butterfly.plant.motor import Motor, Reading, Sample, recorded
 
 _LONGEST_STOP = 60.0  # s in which a joint has to come to rest
-_RETURN = 5.0  # s in which it has to be near home, or is taken as it is
+_RETURN, _TRIES = 5.0, 3.0  # s, and windows, in which it has to be near home, or stays as it is
 _NEAR = 0.1  # share of the largest angle that is near
 _STILL_UNKNOWN = 1.0  # s in which a joint that is not known yet would be seen to swing
+_STILL_SLOW = 5.0  # s after which a joint that hardly anything holds is taken to rest
 
 Watch = Callable[[Reading, float], None]
 """Is shown each reading, and the command that answers it."""
@@ -94,6 +95,11 @@ class Bench:
         """Standard deviation of the encoder's noise at rest in rad."""
         return self.guard.noise
 
+    @property
+    def braking(self) -> float:
+        """Size of a brake's command; 0 while there is none."""
+        return 0.0 if self._brake is None else self._brake[0]
+
     def expect(self, model: Expected | None) -> None:
         """Take what a model says of the joint as it is loaded."""
         self.guard.model = model
@@ -160,29 +166,33 @@ class Bench:
 
     @property
     def near(self) -> float:
-        """Angle in rad about home in which runs begin."""
-        return _NEAR * self.limits.angle
+        """Angle in rad about home in which runs begin.
+
+        A brake that is critically damped and full from there on can go by a velocity that the
+        encoder's errors leave alone: its lag is then at most half of the brake's time constant.
+        """
+        return max(_NEAR * self.limits.angle, 4 * self.guard.grain)
 
     def braked_with(self, size: float, speed: float, width: float = math.inf) -> None:
         """Brake from now on with a command of a size, full from a speed in rad/s on.
 
         Full too from ``width`` rad away from home on, back to there.
         """
-        noise = NOISES * self.noise / LAG
-        self._brake = size, max(FINEST / LAG, noise, speed), width or math.inf
+        self._brake = size, max(FINEST / LAG, speed), width or math.inf
 
     def settle(self) -> None:
         """Bring the joint home and wait until it rests; measure where, and the encoder's noise."""
-        begun = self.used
+        begun, away = self.used, max(_RETURN, _TRIES * self._window)
         while (passed := self.used - begun) < _LONGEST_STOP:
             if self._brake is not None and self._moves:
                 size, speed, width = self._brake
-                if self._is_new or passed > _RETURN:  # where it is, if not at home
+                if self._is_new or passed > away:  # where it is, if not at home
                     width = math.inf
-                self._play(Brake(self.home, size, speed, width), self._window)
+                lag = max(LAG, self.guard.grain / speed)  # errors of readings brake nothing
+                self._play(Brake(self.home, size, speed, width, lag), self._window)
             angle = self._play(LetGo(self.near), self._window).angle
             rest = float(angle.mean())
-            near = self._is_new or abs(rest - self.home) < self.near or passed > _RETURN
+            near = self._is_new or abs(rest - self.home) < self.near or passed > away
             if near and self._is_still(angle):
                 self.guard.noise, self.rest = max(_noise(angle), self.noise), rest
                 self.guard.home = rest if self._is_new else self.home
@@ -198,7 +208,9 @@ class Bench:
     def _window(self) -> float:
         """Time in s in which a joint that swings moves for certain."""
         model = self.guard.model
-        return max(STILL, 2 / model.resonance) if model is not None else _STILL_UNKNOWN
+        if model is None:
+            return _STILL_UNKNOWN
+        return max(STILL, 2 / max(model.resonance, 2 / _STILL_SLOW))
 
     def _is_still(self, angle: ArrayLike) -> bool:
         """Whether (n,) angles show no motion."""

@@ -29,7 +29,6 @@ from butterfly.campaigns.plan import (
     candidates,
     duration_of,
     least_friction,
-    pace_of,
     played,
     probe,
     validation,
@@ -44,6 +43,7 @@ from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.identifiability import with_scale
 from butterfly.identification.plausibility import judge_fit
 from butterfly.identification.repeatability import Repeatability, contradicting_runs
+from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 from butterfly.model.prior import Prior
 from butterfly.plant.motor import Motor
@@ -55,7 +55,9 @@ GOAL = 0.01
 Carry = Callable[[AddedMass], None]
 """Mounts a mass, and returns when it is mounted."""
 
+_BRAKES = 0.5  # of the deceleration that the model gives a brake, which is certain
 _OVER = 2.5  # command of the first relay, over what moves the joint: friction never holds it
+_SPEED_OVER = 0.1  # s, over which the speed of a run is measured
 _LEAST = 1e-9  # of a half-width, that counts as wanted of a value that is 0
 _ZERO = 0.5  # rad from where a joint rests, within which it may hang
 _IN_VAIN = 5  # runs in a row that may bring too little
@@ -308,7 +310,7 @@ class _Campaign:
         run = bench.run(law, recipe.duration, recipe.reach)
         size = getattr(law, "size", 0.0)
         if before is None and run.angle.size:
-            fast = float(np.std(np.diff(run.angle))) / self._wish.step
+            fast = _speed(run)
             bench.braked_with(max(self._size, size), fast, float(np.ptp(run.angle)) / 2)
         self._size = size / 2 if run.cut and size else max(self._size, size)
         return run
@@ -341,7 +343,8 @@ class _Campaign:
         if self._sound is None:
             return None
         loaded, stiffness = self._sound.parameters.with_added_mass(mass), None
-        if self._is_known(mass) and not self._bench.is_loaded_anew:
+        brakes = loaded.p4 if self._is_known(mass) else 0.0
+        if brakes and not self._bench.is_loaded_anew:
             stiffness = max(loaded.p3, 0.0) / loaded.p1
         runs = self._folder.journal.steps
         names = [log_name(k) for k, step in enumerate(runs) if step.added_mass == mass]
@@ -349,8 +352,9 @@ class _Campaign:
         zeros = [self._sound.zeros[name] for name in names if name in self._sound.zeros]
         near = [zero for zero in zeros if abs(zero - home) < _ZERO]  # of this start of the encoder
         return Expected(
-            resonance=self._pace(mass),
+            resonance=self._resonance(mass),
             friction=least_friction(self._sound.estimate, mass),
+            brake=_BRAKES * self._bench.braking * brakes / loaded.p1,
             stiffness=stiffness,
             hanging=near[-1] if near else home,
             delay=max(loaded.delay, 0.0),
@@ -367,8 +371,8 @@ class _Campaign:
         """Whether the model is of the joint with this mass, too."""
         return not self._open or any(e.added_mass == mass for e in self._folder.journal.steps)
 
-    def _pace(self, mass: AddedMass) -> float:
-        """Return the resonance in rad/s with a mass; of a heavier one than known at most.
+    def _resonance(self, mass: AddedMass) -> float:
+        """Return the least resonance in rad/s with a mass; of a heavier one than known the most.
 
         It lies between that of the last one and that of what is added, by itself.
         """
@@ -380,7 +384,7 @@ class _Campaign:
         estimate, p3 = self._sound.estimate, self._sound.parameters.p3
         lower = dict(zip(estimate.names, estimate.lower.tolist(), strict=True)).get("p3", p3)
         least = replace(estimate.parameters, p3=max(lower, p3 / 2))  # as little as holds it back
-        resonance = pace_of(least, mass if known else last)
+        resonance = resonance_frequency(least.with_added_mass(mass if known else last))
         return resonance if known else max(resonance, alone)
 
     def _identified(self, runs: slice | None = None) -> Identified | None:
@@ -458,7 +462,7 @@ class _Campaign:
             plan = self._plan(found, [] if self._open else others, vain)
         if changes and (plan is None or plan.cost > (limits.seconds - self._bench.used) / 2):
             heaviest = max(others, key=lambda mass: mass.inertia_and_moment)
-            seconds = max(PROBE, duration_of(found.parameters, self._mounted))
+            seconds = max(PROBE, duration_of(found.parameters, self._mounted, limits))
             mount = probe(heaviest, self._size, limits, seconds)
             return _Next("another mass gives the scale", mount)
         worst, share = max(self._shares.items(), key=lambda pair: pair[1])
@@ -484,9 +488,10 @@ class _Campaign:
         logs = [
             (recipe, log)
             for mass in [self._mounted, *others]
+            if (expected := self._expected(mass))
             for recipe in candidates(estimate, mass, limits, least)
             if (recipe.kind, mass) not in unlike
-            and (log := played(found.data, estimate, recipe, limits))
+            and (log := played(found.data, estimate, recipe, limits, expected))
         ]
         aim, mounted, price = self._wanted(found), self._mounted, self._wish.price
         every = plans(found.data, estimate, logs, aim, mounted=mounted, price=price)
@@ -497,6 +502,13 @@ class _Campaign:
             return falls_short, plan.cost
 
         return min(every, key=rank, default=None)
+
+
+def _speed(run: Recording) -> float:
+    """Return the rms speed of a run in rad/s, over times in which an encoder's noise is little."""
+    over = np.searchsorted(run.time, _SPEED_OVER)
+    moved = run.angle[over:] - run.angle[: run.angle.size - over]
+    return float(np.sqrt(np.mean(np.square(moved)))) / _SPEED_OVER if moved.size else 0.0
 
 
 def _stop_behind(error: BaseException | None) -> SafetyStop | None:

@@ -42,7 +42,7 @@ def make_contact(bench: Bench) -> Contact:
             )
         if side > 0:
             bench.polarity = 1 if push.moved > 0 else -1
-            bench.braked_with(push.command, enough / LAG)
+            bench.braked_with(push.command, enough / max(push.took, LAG))
         elif push.moved > 0:
             raise SafetyStop(
                 "both signs of the command move the joint the same way: check the drive's "

@@ -41,9 +41,9 @@ _UNKNOWN = 0.5  # s, for the time constant of a joint that is not known
 _MOST = 0.1  # s that a change of command is given to show
 _GROWN, _FLOOR = 1.1, 0.1  # growth of a speed that counts: its ratio, and limits of angle per s
 _GAINED, _SWING = 3.0, 0.15  # the same of an energy: its ratio, and limits of angle
-_STOOD, _SHORTEST, _LONGEST = 2.0, 0.15, 0.6  # times, and s, that an encoder may stand at most
+_STOOD, _SHORTEST, _LONGEST = 2.0, 0.3, 0.6  # times, and s, that an encoder may stand at most
 _LASTING = 0.05  # s, lag of the command that a stand is judged by: a brake's noise moves nothing
-_STOPS = 0.1  # s, in which a joint that hardly moves comes to stand for certain
+_STOPS, _STOPS_LATE = 0.1, 0.4  # s, in which a joint that hardly moves stands or turns: between
 _SUDDEN, _ROOM = 3.0, 3.0  # times the largest acceleration so far, and motions, of a sudden stand
 _LEAP, _TIMES = 0.03, 5.0  # rad, and times the largest step so far, that a jump exceeds
 _CLOCKS = 2.0  # s, after which clocks are compared
@@ -70,11 +70,25 @@ class Limits:
 class Expected:
     """What a model says of the joint as it is loaded."""
 
-    resonance: float  # rad/s, the least that the model allows
+    resonance: float  # rad/s, the least that the model allows; 0 of a joint that nothing holds
     friction: float = 0.0  # Coulomb's over the inertia in rad/s^2, as little as there may be
+    brake: float = 0.0  # deceleration in rad/s^2 that a brake makes for certain
     stiffness: float | None = None  # of gravity over the inertia, in 1/s^2; None if not known
     hanging: float = 0.0  # rad, the angle to which gravity pulls it
     delay: float = 0.0  # s, from a command to its effect
+
+    def swing(self, away: float, rate: float) -> float:
+        """Return how far in rad from home a joint gets at most, if its run is ended now.
+
+        Its energy goes into the spring that gravity is, and into friction and a brake on the way;
+        ``away`` in rad from home, ``rate`` in rad/s.
+        """
+        slows, outward = self.friction + self.brake, math.copysign(1.0, away * rate)
+        energy = rate**2 + (self.resonance * away) ** 2 + 2 * slows * outward * abs(away)
+        if energy <= 0:
+            return abs(away)
+        root = math.sqrt(slows**2 + self.resonance**2 * energy)
+        return max(abs(away), energy / (slows + root)) if slows + root > 0 else math.inf
 
 
 class MotionGuard:
@@ -210,34 +224,30 @@ class MotionGuard:
         return max(NOISES * self.noise, FINEST)
 
     @property
+    def grain(self) -> float:
+        """Angle in rad by which a reading at rest may err: by noise, or by a count."""
+        return max(NOISES * self.noise, self._count if self._count < math.inf else 0.0)
+
+    @property
     def _now(self) -> float:
         return 0.0 if self._last is None else self._last.time
 
     def _swing(self, away: float) -> float:
-        """Return how far in rad from home the joint gets, if it is let go now.
-
-        Its energy goes into the spring that gravity is, and into friction on the way.
-        """
-        if self.model is None:
-            return abs(away)
-        pace, friction = self.model.resonance, self.model.friction
-        outward = math.copysign(1.0, away * self.rate)
-        energy = self.rate**2 + (pace * away) ** 2 + 2 * friction * outward * abs(away)
-        root = math.sqrt(max(friction**2 + pace**2 * energy, 0.0))
-        return max(abs(away), (root - friction) / pace**2)
+        """Return how far in rad from home the joint gets, if its run is ended now."""
+        return abs(away) if self.model is None else self.model.swing(away, self.rate)
 
     @property
     def _patience(self) -> float:
         """Time in s that a change of command is given to show."""
-        constant = _UNKNOWN if self.model is None else 1 / self.model.resonance
+        pace = 1 / _UNKNOWN if self.model is None else self.model.resonance
         delay = 0.0 if self.model is None else self.model.delay
-        return min(max(_READINGS * self._step, _SHARE_OF_TIME * constant) + delay, _MOST)
+        share = _SHARE_OF_TIME / pace if pace > 0 else math.inf
+        return min(max(_READINGS * self._step, share) + delay, _MOST)
 
     @property
     def _rate_doubt(self) -> float:
         """Speed in rad/s that the noise of a reading, or its count, makes of rest."""
-        count = self._count if self._count < math.inf else 0.0
-        return max(NOISES * self.noise, count) * self._rate_of_error
+        return self.grain * self._rate_of_error
 
     def _slope(self) -> tuple[float, float]:
         """Return the mean speed of the last readings in rad/s, and by how much it may err."""
@@ -245,11 +255,11 @@ class MotionGuard:
         passed = end - begin
         if passed < self._slope_time / 2:
             return 0.0, math.inf
-        return (last - first) / passed, 2 * self._grain / passed
+        return (last - first) / passed, 2 * self._slip / passed
 
     @property
-    def _grain(self) -> float:
-        """Angle in rad by which a reading may err: noise, a count, an encoder that slips."""
+    def _slip(self) -> float:
+        """Angle in rad by which a reading in motion may err: as at rest, or as it last stepped."""
         pairs = itertools.pairwise(angle for _, angle in self._trail)
         return max(self.motion, max((abs(after - before) for before, after in pairs), default=0.0))
 
@@ -339,7 +349,7 @@ class MotionGuard:
         speed = math.copysign(1.0, away) * slope
         if math.isinf(doubt):
             return
-        if speed <= 0 or abs(away) <= self._grain:
+        if speed <= 0 or abs(away) <= self._slip:
             self._outward = None
             return
         if self._outward is None:
@@ -389,15 +399,15 @@ class MotionGuard:
             self._stand = _Stand(angle, time, *self._least)
             return
         stand, lasting = self._stand, self._lasting
-        if time - stand.begun < _STOPS:
+        most = _STOOD * self.stood  # s, in which it leaves where it stood, or only turned
+        if time - stand.begun < min(max(most, _STOPS), _STOPS_LATE):
             return
         stand.low, stand.high = min(stand.low, lasting), max(stand.high, lasting)
         if max(stand.high - lasting, lasting - stand.low) <= 2 * self.breakaway:
             stand.since = None
             return
         stand.since = time if stand.since is None else stand.since
-        most = min(max(_STOOD * self.stood, _SHORTEST), _LONGEST)
-        if time - stand.since > most:
+        if time - stand.since > min(max(most, _SHORTEST), _LONGEST):
             raise SafetyStop(
                 "the joint no longer moves when it is driven: the encoder stands at "
                 f"{angle:.4g} rad for {time - stand.since:.2g} s although the command went from "
@@ -427,7 +437,7 @@ class MotionGuard:
         if time - before > long:
             self._fastest = max(self._fastest, abs(slope - earlier) / (time - before))
         since = long / 2 + _READINGS * self._step  # s for which it may have slowed down
-        self._least = abs(slope) - doubt - self._fastest * since, self._grain
+        self._least = abs(slope) - doubt - self._fastest * since, self._slip
 
     def _require_no_sudden_stand(self, time: float) -> None:
         """Raise `SafetyStop` if the encoder stands at once where the joint cannot.

@@ -18,7 +18,7 @@ RESERVE = 0.6
 """Share of the limits that is used."""
 
 LAG = 0.02
-"""Lag in s of the velocity that a brake goes by."""
+"""Least lag in s of the velocity that a brake goes by."""
 
 _GROWTH = 1.25  # of a command, step by step
 _STEP = 0.1  # s at one command
@@ -111,12 +111,15 @@ class Relay:
 class Brake:
     """A command back to ``home``, full from ``speed`` rad/s and from ``width`` rad on.
 
+    It goes by the velocity, with a lag in s.
     It ends where the joint stands: friction holds it, or its encoder is dead.
     """
 
-    def __init__(self, home: float, size: float, speed: float, width: float) -> None:
+    def __init__(
+        self, home: float, size: float, speed: float, width: float, lag: float = LAG
+    ) -> None:
         self._home, self._size, self._speed, self._width = home, size, speed, width
-        self._velocity = FilteredDifference(LAG)
+        self._velocity = FilteredDifference(lag)
         self._stands = math.nan, 0.0  # an angle, and since when the joint is there
 
     def __call__(self, reading: Reading) -> float | None:

@@ -34,6 +34,7 @@ _SHORTEST, _LONGEST = 5.0, 30.0  # s of a run
 _DRIVEN = 2 / 3  # share of a relay's run in which it drives
 _REACHES = (0.3, 0.6, 1.0)  # of the allowed swing
 _TONES = (0.6, 0.8, 1.25, 1.6, 2.5)  # of the resonance
+_HOLDS = 0.25  # of the largest command, that holds a joint at the largest angle if gravity does not
 _MOVES = 1.2  # times the command that moved the joint, that moves it for certain
 _STEP = 0.004  # s, of the model's cycle
 
@@ -82,24 +83,30 @@ def _signal(kind: str, what: str, mass: AddedMass, duration: float, signal: Exci
 def validation(
     estimate: Estimate, mass: AddedMass, limits: Limits, breakaway: float = 0.0
 ) -> Recipe:
-    """Return a sum of sines about the resonance, unlike all that is fitted.
+    """Return a sum of sines about the joint's pace, unlike all that is fitted.
 
     ``breakaway``: the command that moves the joint from rest, which its peak exceeds.
     """
     loaded = estimate.parameters.with_added_mass(mass)
-    resonance = pace_of(estimate.parameters, mass)
+    pace = _pace(loaded, limits)
     reach = RESERVE * limits.angle * _REACHES[0]
-    peak = 2 * loaded.coulomb / abs(loaded.p4) + _static(loaded, reach)
+    peak = 2 * loaded.coulomb / abs(loaded.p4) + _static(loaded, reach, limits)
     peak = max(peak, _MOVES * breakaway)
-    lines, base = (5, 8, 11, 17, 23), resonance / 10
+    lines, base = (5, 8, 11, 17, 23), pace / 10
     signal = Multisine(base=base, harmonics=lines, peak=min(peak, RESERVE * limits.command))
-    what = f"multisine about {resonance:.3g} rad/s, peak {signal.peak:.2g}"
-    return _signal("multisine", what, mass, duration_of(estimate.parameters, mass), signal)
+    what = f"multisine about {pace:.3g} rad/s, peak {signal.peak:.2g}"
+    return _signal("multisine", what, mass, duration_of(estimate.parameters, mass, limits), signal)
 
 
-def pace_of(parameters: LumpedParameters, mass: AddedMass) -> float:
-    """Return the resonance in rad/s; 1 of a joint that has none."""
-    return resonance_frequency(parameters.with_added_mass(mass)) or 1.0
+def _stiffness(loaded: LumpedParameters, limits: Limits) -> float:
+    """Return what holds a joint, in the unit of p3: gravity, or a share of the largest command."""
+    return max(loaded.p3, _HOLDS * abs(loaded.p4) * limits.command / limits.angle)
+
+
+def _pace(loaded: LumpedParameters, limits: Limits) -> float:
+    """Return the frequency in rad/s that runs are planned about: the resonance, if it has one."""
+    resonance = resonance_frequency(loaded)
+    return max(resonance, math.sqrt(_stiffness(replace(loaded, p3=0.0), limits) / loaded.p1))
 
 
 def least_friction(estimate: Estimate, mass: AddedMass) -> float:
@@ -108,31 +115,31 @@ def least_friction(estimate: Estimate, mass: AddedMass) -> float:
     return float(max(lower, 0.0) / 2 / estimate.parameters.with_added_mass(mass).p1)
 
 
-def duration_of(parameters: LumpedParameters, mass: AddedMass) -> float:
-    """Return the length in s of a run: some periods of the resonance."""
-    resonance = pace_of(parameters, mass)
-    return STILL + min(max(_PERIODS * math.tau / resonance, _SHORTEST), _LONGEST)
+def duration_of(parameters: LumpedParameters, mass: AddedMass, limits: Limits) -> float:
+    """Return the length in s of a run: some periods of the joint's pace."""
+    pace = _pace(parameters.with_added_mass(mass), limits)
+    return STILL + min(max(_PERIODS * math.tau / pace, _SHORTEST), _LONGEST)
 
 
 def candidates(
     estimate: Estimate, mass: AddedMass, limits: Limits, breakaway: float = 0.0
 ) -> list[Recipe]:
-    """Propose relays of several reaches, and sines on both sides of the resonance.
+    """Propose relays of several reaches, and sines on both sides of the joint's pace.
 
     ``breakaway``: the command that moves the joint from rest, below which a sine may not move it:
     friction at rest may be more than the model's.
     """
     loaded = estimate.parameters.with_added_mass(mass)
-    duration = duration_of(estimate.parameters, mass)
-    resonance = pace_of(estimate.parameters, mass)
+    duration = duration_of(estimate.parameters, mass, limits)
+    pace = _pace(loaded, limits)
     reaches = [limits.angle * RESERVE * share for share in _REACHES]
     dry = loaded.coulomb / abs(loaded.p4)
     found = [
-        _relay(mass, reach, 2 * dry + _static(loaded, reach / 4), limits, duration)
+        _relay(mass, reach, 2 * dry + _static(loaded, reach / 4, limits), limits, duration)
         for reach in reaches
     ]
     for tone in _TONES:
-        omega = tone * resonance
+        omega = tone * pace
         for reach in reaches[1:]:
             force = math.hypot(loaded.p3 - loaded.p1 * omega**2, loaded.p2 * omega) * reach / 2
             amplitude = force / abs(loaded.p4) + 4 / math.pi * dry
@@ -144,21 +151,25 @@ def candidates(
     return found
 
 
-def _static(loaded: LumpedParameters, angle: float) -> float:
-    """Return the command that holds an angle in rad, or reaches it in a second if nothing does."""
-    return max(loaded.p3, loaded.p1) * angle / abs(loaded.p4)
+def _static(loaded: LumpedParameters, angle: float, limits: Limits) -> float:
+    """Return the command that holds an angle in rad."""
+    return _stiffness(loaded, limits) * angle / abs(loaded.p4)
 
 
-def played(data: DataSet, estimate: Estimate, recipe: Recipe, limits: Limits) -> Log | None:
-    """Play a recipe on the model of some data; None if it leaves the limits."""
+def played(
+    data: DataSet, estimate: Estimate, recipe: Recipe, limits: Limits, expected: Expected
+) -> Log | None:
+    """Play a recipe on the model of some data; None if it leaves the limits.
+
+    ``expected``: what the guard goes by when the recipe is played with its mass.
+    """
     parameters, mass = estimate.parameters, recipe.added_mass
-    pace = pace_of(parameters, mass)
     if recipe.signal is not None:
         log = expected_log(data, parameters, mass, recipe.signal, recipe.duration)
         speed = np.gradient(log.measured, log.time)
-        swing = np.hypot(log.measured, speed / pace)
+        swings = map(expected.swing, log.measured.tolist(), speed.tolist())
         fast = np.max(np.abs(speed))
-        within = np.max(swing) <= SOFT * limits.angle and fast <= SOFT * limits.speed
+        within = fast <= SOFT * limits.speed and max(swings) <= SOFT * limits.angle
         return log if within else None
     plain = replace(parameters, delay=0.0, **vars(IDEAL))
     motor = SimulatedMotor(
@@ -168,7 +179,7 @@ def played(data: DataSet, estimate: Estimate, recipe: Recipe, limits: Limits) ->
     )
     try:
         with Bench(motor, limits, _STEP) as bench:
-            bench.expect(Expected(resonance=pace, friction=least_friction(estimate, mass)))
+            bench.expect(replace(expected, stiffness=None))
             run = bench.run(recipe.law(0.0), recipe.duration)
     except DriveFault as fault:  # no drive's: the model's
         raise fault.__cause__ or fault from None

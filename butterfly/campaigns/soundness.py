@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -39,7 +40,10 @@ class Rests:
             return
         estimate = model.estimate
         most = dict(zip(estimate.names, estimate.upper.tolist(), strict=True))
-        loaded = estimate.parameters.with_added_mass(mass)
+        least = dict(zip(estimate.names, estimate.lower.tolist(), strict=True))
+        loaded = replace(
+            estimate.parameters, p3=least.get("p3", estimate.parameters.p3)
+        ).with_added_mass(mass)
         width = 2 * most.get("coulomb", loaded.coulomb) / loaded.p3 if loaded.p3 > 0 else math.inf
         if abs(rest - first) > _SLIPS * width + ENOUGH:
             raise SafetyStop(
