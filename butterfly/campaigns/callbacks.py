@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from pathlib import Path
 
 from butterfly.campaigns.folder import Journal
 from butterfly.campaigns.guard import Limits
 from butterfly.campaigns.laws import RESERVE
 from butterfly.logs.log import InputKind
+from butterfly.model.parameters import AddedMass
 from butterfly.plant.motor import Reading
 
 
@@ -28,8 +30,19 @@ class CampaignCallbacks:
         """Take a reading, and the command that was set after it."""
 
 
-def announcement(limits: Limits, kind: InputKind, journal: Journal | None) -> list[str]:
-    """Return what will be played within which limits; the journal is of a former part."""
+def announcement(
+    limits: Limits,
+    kind: InputKind,
+    journal: Journal | None,
+    *,
+    goal: float,
+    masses: Sequence[AddedMass],
+    folder: Path,
+) -> list[str]:
+    """Return what will be played, for what and within which limits; ``journal``: of a former part.
+
+    ``goal`` is a share of the values; ``folder`` is where runs are kept.
+    """
     within = [f"command {limits.command:g} {kind.unit}", f"angle {limits.angle:g} rad from rest"]
     within += [f"speed {limits.speed:g} rad/s"] * math.isfinite(limits.speed)
     within += [f"current {limits.current:g} A"] * math.isfinite(limits.current)
@@ -38,7 +51,9 @@ def announcement(limits: Limits, kind: InputKind, journal: Journal | None) -> li
     if journal is not None:
         begins = f"goes on after {len(steps)} run{'s' if len(steps) != 1 else ''}: it plays"
     left = limits.seconds - (steps[-1].seconds if steps else 0.0)
+    with_masses = f", with {' and '.join(map(str, masses))}" if len(masses) > 1 else ""
     return [
+        f"Goal: parameters known to {100 * goal:.3g} %{with_masses}; runs are kept in {folder}.",
         f"The campaign {begins} swings of at most {RESERVE * limits.angle:.2g} rad, each followed "
         f"by a pause with the drive off; {left:.0f} s of robot time at most.",
         f"Limits: {', '.join(within)}. Beyond one the joint is braked, then switched off.",

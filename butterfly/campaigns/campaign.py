@@ -162,7 +162,8 @@ class _Campaign:
         found = self._sound
         if found is not None and self._folder.journal.steps[-1].held_out is False:
             least = self._folder.journal.contact.breakaway
-            unseen = validation(found.estimate, self._mounted, self._wish.limits, least)
+            kind, mass = self._bench.input_kind, self._mounted
+            unseen = validation(found.estimate, mass, self._wish.limits, kind, least)
             try:
                 self._play(_Next("to be predicted, not fitted", unseen), held_out=True)
             except TimeUsed as error:
@@ -177,7 +178,10 @@ class _Campaign:
         """Make contact, or take up where the journal ends."""
         before = self._folder.journal if self._folder.is_begun else None
         self._require_mass_at_hand(before)
-        self._callbacks.begin(announcement(self._wish.limits, self._bench.input_kind, before))
+        wish, kind = self._wish, self._bench.input_kind
+        masses, place = wish.masses, self._folder.path
+        said = announcement(wish.limits, kind, before, goal=wish.goal, masses=masses, folder=place)
+        self._callbacks.begin(said)
         if self._folder.is_begun:
             journal = self._folder.journal
             journal = replace(journal, known=journal.known | self._wish.known)
@@ -187,7 +191,6 @@ class _Campaign:
             )
             with self._bench as bench:
                 contact = make_contact(bench)
-            kind = self._bench.input_kind
             side = "positive" if contact.polarity > 0 else "negative"
             self._callbacks.phase(
                 f"It moves at {contact.breakaway:.3g} {kind.unit}; positive commands turn it "
@@ -248,6 +251,7 @@ class _Campaign:
         )
         about = {"why": following.why, "expected": following.expected, "held_out": held_out}
         self._record(recipe, about)
+        self._callbacks.phase("The drive is off; what the run shows is identified.")
         try:
             self._require_sound(before)
         except SafetyStop:
@@ -261,9 +265,9 @@ class _Campaign:
             shares = {} if held_out else self._shares
             verdict, misses = estimate.level.verdict, _missed(estimate)
             self._folder.conclude(replace(step, verdict=verdict, misses=misses, shares=shares))
-            widest = max(shares.items(), key=lambda pair: pair[1], default=("", 0.0))
-            came = f"; {widest[0]} is known to {widest[1]:.3g} times the goal" if shares else ""
-            self._callbacks.phase(f"Run {number}: {verdict}{came}.")
+            fits = [f"predicted with a FIT of {fit:.3g} %" for fit in self._found.held_out.values()]
+            came = [_widest(shares)] if shares else fits
+            self._callbacks.phase(f"Run {number}: {'; '.join([verdict, *came])}.")
         else:
             self._folder.conclude(step)
             self._callbacks.phase(f"Run {number}: no model follows the runs so far.")
@@ -465,14 +469,14 @@ class _Campaign:
             seconds = max(PROBE, duration_of(found.parameters, self._mounted, limits))
             mount = probe(heaviest, self._size, limits, seconds)
             return _Next("another mass gives the scale", mount)
-        worst, share = max(self._shares.items(), key=lambda pair: pair[1])
-        stays = f"{worst} is {share:.3g} times the goal"
+        stays = _widest(self._shares)
         if given_up:
             return _Next(f"{stays}, and {len(vain)} runs brought too little")
         if plan is None:  # by a model that hardly knows
             again = probe(self._mounted, self._size, limits, PROBE)
             return _Next(f"{stays}, and nothing that is planned stays within the limits", again)
-        runs = f"; {plan.runs} such runs expected" if plan.runs > 1 else "; one such run expected"
+        runs = f"; {plan.runs} such runs are" if plan.runs > 1 else "; one such run is"
+        runs += " expected to do"
         seconds = plan.seconds
         if plan.expected[1] > 1:
             runs, seconds = ", and this helps most", math.nan
@@ -482,14 +486,14 @@ class _Campaign:
         self, found: Identified, others: list[AddedMass], vain: list[Step]
     ) -> Plan[Recipe] | None:
         """Return the best plan with the mounted mass, or others, unlike what was in vain."""
-        estimate, limits = found.estimate, self._wish.limits
+        estimate, limits, kind = found.estimate, self._wish.limits, self._bench.input_kind
         least = self._folder.journal.contact.breakaway
         unlike = {(step.kind, step.added_mass) for step in vain}
         logs = [
             (recipe, log)
             for mass in [self._mounted, *others]
             if (expected := self._expected(mass))
-            for recipe in candidates(estimate, mass, limits, least)
+            for recipe in candidates(estimate, mass, limits, kind, least)
             if (recipe.kind, mass) not in unlike
             and (log := played(found.data, estimate, recipe, limits, expected))
         ]
@@ -518,6 +522,14 @@ def _stop_behind(error: BaseException | None) -> SafetyStop | None:
             return error
         error = error.__context__
     return None
+
+
+def _widest(shares: dict[str, float]) -> str:
+    """Say which interval is the widest in proportion to the one that is wanted."""
+    name, share = max(shares.items(), key=lambda pair: pair[1])
+    if share <= 1:
+        return f"all intervals are as wanted, that of {name} at {share:.0%}"
+    return f"the interval of {name} is {share:.3g} times as wide as wanted"
 
 
 def _missed(estimate: Estimate) -> str:

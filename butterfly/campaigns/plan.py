@@ -15,7 +15,7 @@ from butterfly.campaigns.laws import RESERVE, STILL, Law, Relay, Signal
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import expected_log
 from butterfly.identification.inference.estimate import Estimate
-from butterfly.logs.log import Log, Sine
+from butterfly.logs.log import InputKind, Log, Sine
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.terms import IDEAL
@@ -81,7 +81,11 @@ def _signal(kind: str, what: str, mass: AddedMass, duration: float, signal: Exci
 
 
 def validation(
-    estimate: Estimate, mass: AddedMass, limits: Limits, breakaway: float = 0.0
+    estimate: Estimate,
+    mass: AddedMass,
+    limits: Limits,
+    input_kind: InputKind,
+    breakaway: float = 0.0,
 ) -> Recipe:
     """Return a sum of sines about the joint's pace, unlike all that is fitted.
 
@@ -94,7 +98,7 @@ def validation(
     peak = max(peak, _MOVES * breakaway)
     lines, base = (5, 8, 11, 17, 23), pace / 10
     signal = Multisine(base=base, harmonics=lines, peak=min(peak, RESERVE * limits.command))
-    what = f"multisine about {pace:.3g} rad/s, peak {signal.peak:.2g}"
+    what = f"multisine about {pace:.3g} rad/s, peak {signal.peak:.2g} {input_kind.unit}"
     return _signal("multisine", what, mass, duration_of(estimate.parameters, mass, limits), signal)
 
 
@@ -122,7 +126,11 @@ def duration_of(parameters: LumpedParameters, mass: AddedMass, limits: Limits) -
 
 
 def candidates(
-    estimate: Estimate, mass: AddedMass, limits: Limits, breakaway: float = 0.0
+    estimate: Estimate,
+    mass: AddedMass,
+    limits: Limits,
+    input_kind: InputKind,
+    breakaway: float = 0.0,
 ) -> list[Recipe]:
     """Propose relays of several reaches, and sines on both sides of the joint's pace.
 
@@ -145,7 +153,7 @@ def candidates(
             amplitude = force / abs(loaded.p4) + 4 / math.pi * dry
             if _MOVES * breakaway <= amplitude <= RESERVE * limits.command:
                 kind = f"sine at {tone:g} of the resonance, of {reach:.2g} rad"
-                what = f"sine of {omega:.3g} rad/s, amplitude {amplitude:.2g}"
+                what = f"sine of {omega:.3g} rad/s, amplitude {amplitude:.2g} {input_kind.unit}"
                 sine = Sine(omega=omega, amplitude=amplitude)
                 found.append(_signal(kind, what, mass, duration, sine))
     return found
