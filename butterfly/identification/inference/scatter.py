@@ -180,7 +180,8 @@ class Likelihood:
         usual = np.array(_USUAL)
         # root of the mean variance of a coordinate, as the autocovariance of residuals has it
         noise = np.diagonal(self._logs.noise, axis1=1, axis2=2)[self._logs.present]
-        usual[0] += CLEARLY * float(np.sqrt(noise.mean()))
+        if noise.size:  # empty where no parameter moves any log
+            usual[0] += CLEARLY * float(np.sqrt(noise.mean()))
         usual[np.arange(usual.size) == without] = 0.0
 
         def cost(shares: Samples) -> tuple[float, Samples]:

@@ -332,3 +332,10 @@ def test_causes_depend_on_whether_a_parameter_grows(name, condition, last, first
     named = causes(Contrast(parameter=name, condition=condition, **ends, share=0.5, chance=0.0))
     assert named[0] == first
     assert absent not in named
+
+
+def test_logs_that_no_parameter_moves_scatter_as_usual():
+    rng = np.random.default_rng(5)
+    logs = LogRows.of((rng.standard_normal(100), np.zeros((100, 1))) for _ in range(3))
+    found = Likelihood(logs, spread_of(("coulomb",), np.ones(1))).best()
+    assert np.all(np.isfinite(found.sizes))
