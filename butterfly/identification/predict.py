@@ -33,7 +33,11 @@ from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.inference.blocks import length_of
-from butterfly.identification.inference.covariance import honest_limits, widened
+from butterfly.identification.inference.covariance import (
+    half_widths,
+    honest_half_widths,
+    widened,
+)
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.levels import BAND_DRAWS, CONFIDENCE, DRAWS, SPREADS
 from butterfly.identification.sensor_errors import SensorErrors
@@ -112,20 +116,20 @@ def draw_parameters(
 
 def honest_covariance(estimate: Estimate) -> Samples:
     """(n, n) covariance widened as the intervals are, but for rivals of conditions' limits."""
-    limits = np.array([estimate.lower, estimate.upper])
-    if not (np.isfinite(estimate.covariance).all() and np.isfinite(limits).all()):
+    widths = estimate.farther
+    if not (np.isfinite(estimate.covariance).all() and np.isfinite(widths).all()):
         raise IdentifiabilityError(
             f"the method {estimate.method!r} gives no covariance, which drawing parameters needs"
         )
     partial = list(estimate.left_out.values())
     if estimate.freedom is not None:
-        fit = (estimate.values, estimate.covariance, estimate.freedom, partial, estimate.rivals)
-        limits = np.clip(honest_limits(*fit), *limits)
+        half = half_widths(estimate.covariance, estimate.freedom)
+        likely = [(each, half) for each in estimate.rivals]
+        widths = np.minimum(honest_half_widths(estimate.values, half, partial, likely), widths)
     covariance = widened(estimate.values, estimate.covariance, partial, estimate.rivals)
-    widths = np.abs(limits - estimate.values)  # a side that a bound cuts is the smaller one
     spread = np.sqrt(np.diag(covariance))
     varies = spread > 0
-    factor = np.max(widths.max(axis=0)[varies] / spread[varies], initial=0.0) / SPREADS
+    factor = np.max(widths[varies] / spread[varies], initial=0.0) / SPREADS
     return np.asarray(covariance * max(factor, 1.0) ** 2)
 
 

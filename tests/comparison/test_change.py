@@ -7,7 +7,11 @@ import pytest
 
 from butterfly.comparison.change import LEVEL, change
 from butterfly.errors import InputError
-from butterfly.identification.inference.covariance import cluster_covariance, honest_limits
+from butterfly.identification.inference.covariance import (
+    cluster_covariance,
+    half_widths,
+    honest_half_widths,
+)
 from butterfly.model.prior import Prior
 from tests.identification.simulated import estimate_of
 
@@ -19,8 +23,10 @@ ERRORS = 0.02 * TRUTH
 def estimate(values, covariance, freedom=None, *, names=NAMES, left_out=()):
     """Return an estimate with the intervals that its errors make."""
     free = np.full(len(names), np.inf) if freedom is None else freedom
-    lower, upper = honest_limits(values, covariance, np.minimum(free, 1e9), left_out)
-    limits = {"lower": lower, "upper": upper, "left_out": dict(enumerate(left_out))}
+    half = half_widths(covariance, np.minimum(free, 1e9))
+    half = honest_half_widths(values, half, left_out)
+    limits = {"lower": values - half, "upper": values + half}
+    limits["left_out"] = dict(enumerate(left_out))
     return replace(estimate_of(values, covariance, names=names), **limits, freedom=freedom)
 
 

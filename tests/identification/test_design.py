@@ -10,7 +10,7 @@ from scipy.linalg import fractional_matrix_power
 from scipy.special import stdtrit
 
 import butterfly as bf
-from butterfly.campaigns.guard import Limits
+from butterfly.campaigns.guard import Expected, Limits
 from butterfly.campaigns.laws import STILL, Signal
 from butterfly.campaigns.plan import Recipe, played
 from butterfly.errors import IdentifiabilityError, InputError
@@ -21,6 +21,7 @@ from butterfly.identification.estimators import HarmonicBalance
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.logs.log import InputKind, Log, Sine
 from butterfly.model.greybox import simulate
+from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.model.servo import ServoLoop
 from butterfly.plant.motor import CommandPath
@@ -91,7 +92,8 @@ def test_intervals_after_some_runs_are_those_of_student_with_the_freedom_of_all_
 def _expected(informations):
     """Standard errors and degrees of freedom, by Bell & McCaffrey's matrix P, which is formed."""
     normal = np.linalg.inv(sum(informations))
-    rows = [np.linalg.cholesky(each).T for each in informations]
+    roots = [np.linalg.eigh(each) for each in informations]  # rounding may make one negative
+    rows = [np.sqrt(np.maximum(sizes, 0.0))[:, None] * axes.T for sizes, axes in roots]
     size = len(normal)
     flat = np.concatenate(rows)
     maker = np.eye(len(flat)) - flat @ normal @ flat.T
@@ -179,7 +181,9 @@ def test_a_campaign_plans_the_same_run_alike(data, found):
         recipe = Recipe(
             what="", kind="", added_mass=mass, duration=40 + STILL, law=lambda _, law=law: law
         )
-        log, aim = played(data, found, recipe, Limits(command=1.0)), wanted(found, data.logs, 0.15)
+        expected = Expected(resonance=resonance_frequency(found.parameters.with_added_mass(mass)))
+        log = played(data, found, recipe, Limits(command=1.0), expected)
+        aim = wanted(found, data.logs, 0.15)
         (same,) = plans(data, found, [(recipe, log)], aim, mounted=mass, price=0.0)
         assert same.expected == pytest.approx(plan.expected, rel=0.05)
 

@@ -160,20 +160,22 @@ def half_widths(covariance: Samples, freedom: Samples) -> Samples:
     return np.asarray(quantiles * errors, dtype=float)
 
 
-def honest_limits(
+def honest_half_widths(
     values: Samples,
-    covariance: Samples,
-    freedom: Samples,
-    left_out: Iterable[Samples],
-    rivals: Iterable[Samples] = (),
-) -> tuple[Samples, Samples]:
-    """Return (n,) Student's limits at `CONFIDENCE`, widened to include estimates of partial data.
+    half: Samples,
+    left_out: Iterable[Samples] = (),
+    rivals: Iterable[tuple[Samples, Samples]] = (),
+) -> Samples:
+    """(n,) half-widths of intervals about values that are to include other answers.
 
-    These differ by errors of the model, which more logs do not reduce. Of rivals, fits that predict
-    as well, any may be right: the limits include the same half-widths about each.
+    Estimates of partial data, ``left_out``, differ by errors of the model, which more logs do not
+    reduce. Of rivals, fits that predict as well, any may be right: half-widths about each are
+    included. Such an answer shows by how much a model errs and not to which side, so that intervals
+    reach as far to the other.
     """
-    half = half_widths(covariance, freedom)
-    likely, partial = np.array([values, *rivals]), np.array([values, *left_out])
-    lower = np.minimum(likely.min(axis=0) - half, partial.min(axis=0))
-    upper = np.maximum(likely.max(axis=0) + half, partial.max(axis=0))
-    return lower, upper
+    found = np.array(half)
+    for other in left_out:
+        found = np.maximum(found, np.abs(other - values))
+    for other, about in rivals:
+        found = np.maximum(found, np.abs(other - values) + about)
+    return found

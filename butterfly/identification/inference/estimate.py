@@ -16,7 +16,7 @@ from butterfly.files import finite
 from butterfly.identification.findings import KINDS, Ending, Finding, FindingKind
 from butterfly.identification.inference.agreement import Contrast
 from butterfly.identification.inference.blocks import Condition
-from butterfly.identification.inference.covariance import half_widths
+from butterfly.identification.inference.covariance import half_widths, honest_half_widths
 from butterfly.identification.inference.identifiability import precision
 from butterfly.identification.levels import PRECISE, SPREADS
 from butterfly.identification.parameter import Parameter, meaning_of, or_none, unit_of
@@ -316,16 +316,11 @@ class Estimate:
         """Return the estimate with (n,) errors of its logs' simulator, as standard uncertainty."""
         covariance = np.outer(error, error)
         wider = half_widths(covariance, np.full(error.size, np.inf))
-        below = np.hypot(self.values - self.lower, wider)
         most = int(np.argmax(np.abs(error) / np.maximum(self.farther, np.finfo(float).tiny)))
         share = abs(error[most]) / max(abs(self.values[most]), abs(error[most]))
         told = Finding(FindingKind.PLANT, (self.names[most],), number=float(share))
-        return replace(
-            self,
-            covariance=self.covariance + covariance,
-            lower=np.maximum(self.values - below, lower_bounds(self.names)),
-            upper=self.values + np.hypot(self.upper - self.values, wider),
-        ).with_findings(told)
+        found = self._as_wide_as(np.hypot(self.farther, wider)).with_findings(told)
+        return replace(found, covariance=self.covariance + covariance)
 
     def with_contrasts(self, more: tuple[Contrast, ...], rivals: Iterable[Samples]) -> Estimate:
         """Return the estimate with contrasts of its free runs first, if they explain more.
@@ -351,9 +346,15 @@ class Estimate:
         """Return the estimate with limits that include a rival of (n,) values too, if any."""
         if rival is None or self.freedom is None:
             return self
-        half = np.minimum(half_widths(self.covariance, self.freedom), (self.upper - self.lower) / 2)
-        lower = np.maximum(np.minimum(self.lower, rival - half), lower_bounds(self.names))
-        return replace(self, lower=lower, upper=np.maximum(self.upper, rival + half))
+        half = np.minimum(half_widths(self.covariance, self.freedom), self.farther)
+        return self._as_wide_as(
+            honest_half_widths(self.values, self.farther, rivals=[(rival, half)])
+        )
+
+    def _as_wide_as(self, half: Samples) -> Estimate:
+        """Return the estimate with intervals of (n,) half-widths, within the bounds of values."""
+        lower = np.maximum(self.values - half, lower_bounds(self.names))
+        return replace(self, lower=lower, upper=self.values + half)
 
 
 def left_out_content(

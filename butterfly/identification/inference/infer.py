@@ -27,7 +27,7 @@ from butterfly.identification.inference.consistency import (
 from butterfly.identification.inference.covariance import (
     cluster_covariance,
     half_widths,
-    honest_limits,
+    honest_half_widths,
     robust,
 )
 from butterfly.identification.inference.equations import CellEquations, scaled_least_squares
@@ -45,7 +45,7 @@ from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import TERMS
 
 Pair: TypeAlias = tuple[Samples, Samples]
-"""(n,) lower and upper limits; or an (n, n) covariance and its (n,) degrees of freedom."""
+"""An (n, n) covariance and its (n,) degrees of freedom."""
 
 _NOTHING = np.finfo(float).tiny ** 0.5
 
@@ -120,18 +120,19 @@ def infer(solved: SolvedFit) -> Estimate:
     left_out, few = (fit.left_out, []) if fit.left_out is not None else without_each_mass(fit)
     count = np.unique(equations.log).size  # of logs; stretches of time vary less
     few_logs = [Finding(FindingKind.FEW_LOGS, number=count)] if fit.masses and count <= FEW else []
-    limits = limits_of(fit, spread, left_out.values(), rivals)
+    half = half_widths_of(fit, spread, left_out.values(), rivals)
+    values = equations.values[robot]
     return Estimate(
         method=fit.method,
         names=names,
-        values=equations.values[robot],
+        values=values,
         covariance=covariance[robot, robot],
-        lower=np.maximum(limits[0], equations.lower[robot]),
-        upper=limits[1],
+        lower=np.maximum(values - half, equations.lower[robot]),
+        upper=values + half,
         left_out={key: each[robot] for key, each in left_out.items()},
         condition=conditioning.number,
         on_bound=tuple(compress(names, equations.on_bound[robot])),
-        ending=ending_of(fit, limits),
+        ending=ending_of(fit, half),
         findings=(
             *conditioning.findings,
             *findings_of_bounds(fit, covariance),
@@ -205,32 +206,29 @@ def without_each_mass(fit: SolvedFit) -> tuple[dict[Hashable, Samples], list[Fin
     return left_out, [] if not masses or left_out or known.scale(different[0]) else [few]
 
 
-def limits_of(
+def half_widths_of(
     fit: SolvedFit, spread: Pair, left_out: Iterable[Samples], rivals: Iterable[Rival]
-) -> Pair:
-    """Return (shared,) limits by covariance and freedom, with partial estimates and rivals inside.
+) -> Samples:
+    """(shared,) half-widths by covariance and freedom, with partial estimates and rivals inside.
 
     Of torques they include the bias that a misfit may cause, too.
     """
     robot = slice(fit.shared)
     values, covariance, freedom = fit.equations.values[robot], spread[0][robot, robot], spread[1]
-    partial = [each[robot] for each in left_out]
-    limits = honest_limits(values, covariance, freedom[robot], partial, fit.rivals)
-    most = half_widths(covariance, freedom[robot])
-    for rival in rivals:
-        end, half = rival.values[robot], np.minimum(rival.half_widths[robot], most)
-        limits = np.minimum(limits[0], end - half), np.maximum(limits[1], end + half)
+    half, partial = half_widths(covariance, freedom[robot]), [each[robot] for each in left_out]
+    likely = [(each, half) for each in fit.rivals]
+    likely += [(r.values[robot], np.minimum(r.half_widths[robot], half)) for r in rivals]
+    found = honest_half_widths(values, half, partial, likely)
     if not fit.torques:
-        return limits
+        return found
     misfit = misfit_over_value(fit.equations)[robot]
-    return misfit_limits(misfit, values, limits, fit.equations.names[robot])
+    return misfit_half_widths(misfit, values, found, fit.equations.names[robot])
 
 
-def ending_of(fit: SolvedFit, limits: Pair) -> Ending:
-    """Return how the fit ended: converged if its last step is small in (shared,) intervals."""
+def ending_of(fit: SolvedFit, half: Samples) -> Ending:
+    """Return how the fit ended: converged if its last step is small in (shared,) half-widths."""
     step = fit.equations.unsettled
-    within = PRECISE * (limits[1] - limits[0]) / 2
-    if step is not None and (np.abs(step[: fit.shared]) <= within).all():
+    if step is not None and (np.abs(step[: fit.shared]) <= PRECISE * half).all():
         return Ending.CONVERGED
     return fit.equations.ending
 
@@ -263,9 +261,11 @@ def misfit_over_value(equations: CellEquations) -> Samples:
     return np.asarray(np.divide(left, effect, out=most, where=effect > left * _NOTHING))
 
 
-def misfit_limits(misfit: Samples, values: Samples, limits: Pair, names: Sequence[str]) -> Pair:
-    """Return (n,) limits that include the bias by a misfit of the scale, or of precise values."""
-    claims = precision(values, *limits)
+def misfit_half_widths(
+    misfit: Samples, values: Samples, half: Samples, names: Sequence[str]
+) -> Samples:
+    """(n,) half-widths that include the bias by a misfit of the scale, or of precise values."""
+    claims = precision(values, values - half, values + half)
     doubted = [n in OF_VERDICT or c == "precise" for n, c in zip(names, claims, strict=True)]
     bias = np.where(np.array(doubted) & (misfit > LOST), misfit * np.abs(values), 0.0)
-    return np.minimum(limits[0], values - bias), np.maximum(limits[1], values + bias)
+    return np.maximum(half, bias)

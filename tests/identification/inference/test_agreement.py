@@ -146,12 +146,12 @@ def test_a_rival_is_as_uncertain_as_what_it_leaves_of_the_residuals_makes_it():
     found = infer(_fit(equations, conditions=_conditions()))
     plain = infer(_fit(equations))
     place = NAMES.index("p4")
-    most = (plain.upper - plain.lower)[place] / 2
+    value, most = plain.values[place], (plain.upper - plain.lower)[place] / 2
     assert rival.half_widths[place] < most / 2
-    ends = rival.values[place] + rival.half_widths[place] * np.array([-1, 1])
-    hull = [plain.lower[place], plain.upper[place], *ends]
-    assert found.lower[place] == pytest.approx(min(hull), rel=1e-9)
-    assert found.upper[place] == pytest.approx(max(hull), rel=1e-9)
+    far = max(most, abs(rival.values[place] - value) + rival.half_widths[place])
+    assert far > 1.1 * most
+    assert found.lower[place] == pytest.approx(value - far, rel=1e-9)
+    assert found.upper[place] == pytest.approx(value + far, rel=1e-9)
 
 
 def test_conditions_that_agree_are_hardly_ever_accused():

@@ -10,13 +10,18 @@ from scipy.stats import t as student
 
 from butterfly.identification.findings import Ending, FindingKind
 from butterfly.identification.inference.blocks import cut
-from butterfly.identification.inference.covariance import cluster_covariance, honest_limits, robust
+from butterfly.identification.inference.covariance import (
+    cluster_covariance,
+    half_widths,
+    honest_half_widths,
+    robust,
+)
 from butterfly.identification.inference.equations import Regression, compressed
 from butterfly.identification.inference.infer import (
     SolvedFit,
     findings_of_bounds,
     infer,
-    misfit_limits,
+    misfit_half_widths,
     misfit_over_value,
 )
 from butterfly.model.parameters import AddedMass
@@ -166,15 +171,16 @@ def test_a_loss_that_is_not_convex_about_the_end_leaves_the_covariance_as_it_is(
     assert robust(covariance, np.eye(2), np.diag([1.0, -1.0])) is covariance
 
 
-def test_limits_are_student_s_at_95_per_cent_and_hold_estimates_of_partial_data():
+def test_half_widths_are_student_s_at_95_per_cent_and_hold_other_answers_to_either_side():
     values, freedom = np.array([1.0, -2.0]), np.array([3.0, 20.0])
     covariance = np.array([[0.04, 0.01], [0.01, 0.09]])
-    lower, upper = honest_limits(values, covariance, freedom, [])
-    low, high = student.interval(0.95, freedom, values, np.sqrt(np.diag(covariance)))
-    np.testing.assert_allclose((lower, upper), (low, high))
+    half = half_widths(covariance, freedom)
+    _, high = student.interval(0.95, freedom, values, np.sqrt(np.diag(covariance)))
+    np.testing.assert_allclose(half, high - values)
     left_out = [np.array([5.0, -2.1]), np.array([0.9, -9.0])]
-    wider = honest_limits(values, covariance, freedom, left_out)
-    np.testing.assert_array_equal(wider, ([lower[0], -9.0], [5.0, upper[1]]))
+    np.testing.assert_allclose(honest_half_widths(values, half, left_out), [4.0, 7.0])
+    rivals = [(np.array([0.0, -2.0]), np.array([0.5, 0.1]))]
+    np.testing.assert_allclose(honest_half_widths(values, half, rivals=rivals), [1.5, half[1]])
 
 
 NAMES, TRUTH = ("p1", "p2"), np.array([2.0, -1.0])
@@ -217,11 +223,9 @@ def test_a_bound_is_active_or_the_data_pull_beyond_it(pull, kind):
 
 def test_the_scale_and_values_that_look_precise_are_widened_by_a_misfit():
     values, narrow = np.full(4, 2.0), np.array([0.5, 0.01, 0.01, 0.5])
-    limits = (values - narrow, values + narrow)
     misfit = np.array([0.7, 0.4, 0.7, 0.7])
-    lower, upper = misfit_limits(misfit, values, limits, ("p1", "p2", "p3", "coulomb"))
-    np.testing.assert_allclose(lower, [0.6, 1.99, 0.6, 1.5])
-    np.testing.assert_allclose(upper, [3.4, 2.01, 3.4, 2.5])
+    half = misfit_half_widths(misfit, values, narrow, ("p1", "p2", "p3", "coulomb"))
+    np.testing.assert_allclose(half, [1.4, 0.01, 1.4, 0.5])
 
 
 TERMS = ("p3", "p4", "compression")
