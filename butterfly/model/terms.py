@@ -84,6 +84,14 @@ class Term:
     of_servo: bool = False  # Whether it is common in servos
     most: float = math.inf  # Above which one that was not asked for stands for something else
 
+    @property
+    def seconds(self) -> int:
+        """Power of time in the unit; inertia is torque over angular acceleration, N m s²."""
+        above, _, below = self.unit.replace("kg m²", "N m s²").partition("/")
+        counts = [part.strip("()").split() for part in (above, below)]
+        more, less = (part.count("s") + 2 * part.count("s²") for part in counts)
+        return more - less
+
 
 def gravity_describing_function(a: Samples) -> Samples:
     """Gain 2 J1(a)/a of ``sin`` for a sinusoid of amplitude a > 0 in rad; tends to 1 for a -> 0.

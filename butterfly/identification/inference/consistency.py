@@ -16,14 +16,14 @@ from butterfly.identification.inference.identifiability import SINGULAR_CONDITIO
 from butterfly.identification.levels import ACCUSED, CLEARLY, MATTERS
 from butterfly.model.parameters import AddedMass, rounded
 from butterfly.model.prior import LAG, Prior
+from butterfly.model.terms import TERMS
 
 OF_SCALES: dict[str, dict[str, float]] = {
     "mass_scale": {},
     "gravity_scale": {},
     "input_scale": {"p4": 1.0},
     "angle_scale": {"p4": 1.0, "coulomb": 1.0, "stribeck": 1.0, "bias": 1.0},
-    "time_scale": {"p1": 2.0, "p2": 1.0, "drag": 2.0, "load_drag": 2.0}
-    | {"delay": 1.0, "slow_delay": 1.0, "stribeck_velocity": -1.0},
+    "time_scale": {row.name: float(row.seconds) for row in TERMS.values() if row.seconds},
 }
 """Exponents with which parameters grow with a scale of `butterfly.model.prior.SCALES`."""
 
