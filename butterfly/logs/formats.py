@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from butterfly.errors import InputError, nearest
 from butterfly.files import refuse_binary
+from butterfly.logs.components import components
 from butterfly.logs.log import OF_SERVO, SAMPLED, InputKind, Log
 from butterfly.logs.said import Sayings
 from butterfly.logs.units import AS_IS, Units, without_ending, without_unit
@@ -209,22 +211,27 @@ def log_of_table(
 ) -> Log:
     """Make a log of a table and what is ``said`` beside it; numbered columns are `SAMPLED`."""
     found = _columns(table)
-    names = list(found)
+    names, parts = list(found), components(found)
     if columns is None and names == [*map(str, range(len(names)))]:
         timed = len(names) > 2 or properties.get("interval") is None  # noqa: PLR2004 - u, q
         columns = dict(zip(SAMPLED[not timed :], range(len(names)), strict=False))
     properties = {"source": "table"} | properties
+    names += parts
     places, unasked = chosen_columns(properties["source"], names, columns, properties)
-    arrays = {field: found[names[k]] for field, k in places.items()}
-    sayings = _said(properties["source"], table, found)
+    single = {field: parts[names[k]] for field, k in places.items() if k >= len(found)}
+    arrays = {f: single[f].of(found) if f in single else found[names[k]] for f, k in places.items()}
+    sayings = _said(properties["source"], table, found, names)
     sayings.metadata(said or {})
     headings = sayings.headings(places)
+    headings |= {field: replace(headings[field], number=None) for field in single}
     return Log.of_columns(arrays, headings, units, unasked=unasked, **properties)
 
 
-def _said(source: object, table: Table, columns: Mapping[str, Any]) -> Sayings:
+def _said(
+    source: object, table: Table, columns: Mapping[str, Any], names: Sequence[str]
+) -> Sayings:
     """Return what a table says in its attributes, those of its columns, and their types."""
-    sayings = Sayings(source, [*columns])
+    sayings = Sayings(source, names)
     for owner, way in ((table, ()), *((each, (name,)) for name, each in columns.items())):
         for key in ("attrs", "meta", "info"):
             found = getattr(owner, key, None)

@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from butterfly.errors import InputError, require_room
 from butterfly.files import read_file, whole
 from butterfly.logs.clock import dates
+from butterfly.logs.components import NAMING, components
 from butterfly.logs.formats import ColumnMap, chosen_columns, part_at
 from butterfly.logs.log import MIN_SAMPLES, SAMPLED, FileReading, Log
 from butterfly.logs.said import Sayings
@@ -40,8 +42,16 @@ def read_json(path: Path, columns: ColumnMap | None, units: Units, about: dict[s
         raise InputError(path, at, f"rows of {len(names)} numbers", "t, volts, turns, turns/s")
     if of_sysid and columns is None:
         columns = {field: k for k, field in enumerate(SAMPLED)}
+    lists = _lists(content, ways)
+    named = {k: part for k, part in components(lists).items() if k not in names}
+    names += named
     places, unasked = chosen_columns(path, names, columns, about)
-    arrays = {f: _column(path, content, names[k], ways[k], f) for f, k in places.items()}
+    arrays = {
+        field: _column(path, content, names[k], ways[k], field)
+        if k < len(ways)
+        else named[names[k]].of(lists)
+        for field, k in places.items()
+    }
     sayings = Sayings(path, names)
     if of_sysid:  # its numbers are rotations, of so many units each
         unit, factor = above.get("units", "Rotations"), above.get("unitsPerRotation", 1.0)
@@ -51,6 +61,8 @@ def read_json(path: Path, columns: ColumnMap | None, units: Units, about: dict[s
         sayings.metadata({k: each for k, each in above.items() if at and _ways(each) != ways})
         sayings.metadata(content)
     headings = sayings.headings(places)
+    single = [field for field, k in places.items() if k >= len(ways)]
+    headings |= {field: replace(headings[field], number=None) for field in single}
     about |= {"source": str(path), "reading": FileReading(cut_lines=cut)}
     return Log.of_columns(arrays, headings, units, unasked=unasked, **about)
 
@@ -123,6 +135,13 @@ def _ways(node: Any, *, row: bool = False, way: tuple[str, ...] = ()) -> list[tu
     if not row and way and all(key.isdecimal() for key in node):  # pandas' index
         return [way]
     return [each for key, below in node.items() for each in _ways(below, row=row, way=(*way, key))]
+
+
+def _lists(content: Any, ways: Sequence[tuple[str, ...]]) -> dict[str, Any]:  # noqa: ANN401 - any JSON
+    """Return the columns whose rows are lists, and lists of texts."""
+    lists = dict.fromkeys(way[:-1] for way in ways if len(way) > 1 and way[-1].isdecimal())
+    naming = [way for way in ways if way and way[-1] in NAMING and lists]
+    return {".".join(way): _at(content, way) for way in [*lists, *naming]}
 
 
 def _at(node: Any, way: Sequence[str], *, row: bool = False) -> Any:  # noqa: ANN401 - any JSON

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 from array import array
-from collections import defaultdict
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -14,6 +12,7 @@ import numpy as np
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, size_text
 from butterfly.files import most_in, require_file, whole
+from butterfly.logs.components import components
 from butterfly.logs.formats import ColumnMap, chosen_columns
 from butterfly.logs.log import InputKind, Log
 from butterfly.logs.said import Sayings
@@ -29,7 +28,8 @@ def read_mcap(path: Path, columns: ColumnMap | None, units: Units, about: dict[s
     """Read a log (see `read_log`) from a bag.
 
     Its columns: ``time``, the timestamps of the messages; ``log_time``, when the bag received them;
-    ``JOINT.position``, ``JOINT.velocity``, ``JOINT.effort``. With several topics each name has a
+    ``JOINT.position`` (also ``position.JOINT`` and, by its number, ``position.0``),
+    ``JOINT.velocity``, ``JOINT.effort``. With several topics each name has a
     prefix (``/joint_states:time``). Both times begin at 0. Without a map the only joint is read.
     """
     table = _table(path)
@@ -90,20 +90,21 @@ def _table(path: Path) -> dict[str, Samples]:
 
 
 def _columns(messages: Any) -> Mapping[str, Samples]:  # noqa: ANN401 - mcap's
-    """Return times from 0, and the values of each joint; NaN where missing."""
-    found: defaultdict[str, array[float]] = defaultdict(lambda: array("d"))
+    """Return times from 0, and the values of each joint, by its name or number; NaN if missing."""
     stamps, received = array("q"), array("q")
-    for count, (_, _, message, state) in enumerate(messages):
+    rows: dict[str, Any] = {key: [] for key in ("name", *_FIELDS.values())}
+    for _, _, message, state in messages:
         stamps.append(state.header.stamp.sec * 10**9 + state.header.stamp.nanosec)
         received.append(message.log_time)
+        rows["name"].append(tuple(state.name))
         for key in _FIELDS.values():
-            for name, value in zip(state.name, getattr(state, key), strict=False):
-                own = found[f"{name}.{key}"]
-                own.extend([math.nan] * (count - len(own)))
-                own.append(value)
-    for own in found.values():
-        own.extend([math.nan] * (len(stamps) - len(own)))
+            rows[key].append(array("d", getattr(state, key)))
+    if len({*rows["name"]}) == 1:
+        rows["name"] = rows["name"][0]
+    for key in _FIELDS.values():
+        if len({*map(len, rows[key])}) == 1:
+            rows[key] = np.array(rows[key])
     times = {"time": stamps, "log_time": received}
     exact = {name: np.array(each, dtype=np.int64) for name, each in times.items()}
     seconds = {name: (each - each[:1].sum()) / 1e9 for name, each in exact.items()}
-    return seconds | {name: np.array(each) for name, each in found.items()}
+    return seconds | {name: part.of(rows) for name, part in components(rows).items()}
