@@ -23,6 +23,7 @@ from butterfly.logs.said import Sayings
 from butterfly.logs.units import Units
 
 _LARGE = range(16, 20)  # digits of integers that floats may not hold, but 64 bits do
+_FIRST = 100  # records that show which columns there are
 _RECORDS = re.compile(r"\{[^\n]*\}\s*\n\s*\{")  # one a line
 
 
@@ -46,9 +47,11 @@ def read_json(path: Path, columns: ColumnMap | None, units: Units, about: dict[s
     named = {k: part for k, part in components(lists).items() if k not in names}
     names += named
     places, unasked = chosen_columns(path, names, columns, about)
+    found = {field: _at(content, ways[k]) for field, k in places.items() if k < len(ways)}
+    found = _joined(found)
     arrays = {
-        field: _column(path, content, names[k], ways[k], field)
-        if k < len(ways)
+        field: _column(path, names[k], found[field], field)
+        if field in found
         else named[names[k]].of(lists)
         for field, k in places.items()
     }
@@ -61,8 +64,7 @@ def read_json(path: Path, columns: ColumnMap | None, units: Units, about: dict[s
         sayings.metadata({k: each for k, each in above.items() if at and _ways(each) != ways})
         sayings.metadata(content)
     headings = sayings.headings(places)
-    single = [field for field, k in places.items() if k >= len(ways)]
-    headings |= {field: replace(headings[field], number=None) for field in single}
+    headings |= {f: replace(headings[f], number=None) for f in places.keys() - found.keys()}
     about |= {"source": str(path), "reading": FileReading(cut_lines=cut)}
     return Log.of_columns(arrays, headings, units, unasked=unasked, **about)
 
@@ -128,7 +130,9 @@ def _ways(node: Any, *, row: bool = False, way: tuple[str, ...] = ()) -> list[tu
         return []
     if isinstance(node, list) and not row:
         inner = bool(node) and isinstance(node[0], dict | list)
-        return _ways(node[0], row=True, way=way) if inner else [way] * bool(way)
+        rows = [each for each in node[:_FIRST] if type(each) is type(node[0])] if inner else []
+        found = dict.fromkeys(own for each in rows for own in _ways(each, row=True, way=way))
+        return [*found] if inner else [way] * bool(way)
     node = {str(k): each for k, each in enumerate(node)} if isinstance(node, list) else node
     if not isinstance(node, dict):
         return [way] * row
@@ -157,8 +161,15 @@ def _at(node: Any, way: Sequence[str], *, row: bool = False) -> Any:  # noqa: AN
     return _at(below, way[1:], row=row)
 
 
-def _column(path: Path, content: Any, name: str, way: Sequence[str], field: str) -> NDArray[Any]:  # noqa: ANN401 - any JSON
-    found = _at(content, way)
+def _joined(columns: dict[str, Any]) -> dict[str, Any]:
+    """Return columns of records of which none has all, as of a record per topic, as with nulls."""
+    lists = {field: each for field, each in columns.items() if isinstance(each, list)}
+    if any(... not in row for row in zip(*lists.values(), strict=False)):
+        return columns
+    return columns | {f: [None if x is ... else x for x in each] for f, each in lists.items()}
+
+
+def _column(path: Path, name: str, found: Any, field: str) -> NDArray[Any]:  # noqa: ANN401 - any JSON
     values = [found[key] for key in sorted(found, key=int)] if isinstance(found, dict) else found
     dated = field == "time" and {*map(type, values)} <= {str, type(None)}
     if dated and (stamps := dates(values)) is not None:
