@@ -89,6 +89,7 @@ DEFAULT_COLUMNS = {"time": "time", "input": "input", "angle": "angle"}
 VELOCITY = "velocity"
 """Column read by default if present, besides the angle or instead of it."""
 
+_NOBODYS = "\0"  # name of no column
 _HINT = "choose columns by --columns time=T,input=U,angle=Q or the manifest's key columns"
 _HINTS = {
     "time": ["--interval S, or interval: S in the manifest, if the file has no clock"],
@@ -110,6 +111,24 @@ class NoColumnError(InputError):
         return made
 
 
+def column_names(path: Path, **properties: Any) -> list[str]:  # noqa: ANN401 - as of `read_log`
+    """Return the names of the columns of a file; none if it has no names, or is unreadable."""
+    try:
+        read_log(path, dict.fromkeys(DEFAULT_COLUMNS, _NOBODYS), **properties)
+    except NoColumnError as error:
+        return [*error.names]
+    except InputError:
+        pass
+    return []
+
+
+def unsaid(columns: ColumnMap, about: Mapping[str, Any]) -> list[str]:
+    """Return the fields that a log needs, by what is known ``about`` it, and that a map lacks."""
+    optional = {"angle": VELOCITY in columns, "time": about.get("interval") is not None}
+    optional["input"] = about.get("input_kind") == InputKind.NONE
+    return [f for f in DEFAULT_COLUMNS if f not in columns and not optional.get(f)]
+
+
 def checked_map(
     source: object, columns: ColumnMap, about: Mapping[str, Any]
 ) -> dict[str, str | int]:
@@ -120,12 +139,9 @@ def checked_map(
         if field not in {*SAMPLED, *OF_SERVO}:
             expected = nearest(field, (*SAMPLED, *OF_SERVO))
             raise InputError(source, f"columns.{field}", "an unknown field", expected)
-    optional = {"angle": VELOCITY in columns, "time": about.get("interval") is not None}
-    optional["input"] = about.get("input_kind") == InputKind.NONE
-    for field in DEFAULT_COLUMNS:
-        if field not in columns and not optional.get(field):
-            expected = "; or ".join(["the name of a column", *_HINTS.get(field, ())])
-            raise InputError(source, f"columns.{field}", "nothing", expected)
+    for field in unsaid(columns, about):
+        expected = "; or ".join(["the name of a column", *_HINTS.get(field, ())])
+        raise InputError(source, f"columns.{field}", "nothing", expected)
     return dict(columns)
 
 

@@ -102,6 +102,15 @@ def logs_in(path: Path) -> list[str]:
     return []
 
 
+def numbers_in(path: Path) -> dict[str, float]:
+    """Return the numbers beside the log or logs of a file, by their keys."""
+    with suppress(InputError):
+        content = _content(path)[0]
+        pairs = content.items() if isinstance(content, dict) else ()
+        return {key: float(each) for key, each in pairs if type(each) in {float, int}}
+    return {}
+
+
 def _logs(content: Any) -> list[str]:  # noqa: ANN401 - any JSON
     """Return the places of tables if there are several, of the same columns, and nothing else."""
     found: dict[str, tuple[tuple[str, ...], ...]] = {}

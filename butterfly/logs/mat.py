@@ -16,7 +16,7 @@ from butterfly.arrays import Samples
 from butterfly.errors import InputError, nearest
 from butterfly.files import replacing
 from butterfly.logs.components import NAMING, components
-from butterfly.logs.formats import ColumnMap, checked_map, chosen_columns
+from butterfly.logs.formats import ColumnMap, NoColumnError, checked_map, chosen_columns
 from butterfly.logs.log import MIN_SAMPLES, SAMPLED, Log
 from butterfly.logs.matlab_objects import MatlabObject
 from butterfly.logs.matlab_variables import load_variables
@@ -148,7 +148,8 @@ def _found(path: Path, variables: dict[str, Any], names: list[str], parts: list[
     wanted, found = ".".join(parts), variables
     if parts[0] not in variables:
         _refuse_objects(path, wanted, variables)
-        raise InputError(path, wanted, "no such variable", _listing(parts[0], names))
+        expected = _listing(parts[0], names)
+        raise NoColumnError.among(names, path, wanted, "no such variable", expected)
     for k, part in enumerate(parts):
         if isinstance(found, MatlabObject):
             raise found.refused(path, wanted)
