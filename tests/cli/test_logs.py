@@ -141,6 +141,25 @@ def test_what_was_said_is_not_asked_again(butterfly, loose):
     assert "input: torque\n" in text
 
 
+@pytest.mark.parametrize(
+    ("declared", "said"),
+    [
+        ("omega: 3.0, amplitude: 0.4", "omega 3 rad/s declared, the log's input has 5 rad/s"),
+        ("omega: 5.0, amplitude: 0.2", "amplitude 0.2 V declared, the log's input has 0.4 V"),
+        ("omega: 5.02, amplitude: 0.39", None),
+    ],
+)
+def test_a_sine_that_is_declared_and_unlike_the_input_is_named(tmp_path, declared, said):
+    time = np.arange(3000) / 100
+    swing = 0.1 * np.sin(5 * time - 1) + 0.1 * np.sin(1) * np.exp(-time)
+    write_csv(bf.Log(time, 0.4 * np.sin(5 * time), swing), tmp_path / "a.csv")
+    text = f"name: a\ninput: voltage\nlogs: [{{file: a.csv, {declared}}}]\n"
+    (tmp_path / "manifest.yaml").write_text(text)
+    (found,) = bf.inspect(tmp_path).rows()
+    texts = [each["text"] for each in found["findings"] if "declared" in each["text"]]
+    assert texts == ([said] if said else [])
+
+
 def test_a_draft_is_no_data_set_before_its_columns_are_said(butterfly, tmp_path):
     time = np.arange(60) / 100
     rows = np.column_stack([time, np.sin(3 * time), np.sin(4 * time), np.sin(5 * time)])
