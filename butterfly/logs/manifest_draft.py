@@ -202,19 +202,21 @@ def open_questions(manifest: Manifest, given: Collection[str], *, named: bool) -
     """Return the questions on a draft, by key that was not given; files ``named`` tell masses."""
     questions, settled = dict(_QUESTIONS), {*given, "columns", "logs" * named}
     about = {"interval": manifest.interval, "input_kind": manifest.input}
+    called = [str((manifest.columns or {}).get("input", ""))]
     for entry in manifest.logs:
         columns = manifest.columns if entry.columns is None else entry.columns
         lacking = [] if columns is None else unsaid(columns, about)
         if lacking:
-            listing = ", ".join(map(repr, _names(manifest, entry))) or "without names"
+            names = _names(manifest, entry)
+            called = names if "input" in lacking else called
+            listing = ", ".join(map(repr, names)) or "without names"
             which = f"The columns of {entry.file}: {listing}."
             questions["columns"] = questions["columns"].format(" and the ".join(lacking)) + which
             settled.discard("columns")
             break
-    column = (manifest.columns or {}).get("input", "")
-    told = meaning_of(str(column)).kind
-    said = f'The name of its column, "{column}", says {told}.' if told else "No name says it."
-    questions["input"] += f" {said}"
+    kinds = {name: each.kind for name in called if (each := meaning_of(name)).kind}
+    said = " or ".join(f"{kind} by the name of {name!r}" for name, kind in kinds.items())
+    questions["input"] += f" It is {said}." if said else " No name of a column says it."
     for entry in manifest.logs[:_MOST]:
         if facts := [f"{key} {each:g}" for key, each in _facts(manifest, entry).items()]:
             questions["logs"] += f" {entry.file} says {', '.join(facts)}."

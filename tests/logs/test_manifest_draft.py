@@ -157,7 +157,7 @@ def test_the_name_of_a_column_says_what_the_input_commands(tmp_path, name, kind)
     drafted = with_columns(draft(tmp_path, {}))
     assert (drafted.columns["input"], drafted.input) == (name, kind)
     asked = open_questions(drafted, (), named=False)
-    assert f'"{name}", says {kind}.' in asked["input"]
+    assert f"{kind} by the name of {name!r}." in asked["input"]
     assert ("loop" in asked) is (kind == "setpoint")
 
 
@@ -170,3 +170,8 @@ def test_of_what_no_name_says_the_draft_has_the_choices(tmp_path):
     assert "which column holds the input" in asked["columns"]
     assert "columns of a.json: 't', 'a.0', 'a.1', 'q'." in asked["columns"]
     assert "omega" not in str(asked)
+    (tmp_path / "a.json").write_text(
+        json.dumps([{**each, "pwm": 1, "volts": 2} for each in records])
+    )
+    asked = open_questions(with_columns(draft(tmp_path, {})), (), named=False)
+    assert "duty by the name of 'pwm' or voltage by the name of 'volts'" in asked["input"]
