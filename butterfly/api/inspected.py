@@ -9,7 +9,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, ClassVar, Self
 
-from butterfly.api.sources import Named, is_data, manifest_of, names_result, read
+from butterfly.api.sources import Named, is_data, manifest_of, names_result, read, require_said
 from butterfly.api.verbs import identify, numbers_of_logs, saved_identification
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.experiment.schema import Experiment
@@ -171,7 +171,9 @@ def inspect(
         return robot_of(
             path, hand_mass=hand_mass, added_mass=added_mass, arm=description.get("arm")
         )
-    manifest = with_parts(manifest_of(path, massless=True, **description))
+    described = manifest_of(path, massless=True, **description)
+    require_said(path, described)
+    manifest = with_parts(described)
     numbers = numbers_of_logs("inspect", logs, len(manifest.logs))
     part = manifest.model_copy(update={"logs": [manifest.logs[k] for k in numbers]})
     seen = inspect_logs(part, track)

@@ -26,6 +26,7 @@ from butterfly.logs.manifest import (
     checked_options,
     described,
     read_manifest,
+    require_columns,
 )
 from butterfly.logs.manifest_draft import draft, of_logs
 from butterfly.logs.reading import pieces_of
@@ -123,6 +124,14 @@ def manifest_of(
     return whole
 
 
+def require_said(path: Path, manifest: Manifest) -> None:
+    """Refuse the manifest of a path if a file leaves a column of it to be said."""
+    beside = (path if path.is_dir() else path.parent) / MANIFEST_NAME
+    own = path if path.suffix.lower() in _YAML else beside
+    if own.exists():
+        require_columns(own, manifest)
+
+
 def _given(description: Mapping[str, Any]) -> dict[str, Any]:
     """Return keywords as fields of a manifest, and ``from`` and ``to``."""
     some = {name: value for name, value in description.items() if value is not None}
@@ -180,6 +189,8 @@ def _of_files(
 ) -> DataSet:
     """Return the data set of files, with one manifest if their manifests agree."""
     manifests = _manifests(sources, root, given)
+    for path, manifest in zip(_paths(sources), manifests, strict=True):
+        require_said(path, manifest)
     whole = _joined(manifests, given)
     if whole is not None:
         return read_data_set(whole, track)

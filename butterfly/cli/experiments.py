@@ -27,8 +27,9 @@ def manifest(
 ) -> None:
     """Write a draft manifest for the logs in a folder, or in one file.
 
-    Open questions are comments in the draft ("To settle"), each above its assumed value. Names like
-    Data_52__8__002.mat give added mass, frequency and amplitude; with --arm, 100g_a.csv its mass.
+    Open questions are comments in the draft ("To settle"), each above its assumed value; columns
+    that no name tells are left out. Names like Data_52__8__002.mat give added mass, frequency and
+    amplitude; with --arm, 100g_a.csv its mass.
 
     Parameters
     ----------
@@ -44,11 +45,12 @@ def manifest(
     named = not folder.is_file() and drafts.has_thesis_names(folder)
     if named and options.arm is None:
         raise InputError(folder, "--arm", "missing", "m from pivot to the masses in the file names")
-    drafted = drafts.with_columns(drafts.draft(folder, checked_options(options.description())))
+    given = checked_options(options.description())
+    drafted = drafts.with_columns(drafts.draft(folder, given), given)
+    asked = drafts.open_questions(drafted, given.keys(), named=named)
     root = options.root or ("." if out is None else None)
     if root is not None:
         drafted = drafted.model_copy(update={"root": str(root)})
-    asked = drafts.open_questions(drafted, options.description().keys(), named=named)
     write_file(path, drafts.draft_text(drafted, asked))
     say(f"Manifest of {len(drafted.logs)} logs: {path}")
     if asked:

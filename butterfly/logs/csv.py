@@ -159,7 +159,9 @@ def _numeric(path: Path, table: TextColumns, number: int, name: str, field: str 
         return column if clock else column.astype(np.float64, copy=False)
     if clock and (found := dates(column)) is not None:
         return found
-    texts = [str(each).strip().strip('"') for each in column.to_pylist()]
+    if pyarrow.types.is_null(column.type):  # nothing is written in it
+        return np.full(len(column), np.nan)
+    texts = ["" if each is None else str(each).strip().strip('"') for each in column.to_pylist()]
     grouped = next((k for k, text in enumerate(texts) if GROUPED.fullmatch(text)), None)
     row = next((k for k, text in enumerate(texts) if not is_number(text)), grouped)
     if row is None:

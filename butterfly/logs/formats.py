@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from butterfly.errors import InputError, nearest
 from butterfly.files import refuse_binary
+from butterfly.logs.components import components
 from butterfly.logs.log import OF_SERVO, SAMPLED, InputKind, Log
 from butterfly.logs.said import Sayings
 from butterfly.logs.units import AS_IS, Units, without_ending, without_unit
@@ -87,6 +89,7 @@ DEFAULT_COLUMNS = {"time": "time", "input": "input", "angle": "angle"}
 VELOCITY = "velocity"
 """Column read by default if present, besides the angle or instead of it."""
 
+_NOBODYS = "\0"  # name of no column
 _HINT = "choose columns by --columns time=T,input=U,angle=Q or the manifest's key columns"
 _HINTS = {
     "time": ["--interval S, or interval: S in the manifest, if the file has no clock"],
@@ -108,6 +111,24 @@ class NoColumnError(InputError):
         return made
 
 
+def column_names(path: Path, **properties: Any) -> list[str]:  # noqa: ANN401 - as of `read_log`
+    """Return the names of the columns of a file; none if it has no names, or is unreadable."""
+    try:
+        read_log(path, dict.fromkeys(DEFAULT_COLUMNS, _NOBODYS), **properties)
+    except NoColumnError as error:
+        return [*error.names]
+    except InputError:
+        pass
+    return []
+
+
+def unsaid(columns: ColumnMap, about: Mapping[str, Any]) -> list[str]:
+    """Return the fields that a log needs, by what is known ``about`` it, and that a map lacks."""
+    optional = {"angle": VELOCITY in columns, "time": about.get("interval") is not None}
+    optional["input"] = about.get("input_kind") == InputKind.NONE
+    return [f for f in DEFAULT_COLUMNS if f not in columns and not optional.get(f)]
+
+
 def checked_map(
     source: object, columns: ColumnMap, about: Mapping[str, Any]
 ) -> dict[str, str | int]:
@@ -118,12 +139,9 @@ def checked_map(
         if field not in {*SAMPLED, *OF_SERVO}:
             expected = nearest(field, (*SAMPLED, *OF_SERVO))
             raise InputError(source, f"columns.{field}", "an unknown field", expected)
-    optional = {"angle": VELOCITY in columns, "time": about.get("interval") is not None}
-    optional["input"] = about.get("input_kind") == InputKind.NONE
-    for field in DEFAULT_COLUMNS:
-        if field not in columns and not optional.get(field):
-            expected = "; or ".join(["the name of a column", *_HINTS.get(field, ())])
-            raise InputError(source, f"columns.{field}", "nothing", expected)
+    for field in unsaid(columns, about):
+        expected = "; or ".join(["the name of a column", *_HINTS.get(field, ())])
+        raise InputError(source, f"columns.{field}", "nothing", expected)
     return dict(columns)
 
 
@@ -209,22 +227,27 @@ def log_of_table(
 ) -> Log:
     """Make a log of a table and what is ``said`` beside it; numbered columns are `SAMPLED`."""
     found = _columns(table)
-    names = list(found)
+    names, parts = list(found), components(found)
     if columns is None and names == [*map(str, range(len(names)))]:
         timed = len(names) > 2 or properties.get("interval") is None  # noqa: PLR2004 - u, q
         columns = dict(zip(SAMPLED[not timed :], range(len(names)), strict=False))
     properties = {"source": "table"} | properties
+    names += parts
     places, unasked = chosen_columns(properties["source"], names, columns, properties)
-    arrays = {field: found[names[k]] for field, k in places.items()}
-    sayings = _said(properties["source"], table, found)
+    single = {field: parts[names[k]] for field, k in places.items() if k >= len(found)}
+    arrays = {f: single[f].of(found) if f in single else found[names[k]] for f, k in places.items()}
+    sayings = _said(properties["source"], table, found, names)
     sayings.metadata(said or {})
     headings = sayings.headings(places)
+    headings |= {field: replace(headings[field], number=None) for field in single}
     return Log.of_columns(arrays, headings, units, unasked=unasked, **properties)
 
 
-def _said(source: object, table: Table, columns: Mapping[str, Any]) -> Sayings:
+def _said(
+    source: object, table: Table, columns: Mapping[str, Any], names: Sequence[str]
+) -> Sayings:
     """Return what a table says in its attributes, those of its columns, and their types."""
-    sayings = Sayings(source, [*columns])
+    sayings = Sayings(source, names)
     for owner, way in ((table, ()), *((each, (name,)) for name, each in columns.items())):
         for key in ("attrs", "meta", "info"):
             found = getattr(owner, key, None)

@@ -26,8 +26,9 @@ from butterfly.logs.faults import (
     saturated,
     unwrapped,
 )
-from butterfly.logs.log import InputKind, Lead, Log
+from butterfly.logs.log import MIN_SAMPLES, InputKind, Lead, Log
 from butterfly.logs.regimes import Regime, find_regimes
+from butterfly.logs.topics import joined
 from butterfly.logs.units import ASSUMED, ColumnReading
 from butterfly.model.parameters import JointKind
 from butterfly.verdict import Level
@@ -52,6 +53,10 @@ _IF_MILLISECONDS = (
 _IF_REGIMES = (
     "The delay may switch with the sampling interval: output-error can fit both, as delay and "
     "slow_delay."
+)
+_IF_HELD = (
+    "Where the command changes between two samples of the angle it seems to come with the second: "
+    "the delay may be short by up to a sampling interval."
 )
 
 
@@ -101,6 +106,7 @@ class Health:
     integrated: bool = False  # whether the angle is the integral of the recorded velocity
     regimes: tuple[Regime, ...] = ()  # of its clock, where the mean interval switches
     contradiction: tuple[str, str] | None = None  # of physics, and what to check
+    topics: str = ""  # of a file with a row per topic: how its rows were joined
 
     @property
     def remarks(self) -> list[Remark]:
@@ -126,6 +132,8 @@ class Health:
         ]
         if self.contradiction:
             found.append(Remark(Level.CARE, *self.contradiction))
+        if self.topics:
+            found.append(Remark(Level.NOTE, self.topics, _IF_HELD))
         if self.integrated:
             found.append(Remark(Level.NOTE, "no angle recorded: the velocity is fitted instead"))
         for before, (begin, interval) in pairwise(self.regimes):
@@ -159,7 +167,9 @@ class Health:
 
 def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Log, Health]:
     """Return a log repaired as far as allowed, and its health as recorded; refuse other faults."""
+    log, topics = joined(log)
     finite = reduce(np.logical_and, map(np.isfinite, log.columns().values()))
+    _refuse_few(log, finite)
     _refuse_unless_allowed(log, ~finite, Repair.NON_FINITE, repairs, "finite numbers")
     sound = _only(log, finite)
     if np.ptp(sound.time) == 0.0:
@@ -209,6 +219,7 @@ def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Lo
         integrated=log.integrated,
         regimes=clean.regimes,
         contradiction=find_contradiction(clean),
+        topics=topics,
     )
     return clean, health
 
@@ -234,6 +245,17 @@ def _with_sound_lead(log: Log) -> Log:
     sound = np.isfinite(time) & np.isfinite(inputs) & (time < log.time[0])
     sound[sound] = increasing(time[sound]) if sound.any() else False
     return replace(log, lead=Lead(time=time[sound], input=inputs[sound]))
+
+
+def _refuse_few(log: Log, finite: NDArray[np.bool_]) -> None:
+    """Refuse a log of which too little is left without the rows that lack a number."""
+    if finite.sum() >= MIN_SAMPLES or finite.all():
+        return
+    counts = {name: int(np.isfinite(each).sum()) for name, each in log.columns().items()}
+    fewest = min(counts, key=counts.__getitem__)
+    listing = ", ".join(f"{count} of {name}" for name, count in counts.items())
+    found = f"{finite.sum()} rows with a number in every column ({listing})"
+    raise InputError(log.source, fewest, found, f"at least {MIN_SAMPLES} such rows")
 
 
 def _refuse_unless_allowed(

@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +16,14 @@ from numpy.typing import NDArray
 from butterfly.errors import InputError, require_room
 from butterfly.files import read_file, whole
 from butterfly.logs.clock import dates
+from butterfly.logs.components import NAMING, components
 from butterfly.logs.formats import ColumnMap, chosen_columns, part_at
 from butterfly.logs.log import MIN_SAMPLES, SAMPLED, FileReading, Log
 from butterfly.logs.said import Sayings
 from butterfly.logs.units import Units
 
 _LARGE = range(16, 20)  # digits of integers that floats may not hold, but 64 bits do
+_FIRST = 100  # records that show which columns there are
 _RECORDS = re.compile(r"\{[^\n]*\}\s*\n\s*\{")  # one a line
 
 
@@ -40,8 +43,18 @@ def read_json(path: Path, columns: ColumnMap | None, units: Units, about: dict[s
         raise InputError(path, at, f"rows of {len(names)} numbers", "t, volts, turns, turns/s")
     if of_sysid and columns is None:
         columns = {field: k for k, field in enumerate(SAMPLED)}
+    lists = _lists(content, ways)
+    named = {k: part for k, part in components(lists).items() if k not in names}
+    names += named
     places, unasked = chosen_columns(path, names, columns, about)
-    arrays = {f: _column(path, content, names[k], ways[k], f) for f, k in places.items()}
+    found = {field: _at(content, ways[k]) for field, k in places.items() if k < len(ways)}
+    found = _joined(found)
+    arrays = {
+        field: _column(path, names[k], found[field], field)
+        if field in found
+        else named[names[k]].of(lists)
+        for field, k in places.items()
+    }
     sayings = Sayings(path, names)
     if of_sysid:  # its numbers are rotations, of so many units each
         unit, factor = above.get("units", "Rotations"), above.get("unitsPerRotation", 1.0)
@@ -51,6 +64,7 @@ def read_json(path: Path, columns: ColumnMap | None, units: Units, about: dict[s
         sayings.metadata({k: each for k, each in above.items() if at and _ways(each) != ways})
         sayings.metadata(content)
     headings = sayings.headings(places)
+    headings |= {f: replace(headings[f], number=None) for f in places.keys() - found.keys()}
     about |= {"source": str(path), "reading": FileReading(cut_lines=cut)}
     return Log.of_columns(arrays, headings, units, unasked=unasked, **about)
 
@@ -88,6 +102,15 @@ def logs_in(path: Path) -> list[str]:
     return []
 
 
+def numbers_in(path: Path) -> dict[str, float]:
+    """Return the numbers beside the log or logs of a file, by their keys."""
+    with suppress(InputError):
+        content = _content(path)[0]
+        pairs = content.items() if isinstance(content, dict) else ()
+        return {key: float(each) for key, each in pairs if type(each) in {float, int}}
+    return {}
+
+
 def _logs(content: Any) -> list[str]:  # noqa: ANN401 - any JSON
     """Return the places of tables if there are several, of the same columns, and nothing else."""
     found: dict[str, tuple[tuple[str, ...], ...]] = {}
@@ -116,13 +139,22 @@ def _ways(node: Any, *, row: bool = False, way: tuple[str, ...] = ()) -> list[tu
         return []
     if isinstance(node, list) and not row:
         inner = bool(node) and isinstance(node[0], dict | list)
-        return _ways(node[0], row=True, way=way) if inner else [way] * bool(way)
+        rows = [each for each in node[:_FIRST] if type(each) is type(node[0])] if inner else []
+        found = dict.fromkeys(own for each in rows for own in _ways(each, row=True, way=way))
+        return [*found] if inner else [way] * bool(way)
     node = {str(k): each for k, each in enumerate(node)} if isinstance(node, list) else node
     if not isinstance(node, dict):
         return [way] * row
     if not row and way and all(key.isdecimal() for key in node):  # pandas' index
         return [way]
     return [each for key, below in node.items() for each in _ways(below, row=row, way=(*way, key))]
+
+
+def _lists(content: Any, ways: Sequence[tuple[str, ...]]) -> dict[str, Any]:  # noqa: ANN401 - any JSON
+    """Return the columns whose rows are lists, and lists of texts."""
+    lists = dict.fromkeys(way[:-1] for way in ways if len(way) > 1 and way[-1].isdecimal())
+    naming = [way for way in ways if way and way[-1] in NAMING and lists]
+    return {".".join(way): _at(content, way) for way in [*lists, *naming]}
 
 
 def _at(node: Any, way: Sequence[str], *, row: bool = False) -> Any:  # noqa: ANN401 - any JSON
@@ -138,8 +170,15 @@ def _at(node: Any, way: Sequence[str], *, row: bool = False) -> Any:  # noqa: AN
     return _at(below, way[1:], row=row)
 
 
-def _column(path: Path, content: Any, name: str, way: Sequence[str], field: str) -> NDArray[Any]:  # noqa: ANN401 - any JSON
-    found = _at(content, way)
+def _joined(columns: dict[str, Any]) -> dict[str, Any]:
+    """Return columns of records of which none has all, as of a record per topic, as with nulls."""
+    lists = {field: each for field, each in columns.items() if isinstance(each, list)}
+    if any(... not in row for row in zip(*lists.values(), strict=False)):
+        return columns
+    return columns | {f: [None if x is ... else x for x in each] for f, each in lists.items()}
+
+
+def _column(path: Path, name: str, found: Any, field: str) -> NDArray[Any]:  # noqa: ANN401 - any JSON
     values = [found[key] for key in sorted(found, key=int)] if isinstance(found, dict) else found
     dated = field == "time" and {*map(type, values)} <= {str, type(None)}
     if dated and (stamps := dates(values)) is not None:

@@ -28,6 +28,7 @@ from pydantic import (
 from butterfly.errors import InputError
 from butterfly.files import require_path, write_file
 from butterfly.logs import thesis_logs
+from butterfly.logs.formats import column_names, unsaid
 from butterfly.logs.health import DEFAULT_REPAIRS, Repair
 from butterfly.logs.log import InputKind, Intersample, Sine
 from butterfly.logs.units import Units
@@ -393,6 +394,22 @@ def read_manifest(
     if not folder.is_dir():
         raise InputError(path, "root", folder, "an existing folder")
     return manifest.model_copy(update={"root": str(folder)})
+
+
+def require_columns(path: Path, manifest: Manifest) -> None:
+    """Refuse the manifest in a file if it leaves a column to be chosen from those of a log."""
+    for entry in manifest.logs:
+        columns = manifest.columns if entry.columns is None else entry.columns
+        own = {"at": entry.at} if entry.at else {}
+        about = {
+            "interval": entry.interval or manifest.interval,
+            "input_kind": entry.input or manifest.input,
+        }
+        for field in () if columns is None else unsaid(columns, about):
+            names = column_names(Path(manifest.root) / entry.file, **own)
+            which = f"one of the columns of {entry.file}, by name or by number from 0"
+            expected = f"{which}: {', '.join(map(repr, names))}" if names else which
+            raise InputError(path, f"columns.{field}", "nothing", expected)
 
 
 def manifest_text(manifest: Manifest) -> str:

@@ -5,16 +5,26 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Collection, Mapping
-from pathlib import Path
+from pathlib import Path, PurePath
+from types import MappingProxyType
 from typing import Any
 
 from butterfly.errors import InputError
-from butterfly.logs.formats import ENDINGS, FORMATS, OFTEN_OTHERS, NoColumnError, holds_table
-from butterfly.logs.json import logs_in
+from butterfly.logs.formats import (
+    DEFAULT_COLUMNS,
+    ENDINGS,
+    FORMATS,
+    OFTEN_OTHERS,
+    NoColumnError,
+    column_names,
+    holds_table,
+    unsaid,
+)
+from butterfly.logs.json import logs_in, numbers_in
+from butterfly.logs.known_names import columns_meant, meaning_of
 from butterfly.logs.log import InputKind
 from butterfly.logs.manifest import MANIFEST_NAME, LogEntry, Manifest, described, manifest_text
 from butterfly.logs.reading import read_entry
-from butterfly.logs.said import field_of
 from butterfly.logs.units import Units
 from butterfly.model.prior import known_of
 
@@ -22,18 +32,22 @@ _THESIS_NAME = re.compile(r"Data_(\d+(?:_\d+)?)__(\d+(?:_\d+)?)__0(\d+)")
 _GRAMS = re.compile(r"(\d+(?:\.\d+)?)g")  # a part of another name
 _QUESTIONS = {
     "input": "what does the input command: voltage, torque, current, duty, or the setpoint of a "
-    "servo (which needs its loop)? The files do not say.",
+    "servo (which needs its loop)?",
+    "loop": "which law does the servo have, with which gains, as {law: dynamixel-x, kp: 400}?",
     "intersample": "zero_order_hold if the command is held until the next row, first_order_hold if "
     "it was sampled from a continuous signal; a wrong choice shifts only the delay by half a "
     "sample. The files do not say.",
-    "columns": "which columns hold time, input and angle, by name or number? No column has these "
-    "names; the first three are assumed, in this order.",
-    "logs": "which mass was added in each log (added_mass in kg, arm in m), and which sine drove "
-    "it (omega, amplitude)? The file names do not say all of it.",
+    "columns": "which column holds the {}, by name or number from 0? ",
+    "logs": "which mass was added in each log (added_mass in kg, arm in m)?",
 }
 _REPAIRED = "Samples that repeat a stamp are dropped and counted; without this they are a fault."
-_FIELDS = ("time", "input", "angle")
-_INDEX = {"", "index", "Unnamed: 0"}  # names of a first column that numbers the rows
+_FACTS = {
+    "mass": "added_mass",
+    **dict.fromkeys(("length", "arm"), "arm"),
+    **dict.fromkeys(("vin", "supply", "supply_voltage"), "supply"),
+    **{gain: gain for gain in ("kp", "ki", "kd")},
+}  # keys of numbers beside a log, and what they are of a manifest's log or of its loop
+_MOST = 4  # logs whose facts are quoted
 _DIGITS = 12  # of a number in another unit: the others are rounding
 
 
@@ -107,43 +121,119 @@ def of_logs(
     return described(content, {"input": InputKind.VOLTAGE} | dict(given))
 
 
-def with_columns(manifest: Manifest) -> Manifest:
-    """Return a manifest that can read its first log: by usual names, else by the first columns."""
-    if manifest.columns is not None:
-        return manifest
+def with_columns(manifest: Manifest, given: Mapping[str, Any] = MappingProxyType({})) -> Manifest:
+    """Return a manifest with the columns, the kind of input and the facts that files tell by name.
+
+    ``given`` is from `checked_options`. Columns that no name tells, or several, are left out.
+    """
+    kind, entries, by_ending = given.get("input"), [*manifest.logs], dict[str, LogEntry]()
+    if manifest.columns is None:
+        for k, entry in enumerate(entries):
+            ending = PurePath(entry.file).suffix.lower()
+            if ending not in by_ending or FORMATS[ending] == "json":
+                by_ending[ending] = _with_own_columns(manifest, entry, kind)
+            known = by_ending[ending]
+            entries[k] = entry.model_copy(update={"columns": known.columns, "at": known.at})
+        common = entries[0].columns
+        for k, entry in enumerate(entries):
+            columns = DEFAULT_COLUMNS if entry.columns is None else entry.columns
+            own = {"columns": None if entry.columns == common else columns}
+            entries[k] = entry.model_copy(update=own)
+        manifest = manifest.model_copy(update={"columns": common})
+    names = {(each.columns or manifest.columns or {}).get("input") for each in entries}
+    kinds = {meaning_of(str(name)).kind for name in names}
+    if kind is None and len(kinds) == 1 and None not in kinds:
+        manifest = manifest.model_copy(update={"input": kinds.pop()})
+    return manifest.model_copy(
+        update={"logs": [_with_facts(each, manifest, given) for each in entries]}
+    )
+
+
+def _with_own_columns(manifest: Manifest, entry: LogEntry, kind: InputKind | None) -> LogEntry:
+    """Return an entry with its columns by name; None for those if the usual ones are there."""
+    plain = InputKind.NONE if kind is InputKind.NONE else InputKind.VOLTAGE
     try:
-        read_entry(manifest, manifest.logs[0])
+        read_entry(manifest.model_copy(update={"loop": {}, "input": plain}), entry)
     except InputError as error:
-        named = error.names if isinstance(error, NoColumnError) else ()
+        names = [*error.names] if isinstance(error, NoColumnError) else _names(manifest, entry)
     else:
-        return manifest
-    meant = {field: [each for each in named if field_of(each) == field] for field in _FIELDS}
-    if all(len(names) == 1 for names in meant.values()):
-        return manifest.model_copy(update={"columns": {f: names[0] for f, names in meant.items()}})
-    columns = {field: k for k, field in enumerate(_FIELDS)}
-    first = manifest.model_copy(update={"columns": columns})
-    try:
-        log = read_entry(first, first.logs[0])
-    except InputError:
-        return manifest
-    if log.reading.columns["time"].name in _INDEX and "no header" not in log.reading.layout:
-        columns = {field: k + 1 for field, k in columns.items()}
-    return manifest.model_copy(update={"columns": columns})
+        return entry
+    columns = columns_meant(names, kind)
+    if kind is InputKind.NONE:
+        columns.pop("input", None)
+    parents = {name.rpartition(".")[0] for name in columns.values()}
+    if entry.at is None and len(parents) == 1 and any(parents) and _is_json(entry):
+        (at,) = parents
+        columns = {field: name.removeprefix(f"{at}.") for field, name in columns.items()}
+        entry = entry.model_copy(update={"at": at})
+    return entry.model_copy(update={"columns": columns})
+
+
+def _is_json(entry: LogEntry) -> bool:
+    return FORMATS[PurePath(entry.file).suffix.lower()] == "json"
+
+
+def _names(manifest: Manifest, entry: LogEntry) -> list[str]:
+    """Return the names of the columns of a log; none if it has none."""
+    own = {"at": entry.at} if entry.at else {}
+    return column_names(Path(manifest.root) / entry.file, **own)
+
+
+def _with_facts(entry: LogEntry, manifest: Manifest, given: Mapping[str, Any]) -> LogEntry:
+    """Return an entry with what its file says of mass and loop, except what is given."""
+    facts = {_FACTS[key]: each for key, each in _facts(manifest, entry).items()}
+    mass, arm = facts.pop("added_mass", None), facts.pop("arm", None)
+    if mass is not None and (arm or "arm" in given) and not known_of(entry.added_mass).value:
+        own = {} if "arm" in given else {"arm": arm}
+        entry = entry.model_copy(update={"added_mass": mass, **own})
+    loop = {key: each for key, each in facts.items() if key not in given.get("loop", {})}
+    if manifest.input is InputKind.SETPOINT and loop:
+        entry = entry.model_copy(update={"loop": loop})
+    return entry
+
+
+def _facts(manifest: Manifest, entry: LogEntry) -> dict[str, float]:
+    """Return the numbers beside a log that are facts of a manifest, by their keys."""
+    found = numbers_in(Path(manifest.root) / entry.file) if _is_json(entry) else {}
+    return {key: each for key, each in found.items() if key in _FACTS and each >= 0}
 
 
 def open_questions(manifest: Manifest, given: Collection[str], *, named: bool) -> dict[str, str]:
-    """Return the questions on a draft, by key that was not given; files ``named`` tell sines."""
-    by_name = manifest.columns is None or {*map(type, manifest.columns.values())} == {str}
-    settled = {*given, "columns" * by_name, "logs" * named}
-    return {key: text for key, text in _QUESTIONS.items() if key not in settled}
+    """Return the questions on a draft, by key that was not given; files ``named`` tell masses."""
+    questions, settled = dict(_QUESTIONS), {*given, "columns", "logs" * named}
+    about = {"interval": manifest.interval, "input_kind": manifest.input}
+    called = [str((manifest.columns or {}).get("input", ""))]
+    for entry in manifest.logs:
+        columns = manifest.columns if entry.columns is None else entry.columns
+        lacking = [] if columns is None else unsaid(columns, about)
+        if lacking:
+            names = _names(manifest, entry)
+            called = names if "input" in lacking else called
+            listing = ", ".join(map(repr, names)) or "without names"
+            which = f"The columns of {entry.file}: {listing}."
+            questions["columns"] = questions["columns"].format(" and the ".join(lacking)) + which
+            settled.discard("columns")
+            break
+    kinds = {name: each.kind for name in called if (each := meaning_of(name)).kind}
+    said = " or ".join(f"{kind} by the name of {name!r}" for name, kind in kinds.items())
+    questions["input"] += f" It is {said}." if said else " No name of a column says it."
+    for entry in manifest.logs[:_MOST]:
+        if facts := [f"{key} {each:g}" for key, each in _facts(manifest, entry).items()]:
+            questions["logs"] += f" {entry.file} says {', '.join(facts)}."
+    if manifest.input is not InputKind.SETPOINT or "law" in manifest.loop:
+        settled.add("loop")
+    return {key: text for key, text in questions.items() if key not in settled}
 
 
 def draft_text(manifest: Manifest, questions: Mapping[str, str]) -> str:
     """Return a manifest as YAML, each question as a comment above its key."""
-    names = {"added_mass": "kg", "arm": "m", "omega": "rad/s", "amplitude": manifest.input.unit}
+    names = {"added_mass": "kg", "arm": "m"}
     units = {name: manifest.units.get(name.removeprefix("added_"), names[name]) for name in names}
     places = ", ".join(f"{name}: ({unit})" for name, unit in units.items())
     lines = manifest_text(manifest).splitlines(keepends=True)
+    if "loop" in questions and not manifest.loop:  # which is not written if empty
+        after = next(k for k, line in enumerate(lines, 1) if line.startswith("input:"))
+        lines.insert(after, "loop: {}\n")
     return "".join(
         f"# To settle: {questions[key]}\n{line}"
         + f"  # - {{file: ..., {places}}}\n" * (key == "logs")

@@ -15,7 +15,8 @@ from scipy.io import savemat
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, nearest
 from butterfly.files import replacing
-from butterfly.logs.formats import ColumnMap, checked_map, chosen_columns
+from butterfly.logs.components import NAMING, components
+from butterfly.logs.formats import ColumnMap, NoColumnError, checked_map, chosen_columns
 from butterfly.logs.log import MIN_SAMPLES, SAMPLED, Log
 from butterfly.logs.matlab_objects import MatlabObject
 from butterfly.logs.matlab_variables import load_variables
@@ -29,7 +30,8 @@ def read_mat(path: Path, columns: ColumnMap | None, units: Units, about: dict[st
     """Read a MATLAB file (see `read_log`); v7.3 needs the extra ``hdf5``, objects ``matlab``.
 
     A column is a vector (``t``), a field of a struct (``data.t``; ``out.1.x`` in the second of an
-    array) or a column of a matrix (``M.0``, or ``0`` of ``D``; a row, if samples are columns).
+    array) or a column of a matrix (``M.0``, or ``0`` of ``D``; a row, if samples are columns). By
+    default: ``D``; else variables named like the fields of `Log`, or the only table with them.
     """
     at, said = about.pop("at", None), dict[str, Mapping[str, Any]]()
     if columns is None:
@@ -50,7 +52,8 @@ def read_mat(path: Path, columns: ColumnMap | None, units: Units, about: dict[st
     else:
         wanted = checked_map(path, columns, about)
         mapping = {field: _parts(name) for field, name in wanted.items()}
-        variables, names = load_variables(path, {parts[0] for parts in mapping.values()}, said)
+        wanted_names = {parts[0] for parts in mapping.values()} | NAMING
+        variables, names = load_variables(path, wanted_names, said)
         arrays = {f: _vector(path, variables, names, own, f) for f, own in mapping.items()}
         named = {field: ".".join(own) for field, own in mapping.items()}
     sayings = Sayings(path, [*named.values()])
@@ -82,13 +85,21 @@ def _columns_in(path: Path, name: str, table: Any, about: Mapping[str, Any]) -> 
     if isinstance(table, MatlabObject):
         raise table.refused(path, name)
     keys = [*_below(table)]
-    places, _ = chosen_columns(path, [key.lower() for key in keys], None, about)
-    return {field: f"{name}.{keys[k]}" for field, k in places.items()}
+    places, unasked = chosen_columns(path, [key.lower() for key in keys], None, about)
+    own = {field: keys[k] for field, k in places.items()}
+    own = {f: key for f, key in own.items() if f not in unasked or _is_vector(table[key])}
+    return {field: f"{name}.{key}".lstrip(".") for field, key in own.items()}
+
+
+def _is_vector(found: object) -> bool:
+    return isinstance(found, np.ndarray) and found.dtype.kind in "fiu"
 
 
 def _columns_of_table(path: Path, names: list[str], about: Mapping[str, Any]) -> ColumnMap | None:
-    """Return the columns of the only struct or table that has them."""
+    """Return the columns among the variables, or of the only struct or table that has them."""
     variables, _ = load_variables(path, names)
+    with suppress(InputError):
+        return _columns_in(path, "", variables, about)
     tables: dict[str, ColumnMap] = {}
     for name, each in variables.items():
         with suppress(InputError):
@@ -134,15 +145,18 @@ def _upright(found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
 
 def _found(path: Path, variables: dict[str, Any], names: list[str], parts: list[str]) -> Any:  # noqa: ANN401 - whatever the file holds
     """Return what the parts of a name lead to."""
-    wanted = ".".join(parts)
+    wanted, found = ".".join(parts), variables
     if parts[0] not in variables:
         _refuse_objects(path, wanted, variables)
-        raise InputError(path, wanted, "no such variable", _listing(parts[0], names))
-    found: Any = variables[parts[0]]
-    for k, part in enumerate(parts[1:], 1):
+        expected = _listing(parts[0], names)
+        raise NoColumnError.among(names, path, wanted, "no such variable", expected)
+    for k, part in enumerate(parts):
         if isinstance(found, MatlabObject):
             raise found.refused(path, wanted)
         below = _below(found)
+        columns = {name: _rows(each) for name, each in below.items()}
+        if own := components(columns).get(".".join(parts[k:])):
+            return own.of(columns)
         if part not in below:
             where = ".".join(parts[:k])
             raise InputError(path, wanted, f"no {part} in {where}", _listing(part, [*below]))
@@ -174,6 +188,13 @@ def _below(found: Any) -> dict[str, Any]:  # noqa: ANN401 - whatever the file ho
     matrix = isinstance(found, np.ndarray) and found.ndim == 2  # noqa: PLR2004
     columns = _upright(found).T if matrix else found if isinstance(found, list) else []
     return {str(k): each for k, each in enumerate(columns)}
+
+
+def _rows(found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
+    """Return a matrix with samples in its rows, and the texts of a cell array as they are."""
+    cells = [each for each in found if isinstance(each, np.ndarray)] if type(found) is list else []
+    texts = [each.item() for each in cells if each.dtype.kind == "U" and each.size == 1]
+    return texts or _upright(found)
 
 
 def _refuse_objects(path: Path, wanted: str, variables: dict[str, Any]) -> None:

@@ -252,6 +252,7 @@ _OWN = "#"  # begins what MATLAB keeps for itself
 _PLAIN = {"double", "single", "logical", "char", "struct"} | {
     f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)
 }
+_OF_ROW = 1 << 7  # bytes of a row that is a list, besides its numbers
 _OF_NODE = 1 << 14  # bytes that count for a node besides its own: of nodes in a ring is no end
 
 
@@ -286,8 +287,8 @@ def _load73(
                 return found
             return [dict(zip(found, each, strict=True)) for each in zip(*lists, strict=True)]
         _require_written(path, node)
-        values = np.asarray(node[()])
-        if values.dtype == h5py.ref_dtype and not kind:  # a field of an array of structs
+        values = _stored(node, left)
+        if h5py.check_ref_dtype(values.dtype) and not kind:  # a field of an array of structs
             return [value(file[each]) for each in values.ravel(order="F")]
         return np.asarray("".join(map(chr, values.ravel()))) if kind == b"char" else values.T
 
@@ -296,6 +297,23 @@ def _load73(
         own = [name for name in names if name in wanted or "unit" in name.lower()]
         found = {name: value(_own_node(path, file, name)) for name in own}
         return found, [name for name in names if not name.startswith(_OWN)]
+
+
+def _stored(node: Any, most: int) -> NDArray[Any]:  # noqa: ANN401 - h5py's
+    """Return the values of a node, of which lists take so many bytes at most."""
+    import h5py  # noqa: PLC0415 - an extra
+
+    if h5py.check_string_dtype(node.dtype):
+        return np.asarray(node.asstr(errors="replace")[()])
+    if not h5py.check_vlen_dtype(node.dtype):
+        return np.asarray(node[()])
+    rows = np.empty(node.shape, dtype=object)
+    for place in np.ndindex(node.shape):
+        rows[place] = node[place]
+        most -= _OF_ROW + rows[place].nbytes
+        if most < 0:  # many lists may be one place of the file
+            raise ValueError("lists of more numbers than the file can hold")
+    return rows
 
 
 def _own_node(path: Path, parent: Any, name: str) -> Any:  # noqa: ANN401 - h5py's

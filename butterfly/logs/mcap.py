@@ -1,19 +1,19 @@
-"""Logs in MCAP files (ROS 2 bags): the sensor_msgs/JointState messages of one topic."""
+"""Logs in MCAP files (ROS 2 bags): the sensor_msgs/JointState messages of its topics."""
 
 from __future__ import annotations
 
-import math
 from array import array
-from collections import defaultdict
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, size_text
 from butterfly.files import most_in, require_file, whole
+from butterfly.logs.components import components
 from butterfly.logs.formats import ColumnMap, chosen_columns
 from butterfly.logs.log import InputKind, Log
 from butterfly.logs.said import Sayings
@@ -21,6 +21,7 @@ from butterfly.logs.units import Units
 
 _TYPES = {"sensor_msgs/msg/JointState", "sensor_msgs/JointState"}
 _FIELDS = {"angle": "position", "input": "effort", "velocity": "velocity"}
+_TIMES = ("time", "log_time")
 _EXTRA = "the extra mcap (pip install 'butterfly-testbed[mcap]')"
 _WHOLE = "a whole MCAP file (`mcap recover` repairs a truncated one)"
 
@@ -29,22 +30,61 @@ def read_mcap(path: Path, columns: ColumnMap | None, units: Units, about: dict[s
     """Read a log (see `read_log`) from a bag.
 
     Its columns: ``time``, the timestamps of the messages; ``log_time``, when the bag received them;
-    ``JOINT.position``, ``JOINT.velocity``, ``JOINT.effort``. With several topics each name has a
-    prefix (``/joint_states:time``). Both times begin at 0. Without a map the only joint is read.
+    ``JOINT.position`` (also ``position.JOINT`` and, by its number, ``position.0``),
+    ``JOINT.velocity``, ``JOINT.effort``. With several topics each name has a
+    prefix (``/joint_states:time``); columns of several are joined by their stamps, each topic's in
+    rows of its own. Both times begin at 0. Without a map the only joint is read.
     """
-    table = _table(path)
-    names = list(table)
+    topics = _topics(path)
+    named = {
+        f"{topic}:" * (len(topics) > 1) + name: (topic, name)
+        for topic, columns in topics.items()
+        for name in columns
+    }
+    names = list(named)
     if columns is None:
         columns = _only_joint(path, names)
         if about.get("input_kind") == InputKind.NONE:
             del columns["input"]
     places, _ = chosen_columns(path, names, columns, about)
-    arrays = {field: table[names[k]] for field, k in places.items()}
-    if not np.any(arrays["time"]):
+    arrays = _rows(path, topics, {field: named[names[k]] for field, k in places.items()})
+    if "time" in arrays and not np.any(arrays["time"]):
         expected = "timestamps in the message headers, or --columns time=log_time,..."
         raise InputError(path, names[places["time"]], "0 throughout", expected)
     headings = Sayings(path, names).headings(places)
     return Log.of_columns(arrays, headings, units, **about | {"source": str(path)})
+
+
+def _rows(
+    path: Path,
+    topics: Mapping[str, Mapping[str, Samples]],
+    chosen: Mapping[str, tuple[str, str]],
+) -> dict[str, Samples]:
+    """Return columns by field: of one topic as they are, of several a row for each stamp."""
+    clock = chosen["time"][1] if "time" in chosen else "log_time"
+    stamps = {topic: topics[topic][clock] for topic, _ in chosen.values()}
+    if len(stamps) == 1:
+        found = {field: topics[topic][name] for field, (topic, name) in chosen.items()}
+        times = {field for field, (_, name) in chosen.items() if name in _TIMES}
+        return found | {f: (found[f] - found[f][:1].sum()) / 1e9 for f in times}
+    for topic, each in stamps.items():
+        if not each.any() or np.any(np.diff(each) < 0) or "time" not in chosen:
+            expected = f"messages in order of time, or time={topic}:log_time"
+            raise InputError(path, f"{topic}:{clock}", "stamps that fall, or none", expected)
+    keys = [_distinct(each) for each in stamps.values()]
+    every, places = np.unique(np.concatenate(keys), axis=0, return_inverse=True)
+    ends = np.cumsum([len(each) for each in keys])
+    rows = dict(zip(stamps, np.split(places.ravel(), ends[:-1]), strict=True))
+    found = {}
+    for field, (topic, name) in chosen.items():
+        found[field] = np.full(len(every), np.nan)
+        found[field][rows[topic]] = topics[topic][name]
+    return found | {"time": (every[:, 0] - every[:1, 0].sum()) / 1e9}
+
+
+def _distinct(stamps: NDArray[Any]) -> NDArray[Any]:
+    """Return (n, 2) ascending stamps, those that repeat one numbered."""
+    return np.column_stack([stamps, np.arange(stamps.size) - np.searchsorted(stamps, stamps)])
 
 
 def _only_joint(path: Path, names: list[str]) -> dict[str, str | int]:
@@ -59,8 +99,8 @@ def _only_joint(path: Path, names: list[str]) -> dict[str, str | int]:
     return {"time": "time"} | found
 
 
-def _table(path: Path) -> dict[str, Samples]:
-    """Return the columns of all topics with joint states."""
+def _topics(path: Path) -> dict[str, Mapping[str, Samples]]:
+    """Return the columns of all topics with joint states, by topic."""
     size = require_file(path, "an existing MCAP file")
     try:
         from mcap.reader import make_reader  # noqa: PLC0415 - an extra
@@ -81,29 +121,24 @@ def _table(path: Path) -> dict[str, Samples]:
         if not topics:
             found = ", ".join(sorted({*kinds.values()})) or "no messages"
             raise InputError(path, "content", found, "sensor_msgs/msg/JointState messages")
-        table: dict[str, Samples] = {}
-        for topic in topics:
-            before = f"{topic}:" if len(topics) > 1 else ""
-            own = _columns(reader.iter_decoded_messages(topics=[topic]))
-            table |= {before + name: each for name, each in own.items()}
-    return table
+        return {each: _columns(reader.iter_decoded_messages(topics=[each])) for each in topics}
 
 
 def _columns(messages: Any) -> Mapping[str, Samples]:  # noqa: ANN401 - mcap's
-    """Return times from 0, and the values of each joint; NaN where missing."""
-    found: defaultdict[str, array[float]] = defaultdict(lambda: array("d"))
+    """Return stamps in ns, and the values of each joint, by its name or number; NaN if missing."""
     stamps, received = array("q"), array("q")
-    for count, (_, _, message, state) in enumerate(messages):
+    rows: dict[str, Any] = {key: [] for key in ("name", *_FIELDS.values())}
+    for _, _, message, state in messages:
         stamps.append(state.header.stamp.sec * 10**9 + state.header.stamp.nanosec)
         received.append(message.log_time)
+        rows["name"].append(tuple(state.name))
         for key in _FIELDS.values():
-            for name, value in zip(state.name, getattr(state, key), strict=False):
-                own = found[f"{name}.{key}"]
-                own.extend([math.nan] * (count - len(own)))
-                own.append(value)
-    for own in found.values():
-        own.extend([math.nan] * (len(stamps) - len(own)))
+            rows[key].append(array("d", getattr(state, key)))
+    if len({*rows["name"]}) == 1:
+        rows["name"] = rows["name"][0]
+    for key in _FIELDS.values():
+        if len({*map(len, rows[key])}) == 1:
+            rows[key] = np.array(rows[key])
     times = {"time": stamps, "log_time": received}
     exact = {name: np.array(each, dtype=np.int64) for name, each in times.items()}
-    seconds = {name: (each - each[:1].sum()) / 1e9 for name, each in exact.items()}
-    return seconds | {name: np.array(each) for name, each in found.items()}
+    return exact | {name: part.of(rows) for name, part in components(rows).items()}

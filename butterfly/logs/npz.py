@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from butterfly.errors import InputError
 from butterfly.files import read_file, unpacked, whole
+from butterfly.logs.components import components
 from butterfly.logs.formats import ColumnMap, log_of_table, part_at
 from butterfly.logs.log import MIN_SAMPLES, Log
 from butterfly.logs.units import Units
@@ -33,10 +34,11 @@ def read_npz(path: Path, columns: ColumnMap | None, units: Units, about: dict[st
     if (at := about.pop("at", None)) is not None:
         arrays = {at: part_at(path, arrays, at, at)}
     table: Any = {}
+    listed = components(arrays | texts)
     for name, each in arrays.items():
         wide = each.ndim == 2 and 1 not in each.shape  # noqa: PLR2004 - a matrix
-        numbered = enumerate(each.T) if wide else ()
-        own = {f"{name}.{k}": part for k, part in numbered} or {name: each.ravel()}
+        numbered = {k: part for k, part in listed.items() if part.column == name} if wide else {}
+        own = {k: part.of(arrays) for k, part in numbered.items()} or {name: each.ravel()}
         table = each if len(arrays) == 1 and (wide or each.dtype.names) else table | own
     return log_of_table(table, columns, units, said=texts, **about | {"source": str(path)})
 

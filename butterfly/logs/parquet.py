@@ -1,17 +1,22 @@
-"""Logs in Parquet files: columns time, input, angle and, if recorded, velocity."""
+"""Logs in Parquet files: columns of numbers, of lists of them, and of structs of these."""
 
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
 import pyarrow as pa
-from pyarrow import parquet
+from numpy.typing import NDArray
+from pyarrow import compute, parquet
 
 from butterfly.errors import InputError, size_text
 from butterfly.files import most_in, require_file, whole
+from butterfly.logs.components import components
 from butterfly.logs.formats import ColumnMap, chosen_columns
 from butterfly.logs.log import Log
 from butterfly.logs.said import Sayings
@@ -19,7 +24,7 @@ from butterfly.logs.text_table import is_number_type
 from butterfly.logs.units import Units
 
 _BYTES = 8  # of a number
-_AT_A_TIME = 1 << 20  # samples
+_AT_A_TIME, _FIRST = 1 << 20, 100  # samples
 
 
 def read_parquet(path: Path, columns: ColumnMap | None, units: Units, about: dict[str, Any]) -> Log:
@@ -27,20 +32,34 @@ def read_parquet(path: Path, columns: ColumnMap | None, units: Units, about: dic
     require_file(path, "an existing Parquet file")
     with whole(path, "a whole Parquet file"), parquet.ParquetFile(path) as file:
         schema = file.schema_arrow
-        places, unasked = chosen_columns(path, schema.names, columns, about)
+        leaves = _leaves(schema)
+        lists = {leaf.name: leaf for leaf in leaves if _is_list(leaf.kind)}
+        parts = components(_heads(file, lists.values()))
+        names = [*(leaf.name for leaf in leaves), *parts]
+        places, unasked = chosen_columns(path, names, columns, about)
         for field in unasked:
-            if not is_number_type(schema.types[places[field]]):
+            if not is_number_type(leaves[places[field]].kind):
                 del places[field]
-        headings = _said(path, schema).headings(places)
-        arrays = _columns(path, file, places)
+        headings = _said(path, schema, names).headings(places)
+        single = {field: parts[names[k]] for field, k in places.items() if k >= len(leaves)}
+        wanted = {each: lists[each] for part in single.values() for each in part.needs}
+        _refuse_many(path, file, len(places) + len(wanted))
+        tables = {name: _rows(file, leaf) for name, leaf in wanted.items()}
+        arrays = {
+            field: single[field].of(tables)
+            if field in single
+            else _column(path, file, leaves[places[field]], field)
+            for field in places
+        }
     pa.default_memory_pool().release_unused()  # of a long log it would keep as much again
+    headings |= {field: replace(headings[field], number=None) for field in single}
     about |= {"source": str(path)}
     return Log.of_columns(arrays, headings, units, unasked=unasked, **about)
 
 
-def _said(path: Path, schema: pa.Schema) -> Sayings:
+def _said(path: Path, schema: pa.Schema, names: Sequence[str]) -> Sayings:
     """Return what the metadata of a schema and of its columns say, and the types of clocks."""
-    sayings = Sayings(path, schema.names)
+    sayings = Sayings(path, names)
     for k, field in enumerate(schema):
         if _is_clock(field.type):
             sayings.column(k, field.type.unit, "type")
@@ -49,25 +68,85 @@ def _said(path: Path, schema: pa.Schema) -> Sayings:
     return sayings
 
 
-def _columns(path: Path, file: parquet.ParquetFile, places: Mapping[str, int]) -> dict[str, Any]:
-    """Read columns one by one, by field of the log."""
-    names = file.schema_arrow.names
+class _Leaf(NamedTuple):
+    """A column of a file, or a field of a column of structs."""
+
+    name: str
+    column: str  # of the file
+    which: int  # of the columns of this name
+    way: tuple[int, ...]  # fields of structs
+    kind: pa.DataType
+
+
+def _leaves(schema: pa.Schema) -> list[_Leaf]:
+    """Return the columns of a file, and then the fields of those of structs."""
+    names = schema.names
+    found = [
+        _Leaf(name, name, names[:k].count(name), (), schema.types[k])
+        for k, name in enumerate(names)
+    ]
+    for leaf in found:  # which grows
+        if pa.types.is_struct(leaf.kind):
+            for k, field in enumerate(leaf.kind):
+                own = leaf._replace(name=f"{leaf.name}.{field.name}", kind=field.type)
+                found.append(own._replace(way=(*leaf.way, k)))
+    return found
+
+
+def _heads(file: parquet.ParquetFile, leaves: Iterable[_Leaf]) -> dict[str, list[Any]]:
+    """Return the first rows of columns of lists."""
+    batches = {leaf: file.iter_batches(_FIRST, columns=[leaf.column]) for leaf in leaves}
+    return {
+        leaf.name: _part(batch, leaf).to_pylist()
+        for leaf, found in batches.items()
+        for batch in islice(found, 1)
+    }
+
+
+def _refuse_many(path: Path, file: parquet.ParquetFile, columns: int) -> None:
+    """Refuse a file that claims more rows than it can hold."""
     most = most_in(path.stat().st_size)
-    if not 0 <= file.metadata.num_rows * len(places) * _BYTES <= most:
+    if not 0 <= file.metadata.num_rows * columns * _BYTES <= most:
         found = f"{file.metadata.num_rows} rows in {size_text(path.stat().st_size)}"
         expected = f"a whole Parquet file of at most {size_text(most)}"
         raise InputError(path, "content", found, expected)
-    arrays = {}
-    for field, number in places.items():
-        name, kind = names[number], file.schema_arrow.types[number]
-        texts = pa.types.is_string(kind) or pa.types.is_large_string(kind)
-        if not is_number_type(kind) and not (field == "time" and (texts or _is_clock(kind))):
-            raise InputError(path, name, f"a column of {kind}", "numbers")
-        batches = file.iter_batches(_AT_A_TIME, columns=[name])
-        which = names[:number].count(name)  # of the columns of this name
-        parts = [batch.column(which) for batch in batches]
-        arrays[field] = pa.chunked_array(parts, kind).to_numpy()
-    return arrays
+
+
+def _column(path: Path, file: parquet.ParquetFile, leaf: _Leaf, field: str) -> NDArray[Any]:
+    """Read a column of numbers, or a clock."""
+    texts = pa.types.is_string(leaf.kind) or pa.types.is_large_string(leaf.kind)
+    clock = field == "time" and (texts or _is_clock(leaf.kind))
+    if not is_number_type(leaf.kind) and not clock:
+        expected = f"one of its parts: {leaf.name}.0, ..." if _is_list(leaf.kind) else "numbers"
+        raise InputError(path, leaf.name, f"a column of {leaf.kind}", expected)
+    return np.asarray(_whole_column(file, leaf).to_numpy())
+
+
+def _rows(file: parquet.ParquetFile, leaf: _Leaf) -> Any:  # noqa: ANN401 - a matrix, or lists
+    """Read a column of lists: a matrix if all are numbers and equally long."""
+    column = _whole_column(file, leaf)
+    lengths = compute.min_max(compute.list_value_length(column)).as_py()
+    equal = lengths["min"] == lengths["max"] and column.null_count == 0
+    if not equal or not is_number_type(leaf.kind.value_type):
+        return column.to_pylist()
+    return compute.list_flatten(column).to_numpy().reshape(len(column), -1)
+
+
+def _whole_column(file: parquet.ParquetFile, leaf: _Leaf) -> pa.ChunkedArray:
+    batches = file.iter_batches(_AT_A_TIME, columns=[leaf.column])
+    return pa.chunked_array([_part(batch, leaf) for batch in batches], leaf.kind)
+
+
+def _part(batch: pa.RecordBatch, leaf: _Leaf) -> pa.Array:
+    """Return a column of a batch, which may hold others whose names begin as its name does."""
+    own = [k for k, name in enumerate(batch.schema.names) if name == leaf.column]
+    column = batch.column(own[leaf.which])
+    return compute.struct_field(column, [*leaf.way]) if leaf.way else column
+
+
+def _is_list(kind: pa.DataType) -> bool:
+    types = pa.types
+    return bool(types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind))
 
 
 def _is_clock(kind: pa.DataType) -> bool:

@@ -18,12 +18,10 @@ from typing import Any
 from butterfly.errors import InputError
 from butterfly.logs.unit_words import counts_without_turn, plain_text
 from butterfly.logs.units import (
-    UNITS,
     Heading,
     Said,
     Words,
     is_unit,
-    units_spelt,
     without_ending,
     without_unit,
 )
@@ -288,17 +286,6 @@ def _key(name: object) -> str:
 
 def _words(text: str) -> list[str]:
     return [each.lower() for each in _PARTS.findall(plain_text(text[:_LONGEST]))]
-
-
-def field_of(name: str) -> str:
-    """Return the field that a column's name means, by a usual word or unit; "" if none or many."""
-    words = [each for each in _words(name) if each not in _ASIDE]
-    found = {f for f, usual in _ALIASES.items() for each in words if each in usual}
-    if not found:
-        pairs = [(f, each) for f in ("time", "input", "angle") for each in words]
-        found = {f for f, each in pairs if UNITS[f].keys() & {*units_spelt(f, each)}}
-        found |= {"angle" for each in words if counts_without_turn(each)}
-    return min(found) if len(found) == 1 else ""
 
 
 @lru_cache(4096)

@@ -22,7 +22,14 @@ from butterfly.progress import Track, untracked
 from butterfly.report.page import Badge, Page, PageTable, Section, tabulated
 from butterfly.report.parameter_table import FORECAST_HEADERS, forecast_rows, forecast_sentences
 from butterfly.result import Answer, cell_text, text
-from butterfly.signals.spectrum import periodogram, resample, rms_amplitude, uniform_grid
+from butterfly.signals.sine_fit import fit_basis, sine_basis
+from butterfly.signals.spectrum import (
+    dominant_frequency,
+    periodogram,
+    resample,
+    rms_amplitude,
+    uniform_grid,
+)
 from butterfly.verdict import Level
 
 if TYPE_CHECKING:
@@ -38,6 +45,9 @@ _ADVICE = {
     Level.CARE: "Check the findings before you use this log.",
 }
 _ENOUGH = 1_000_000  # samples that a periodogram is taken of
+_MOSTLY = 0.5  # share of the input's variance that its sine explains
+_ALIKE, _NEAR = 0.01, 0.1  # by which omega and amplitude may differ from those declared
+_IF_UNLIKE = "Correct omega and amplitude of this log in the manifest, or leave both out."
 _FORECAST = "What these logs can tell"
 _FORECASTS = TypeAdapter(tuple[Forecast, ...])
 
@@ -260,7 +270,30 @@ def _inspected(manifest: Manifest, entry: LogEntry) -> Inspected:
         why = f"{error.field}: {error.value}"
         hint = f"{error.field}: expected {error.expected}"
         return Inspected(name=piece_name(entry), remarks=(Remark(Level.WARNING, why, hint),))
-    return Inspected(name=piece_name(entry), log=log, health=health, remarks=tuple(health.remarks))
+    remarks = sorted(
+        [*_unlike(log), *health.remarks], key=lambda each: each.condition is not Level.CARE
+    )
+    return Inspected(name=piece_name(entry), log=log, health=health, remarks=tuple(remarks))
+
+
+def _unlike(log: Log) -> list[Remark]:
+    """Remark that the input is not the sine that the manifest declares."""
+    if log.excitation is None or not np.ptp(log.input):
+        return []
+    declared, unit = log.excitation, log.input_kind.unit
+    omega, share = dominant_frequency(log.time, log.input)
+    resolved = max(math.tau / (log.time[-1] - log.time[0]), _ALIKE * declared.omega)
+    if share < _MOSTLY:
+        text = f"a sine of {declared.omega:g} rad/s declared, the log's input is no sine"
+    elif abs(omega - declared.omega) > resolved:
+        text = f"omega {declared.omega:g} rad/s declared, the log's input has {omega:.4g} rad/s"
+    else:
+        amplitude = fit_basis(sine_basis(log.time, omega, 1), log.input, omega).amplitude
+        if abs(amplitude - declared.amplitude) <= _NEAR * declared.amplitude:
+            return []
+        text = f"amplitude {declared.amplitude:g} {unit} declared, the log's input has "
+        text += f"{amplitude:.4g} {unit}"
+    return [Remark(Level.CARE, text, _IF_UNLIKE)]
 
 
 def _turned(seen: list[Inspected]) -> list[Inspected]:

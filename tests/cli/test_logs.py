@@ -124,8 +124,9 @@ def test_columns_of_usual_words_are_taken_and_not_asked_for(butterfly, loose, mo
     _, out, _ = butterfly("manifest", loose, "--units", "time=ms,angle=deg,mass=g")
     assert "- columns" not in out
     assert read.call_count == 1
-    places = "# - {file: ..., added_mass: (g), arm: (m), omega: (rad/s), amplitude: (V)}"
-    assert places in (loose / "manifest.yaml").read_text(encoding="utf-8")
+    text = (loose / "manifest.yaml").read_text(encoding="utf-8")
+    assert "# - {file: ..., added_mass: (g), arm: (m)}\n" in text
+    assert "omega" not in text + out
     found = read_manifest(loose / "manifest.yaml").columns
     assert found == {"time": "t", "input": "volts", "angle": "phi"}
     assert butterfly("inspect", loose, "--repair", "unwrap")[0] == 0
@@ -138,6 +139,40 @@ def test_what_was_said_is_not_asked_again(butterfly, loose):
     text = (loose / "manifest.yaml").read_text(encoding="utf-8")
     assert text.count("# To settle: ") == 1
     assert "input: torque\n" in text
+
+
+@pytest.mark.parametrize(
+    ("declared", "said"),
+    [
+        ("omega: 3.0, amplitude: 0.4", "omega 3 rad/s declared, the log's input has 5 rad/s"),
+        ("omega: 5.0, amplitude: 0.2", "amplitude 0.2 V declared, the log's input has 0.4 V"),
+        ("omega: 5.02, amplitude: 0.39", None),
+    ],
+)
+def test_a_sine_that_is_declared_and_unlike_the_input_is_named(tmp_path, declared, said):
+    time = np.arange(3000) / 100
+    swing = 0.1 * np.sin(5 * time - 1) + 0.1 * np.sin(1) * np.exp(-time)
+    write_csv(bf.Log(time, 0.4 * np.sin(5 * time), swing), tmp_path / "a.csv")
+    text = f"name: a\ninput: voltage\nlogs: [{{file: a.csv, {declared}}}]\n"
+    (tmp_path / "manifest.yaml").write_text(text)
+    (found,) = bf.inspect(tmp_path).rows()
+    texts = [each["text"] for each in found["findings"] if "declared" in each["text"]]
+    assert texts == ([said] if said else [])
+
+
+def test_a_draft_is_no_data_set_before_its_columns_are_said(butterfly, tmp_path):
+    time = np.arange(60) / 100
+    rows = np.column_stack([time, np.sin(3 * time), np.sin(4 * time), np.sin(5 * time)])
+    head = "timestamp,position,speed,drive"
+    np.savetxt(tmp_path / "a.csv", rows, delimiter=",", header=head, comments="")
+    out = done(butterfly("manifest", tmp_path))
+    assert "- columns: which column holds the input" in out
+    draft = tmp_path / "manifest.yaml"
+    said = "columns.input: got nothing", "'drive'", "columns of a.csv"
+    for command in ("inspect", "identify"):
+        assert_one_line_error(butterfly(command, tmp_path), str(draft), *said)
+    draft.write_text(draft.read_text().replace("  angle:", "  input: drive\n  angle:"))
+    assert butterfly("inspect", tmp_path)[0] == 0
 
 
 def test_one_log_says_how_its_file_was_read(butterfly, loose):

@@ -1,3 +1,4 @@
+import json
 import math
 
 import numpy as np
@@ -5,9 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import butterfly as bf
 from butterfly.errors import InputError
 from butterfly.logs.log import InputKind, Intersample
-from butterfly.logs.manifest_draft import draft, has_thesis_names, with_columns
+from butterfly.logs.manifest import checked_options, write_manifest
+from butterfly.logs.manifest_draft import draft, has_thesis_names, open_questions, with_columns
 from tests.logs.test_formats import write_log
 
 HOW = {"arm": 0.104, "input": InputKind.TORQUE, "intersample": Intersample.FIRST_ORDER_HOLD}
@@ -78,24 +81,32 @@ def test_all_logs_of_a_folder_are_found_whatever_their_names(tmp_path, sine_log)
         draft(tmp_path / "empty", HOW)
 
 
+GOAL = {"time": "timestamp", "input": "goal_position", "angle": "position"}
+DUTY = {"time": "t_s", "input": "pwm_percent", "angle": "theta"}
+
+
 @pytest.mark.parametrize(
     ("head", "columns"),
     [
-        *(("a,b,c", (0, 1, 2)), (",a,b,c", (1, 2, 3)), ("Unnamed: 0,a,b,c", (1, 2, 3))),
-        *(("", (0, 1, 2)), ("t,u,q", ("t", "u", "q")), ("secs,counts,note,volts", None)),
+        *(("a,b,c", {}), (",a,b,c", {}), ("Unnamed: 0,a,b,c", {}), ("", {})),
+        ("t,u,q", {"time": "t", "input": "u", "angle": "q"}),
+        ("secs,counts,note,volts", {"time": "secs", "input": "volts", "angle": "counts"}),
+        ("timestamp,position,speed,goal_position", GOAL),
+        ("timestamp,position,goal_position,target_position", {**GOAL, "input": None}),
+        ("t,q,present_current,goal_current", {"time": "t", "input": "goal_current", "angle": "q"}),
+        ("t,v,F,x", {"time": "t"}),
+        ("t_s,theta,supply_V,torque_enable,pwm_percent", DUTY),
     ],
 )
-def test_columns_are_known_by_usual_words_or_are_the_first_three(tmp_path, head, columns):
+def test_columns_are_known_by_usual_words_or_are_left_out(tmp_path, head, columns):
     width = max(3, 1 + head.count(","))
     rows = [
-        ",".join([str(k), f"{0.1 * k}", f"{k % 7}.5", f"{k % 5}.25"][:width]) for k in range(40)
+        ",".join([str(k), f"{0.1 * k}", *(f"{k % p}.5" for p in (7, 5, 3))][:width])
+        for k in range(40)
     ]
     (tmp_path / "a.csv").write_text("\n".join([*([head] if head else []), *rows, ""]))
     drafted = with_columns(draft(tmp_path, {}))
-    if columns is None:
-        assert drafted.columns == {"time": "secs", "input": "volts", "angle": "counts"}
-    else:
-        assert tuple(drafted.columns.values()) == columns
+    assert drafted.columns == {field: name for field, name in columns.items() if name}
 
 
 def test_a_mass_within_a_name_is_taken_with_an_arm(tmp_path, sine_log):
@@ -104,3 +115,63 @@ def test_a_mass_within_a_name_is_taken_with_an_arm(tmp_path, sine_log):
         write_log(sine_log.take(np.arange(20)), tmp_path / name)
     masses = ([e.added_mass for e in draft(tmp_path, g).logs] for g in ({}, {"arm": 0.1}))
     assert list(masses) == [[0.0, 0.0, 0.0], [0.0, 0.1, 0.0]]
+
+
+def _servo_rows():
+    return [
+        {"timestamp": 0.01 * k, "position": math.sin(0.03 * k), "goal_position": math.sin(0.04 * k)}
+        for k in range(40)
+    ]
+
+
+def test_numbers_beside_the_records_of_a_servo_are_facts_of_its_log(tmp_path):
+    numbers = {"mass": 0.5, "arm-mass": 0.02, "length": 0.14, "kp": 8, "vin": 12.0, "motor": "mx64"}
+    (tmp_path / "a.json").write_text(json.dumps(numbers | {"entries": _servo_rows()}))
+    given = checked_options({"input": "setpoint", "loop": {"law": "dynamixel-x"}})
+    drafted = with_columns(draft(tmp_path, given), given)
+    assert drafted.columns == GOAL
+    (entry,) = drafted.logs
+    assert (entry.at, entry.added_mass, entry.arm) == ("entries", 0.5, 0.14)
+    assert entry.loop == {"kp": 8.0, "supply": 12.0}
+    write_manifest(drafted, tmp_path / "manifest.yaml")
+    (log,) = bf.read(tmp_path).recorded
+    assert (log.servo.kp.value, log.servo.supply) == (8.0, 12.0)
+    assert (log.added_mass.mass, log.added_mass.arm) == (0.5, 0.14)
+    own = given | {"loop": {"law": "dynamixel-x", "kp": 400}, "arm": 0.2}
+    (tmp_path / "manifest.yaml").unlink()
+    (entry,) = with_columns(draft(tmp_path, own), own).logs
+    assert (entry.arm, entry.loop) == (None, {"supply": 12.0})
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        *(("pwm_percent", "duty"), ("duty", "duty"), ("PWM %", "duty"), ("u_volts", "voltage")),
+        *(("torque_cmd", "torque"), ("goal_current", "current"), ("effort", "torque")),
+        *(("setpoint", "setpoint"), ("target_velocity", "setpoint"), ("goal_rad", "setpoint")),
+    ],
+)
+def test_the_name_of_a_column_says_what_the_input_commands(tmp_path, name, kind):
+    rows = [f"{0.1 * k},{k % 7},{k % 5}" for k in range(40)]
+    (tmp_path / "a.csv").write_text("\n".join([f"time,{name},angle", *rows, ""]))
+    drafted = with_columns(draft(tmp_path, {}))
+    assert (drafted.columns["input"], drafted.input) == (name, kind)
+    asked = open_questions(drafted, (), named=False)
+    assert f"{kind} by the name of {name!r}." in asked["input"]
+    assert ("loop" in asked) is (kind == "setpoint")
+
+
+def test_of_what_no_name_says_the_draft_has_the_choices(tmp_path):
+    records = [{"t": 0.01 * k, "a": [k % 7, k % 5], "q": k % 3} for k in range(40)]
+    (tmp_path / "a.json").write_text(json.dumps(records))
+    drafted = with_columns(draft(tmp_path, {}))
+    assert drafted.columns == {"time": "t", "angle": "q"}
+    asked = open_questions(drafted, (), named=False)
+    assert "which column holds the input" in asked["columns"]
+    assert "columns of a.json: 't', 'a.0', 'a.1', 'q'." in asked["columns"]
+    assert "omega" not in str(asked)
+    (tmp_path / "a.json").write_text(
+        json.dumps([{**each, "pwm": 1, "volts": 2} for each in records])
+    )
+    asked = open_questions(with_columns(draft(tmp_path, {})), (), named=False)
+    assert "duty by the name of 'pwm' or voltage by the name of 'volts'" in asked["input"]

@@ -1,0 +1,99 @@
+"""What the names of columns say: which field of a log, and what kind of input."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from butterfly.logs.log import InputKind
+from butterfly.logs.unit_words import counts_without_turn, plain_text, quantity_of
+from butterfly.logs.units import UNITS, units_spelt
+
+_PARTS = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+|[^\W\d_a-zA-Z]+")
+_LONGEST = 500  # characters of a name
+
+_COMMANDED = {"input", "u", "command", "commanded", "cmd", "control", "ctrl", "action"}
+_GOAL = {"goal", "setpoint", "target", "desired", "des", "reference", "ref", "demand"}
+_MEASURED = {"present", "measured", "meas", "actual", "feedback", "estimated", "state"}
+_OTHERS = {
+    *("enable", "enabled", "supply", "battery", "bus", "temperature", "temp", "limit", "min"),
+    *("max", "error", "status", "id", "index"),
+}
+_FIELDS = {
+    "time": {"time", "t", "timestamp", "timestamps", "stamp"},
+    "angle": {"angle", "position", "pos", "q", "theta", "phi"},
+    "velocity": {"velocity", "speed", "vel", "omega", "dq", "qd", "v"},
+}
+_KINDS = {
+    InputKind.VOLTAGE: {"voltage", "volt", "volts"},
+    InputKind.TORQUE: {"torque", "tau", "effort", "force"},
+    InputKind.CURRENT: {"current"},
+    InputKind.DUTY: {"duty", "pwm", "dutycycle"},
+}
+_OF_QUANTITIES = {
+    "voltage": InputKind.VOLTAGE,
+    "torque": InputKind.TORQUE,
+    "force": InputKind.TORQUE,
+    "current": InputKind.CURRENT,
+    "share": InputKind.DUTY,
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Meaning:
+    """What a name says."""
+
+    field: str  # of a log; "" if none or several
+    kind: InputKind | None = None  # of an input, if said
+    commanded: bool = False  # whether it is called a command or a goal
+
+
+_NOTHING = Meaning(field="")
+
+
+def meaning_of(name: str) -> Meaning:
+    """Return what the name of a column says by a usual word, or else by a unit."""
+    parts = _PARTS.findall(plain_text(name[:_LONGEST]))
+    words = {"volt" if each == "V" else each.lower() for each in parts}
+    units = {each for each in parts if len(each) > 1 or each.isupper()}
+    if words & _OTHERS:
+        return _NOTHING
+    fields = {field for field, usual in _FIELDS.items() if words & usual}
+    kinds = {kind for kind, usual in _KINDS.items() if words & usual}
+    kinds |= set() if kinds or fields else _kinds_by_unit(units)
+    if words & (_COMMANDED | _GOAL):
+        if fields & {"angle", "velocity"} or (words & _GOAL and not kinds):
+            kinds |= {InputKind.SETPOINT}
+        if len(kinds) > 1 or "time" in fields:
+            return _NOTHING
+        return Meaning(field="input", kind=next(iter(kinds), None), commanded=True)
+    fields |= {"input"} if kinds else set()
+    fields = fields or _fields_by_unit(units)
+    if len(fields) != 1 or len(kinds) > 1 or (kinds and words & _MEASURED):
+        return _NOTHING
+    return Meaning(field=min(fields), kind=next(iter(kinds), None))
+
+
+def _kinds_by_unit(words: set[str]) -> set[InputKind]:
+    units = {unit for word in words for unit in units_spelt("input", word)} & UNITS["input"].keys()
+    return {_OF_QUANTITIES[quantity_of(unit)] for unit in units}
+
+
+def _fields_by_unit(words: set[str]) -> set[str]:
+    pairs = [(field, word) for field in ("time", "angle") for word in words]
+    found = {field for field, word in pairs if UNITS[field].keys() & {*units_spelt(field, word)}}
+    return found | ({"angle"} if any(map(counts_without_turn, words)) else set())
+
+
+def columns_meant(names: Sequence[str], kind: InputKind | None = None) -> dict[str, str]:
+    """Return the columns of time, input and angle that one name each says.
+
+    An input of the given ``kind``, if there is one; and rather one that is called a command.
+    """
+    meant = {name: meaning_of(name) for name in names}
+    found = {f: [n for n in names if meant[n].field == f] for f in ("time", "input", "angle")}
+    inputs = [n for n in found["input"] if kind is None or meant[n].kind in {kind, None}]
+    inputs = [n for n in inputs if kind and meant[n].kind is kind] or inputs
+    found["input"] = [n for n in inputs if meant[n].commanded] or inputs
+    return {field: own[0] for field, own in found.items() if len(own) == 1}
