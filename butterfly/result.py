@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 
 from butterfly import __version__
-from butterfly.errors import ButterflyError
+from butterfly.errors import ButterflyError, visible
 from butterfly.files import finite, write_document
 from butterfly.progress import current_search
 from butterfly.verdict import Level, Verdict
@@ -231,10 +231,10 @@ class Result(ABC):
         )
 
     def __str__(self) -> str:
-        return "\n".join([self.title, *self.summary, *self.shown_lines()])
+        return visible("\n".join([self.title, *self.summary, *self.shown_lines()]))
 
     def __repr__(self) -> str:
-        return f"<{type(self).__name__}: {self.title}{self._unless_good()}>"
+        return visible(f"<{type(self).__name__}: {self.title}{self._unless_good()}>")
 
     def _unless_good(self) -> str:
         """Return the level for one line; empty if good."""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from butterfly.errors import InputError
+from butterfly.errors import InputError, visible
 from butterfly.files import write_document
 from butterfly.identification.diagnostics.residuals import residual_units
 from butterfly.identification.identified import Identified
@@ -198,7 +198,7 @@ class Identification(Identified, Result):
 
     def __repr__(self) -> str:
         values = ", ".join(f"{n} {value:.4g}" for n, value in self.estimate.named.items())
-        return f"<Identification: {self.title}{self._unless_good()}: {values}>"
+        return visible(f"<Identification: {self.title}{self._unless_good()}: {values}>")
 
     @property
     def judged(self) -> Verdict:  # type: ignore[override]
