@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 
 from butterfly import __version__
+from butterfly.arguments import checked
 from butterfly.errors import ButterflyError, visible
 from butterfly.files import finite, write_document
 from butterfly.progress import current_search
@@ -192,10 +193,12 @@ class Result(ABC):
             raise ButterflyError(f"to_dataframe needs pandas: {remedy}") from None
         return pd.DataFrame(self.rows())
 
+    @checked
     def save(self, path: str | PathLike[str]) -> None:
         """Write the result as JSON for `butterfly.load`."""
-        write_document(self.to_dict(), Path(path))
+        write_document(self.to_dict(), Path(path), sign=True)
 
+    @checked
     def report(self, path: str | PathLike[str], *, figures: bool = False) -> None:
         """Write an offline page, with its numbers as JSON beside it.
 

@@ -15,6 +15,7 @@ import numpy as np
 from butterfly.api.identification import Identification
 from butterfly.api.sources import Named
 from butterfly.api.verbs import share_of
+from butterfly.arguments import checked
 from butterfly.campaigns.callbacks import CampaignCallbacks
 from butterfly.campaigns.campaign import Carry, Ended, Wish, conduct
 from butterfly.campaigns.folder import PAGE, Folder
@@ -146,6 +147,7 @@ class Campaign(Answer):
         return campaign_page(self)
 
 
+@checked
 def campaign(
     robot: Named | Motor,
     *,
@@ -224,6 +226,8 @@ def campaign(
     if command is None:
         expected = "the largest command that the joint may get: --command"
         raise InputError("campaign", "command", "missing", expected)
+    if not isinstance(callbacks, CampaignCallbacks | None):
+        raise InputError("campaign", "callbacks", repr(callbacks), "a CampaignCallbacks")
     given: dict[str, Any] = {"known": known, "step": step}
     if masses is not None:
         if any(masses) and not arm:
