@@ -61,7 +61,6 @@ _KINDS = {
     "float | str": _Kind(lambda value: isinstance(value, str) or _is_number(value), "a number"),
     "Sequence[str]": _TEXTS,
     "Collection[str]": _TEXTS,
-    "Sequence[int]": _Kind(_each(_is_whole), "a list of whole numbers, such as [0, 2]"),
     "Sequence[float]": _Kind(_each(_is_number), "a list of numbers, such as [0, 0.1]"),
     "Track": _Kind(callable, "a function of an iterable and a description, which returns it"),
     "Callable[[str], None]": _Kind(callable, "a function of a text"),
