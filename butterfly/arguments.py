@@ -57,13 +57,12 @@ _KINDS = {
     "str": _Kind(lambda value: isinstance(value, str), "a text"),
     "int": _Kind(_is_whole, "a whole number"),
     "bool": _Kind(lambda value: isinstance(value, bool | np.bool_), "True or False"),
-    "float": _Kind(_is_number, "a number"),
     "float | str": _Kind(lambda value: isinstance(value, str) or _is_number(value), "a number"),
     "Sequence[str]": _TEXTS,
     "Collection[str]": _TEXTS,
     "Sequence[float]": _Kind(_each(_is_number), "a list of numbers, such as [0, 0.1]"),
     "Track": _Kind(callable, "a function of an iterable and a description, which returns it"),
-    "Callable[[str], None]": _Kind(callable, "a function of a text"),
+    "Carry": _Kind(callable, "a function of an added mass"),
 }
 """Annotations of arguments that are checked; others are by what they are for."""
 
@@ -86,8 +85,7 @@ def checked(function: Callable[_P, _R]) -> Callable[_P, _R]:
         for name in kinds.keys() & given.keys():
             value, kind = given[name], kinds[name]
             if not (kind.holds(value) or (value is None and name in absent)):
-                found = f"{value!r} ({type(value).__name__})"
-                raise InputError(function.__name__, name, found, kind.expected)
+                raise InputError(function.__name__, name, value, kind.expected)
         return function(*args, **kwargs)
 
     return called

@@ -47,7 +47,7 @@ def test_of_every_verb_nonsense_in_an_argument_is_named(saved_data, tmp_path, mo
         kinds = {n: str(p.annotation) for n, p in inspect.signature(function).parameters.items()}
         given = [saved_data, saved_data][: 1 + (verb == "predict")]
         for name in [*kinds][len(given) :]:
-            if kinds[name] in {"Track", "int", "float", "bool", "Sequence[str]", "Named | None"}:
+            if kinds[name] in {"Track", "int", "bool", "Sequence[str]", "Named | None"}:
                 with pytest.raises(InputError, match=f"^{verb}: {name}: got .*; expected "):
                     function(*given, **{name: object()})
 
@@ -61,13 +61,22 @@ def test_what_is_no_path_is_refused_by_what_writes(path, saved_data):
 
 
 def test_numbers_of_numpy_are_numbers_and_paths_are_paths():
-    @checked
-    def taking(n: "int", x: "float", where: "Named", names: "Sequence[str]", b: "bool | None"):  # noqa: F821
+    def taking(n, x, where, names, b):
         return n, x, where, names, b
 
+    kinds = "int", "float | str", "Named", "Sequence[str]", "bool | None"
+    taking.__annotations__ = dict(zip(("n", "x", "where", "names", "b"), kinds, strict=True))
+    taking = checked(taking)
     given = (np.int64(3), np.float32(0.5), Path("a"), ("b",), np.bool(True))
     assert taking(*given) == given
     assert taking(*given[:-1], None)[-1] is None
     for wrong in (True, 3.0, "3", 2**64):
         with pytest.raises(InputError, match=r"^taking: n: got .*; expected a whole number"):
             taking(wrong, *given[1:])
+
+
+def test_of_a_campaign_nonsense_is_named_before_anything_moves(tmp_path):
+    for name in ("arm", "angle", "speed", "current", "seconds", "change", "callbacks", "goal"):
+        with pytest.raises(InputError, match=rf"{name}: got "):
+            bf.campaign("quickstart", out=tmp_path / "c", **{name: object()})
+    assert not (tmp_path / "c").exists()
