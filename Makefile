@@ -103,10 +103,12 @@ repeats: $(VENV)/.development
 forecasts: $(VENV)/.development
 	$(ONE_THREAD) $(BIN)/python -m tests.benchmarks.before_fit --robots $(ROBOTS) --seed $(SEED)
 
-# Damaged files of all kinds, each read in a child: CASES of each kind.
+# Damaged files of all kinds, each read in a child: CASES of each kind. Kinds named answer-... have an
+# answer, which is compared with that of the sound file (FUZZ_OPTIONS='--kind answer-csv').
 CASES ?= 1000
+FUZZ_OPTIONS ?=
 fuzz: $(VENV)/.development
-	$(ONE_THREAD) $(BIN)/python -m tests.fuzz --cases $(CASES) --seed $(SEED)
+	$(ONE_THREAD) $(BIN)/python -m tests.fuzz --cases $(CASES) --seed $(SEED) $(FUZZ_OPTIONS)
 
 # Whole files of any dialect, FILES of each format, read by the program and by a second reader.
 FILES ?= 2000

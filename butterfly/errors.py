@@ -74,7 +74,16 @@ def shown(text: object, most: int = _LONGEST) -> str:
     said = str(text)
     if len(said) > most:
         said = f"{said[:most]}... ({len(said)} characters)"
-    return "".join(each if each.isprintable() else repr(each)[1:-1] for each in said)
+    return visible(said, kept="")
+
+
+def visible(text: str, kept: str = "\n\t") -> str:
+    """Return a text for a terminal or XML: escapes in place of all that is not printable."""
+    if text.isprintable():
+        return text
+    return "".join(
+        each if each.isprintable() or each in kept else repr(each)[1:-1] for each in text
+    )
 
 
 def require_number(source: str, *, positive: bool = False, unit: str = "", **values: float) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import re
@@ -22,6 +23,9 @@ _ROOTS = (_PACKAGE / "_shipped", _PACKAGE.parent)  # of shipped files: in a whee
 DRAFT = ".draft-"
 """Prefix of the names of unfinished files."""
 
+
+SIGNATURE = "digest"
+"""Key of a document with the digest of the rest of its file."""
 
 LONGEST_NAME = 100
 """Characters allowed in the name of a folder's content, to which more is added."""
@@ -214,12 +218,42 @@ def json_text(content: Mapping[str, Any], *, ascii_only: bool = False) -> str:
     return json.dumps(content, indent=1, allow_nan=False, ensure_ascii=ascii_only) + "\n"
 
 
-def write_document(content: Mapping[str, Any], path: Path) -> None:
-    """Write a document to a .json file; InputError if it cannot be written."""
+def write_document(content: Mapping[str, Any], path: Path, *, sign: bool = False) -> None:
+    """Write a document to a .json file, signed if wanted; InputError if it cannot be written."""
     outputs.require_endings(path, (".json",))
     kind, second = content.get("schema", ""), [*content, "", ""][1]
     mark = outputs.mark_of_document(kind.removeprefix("butterfly."), second) if kind else ""
-    write_file(path, json_text(finite(content)), mark)
+    document = finite(content)
+    text = signed(json_text({**document, SIGNATURE: ""})) if sign else json_text(document)
+    write_file(path, text, mark)
+
+
+def digest_of(content: bytes) -> str:
+    """Return the digest of a content."""
+    return hashlib.sha256(content).hexdigest()
+
+
+def signed(text: str) -> str:
+    """Return a JSON text with the digest of it, which tells of damage, in its empty ``digest``."""
+    before, _, after = text.rpartition(_signature(""))
+    return f"{before}{_signature(digest_of(text.encode()))}{after}"
+
+
+def is_as_signed(text: str, digest: str) -> bool:
+    """Whether a JSON text with a digest is what was signed."""
+    before, _, after = text.rpartition(_signature(digest))
+    return digest == digest_of(f"{before}{_signature('')}{after}".encode())
+
+
+def _signature(digest: str) -> str:
+    return f'"{SIGNATURE}": "{digest}"'
+
+
+def require_as_signed(path: Path, text: str, content: dict[str, Any], expected: str) -> None:
+    """Take the digest out of a document; InputError if the file is not what was signed."""
+    digest = content.pop(SIGNATURE, None)
+    if digest is not None and not (isinstance(digest, str) and is_as_signed(text, digest)):
+        raise InputError(path, SIGNATURE, "another content than was written", expected)
 
 
 def shipped(relative: str | Path) -> Path:
@@ -243,6 +277,7 @@ def shipped_experiments() -> list[str]:
 
 def locate(path: Path) -> Path:
     """Resolve a path as given, else a shipped file of that name or stem."""
+    require_path(str(path), "data", "path")
     if path.exists():
         return path
     for name in shipped_experiments():

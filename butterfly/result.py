@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 
 from butterfly import __version__
-from butterfly.errors import ButterflyError
+from butterfly.arguments import checked
+from butterfly.errors import ButterflyError, visible
 from butterfly.files import finite, write_document
 from butterfly.progress import current_search
 from butterfly.verdict import Level, Verdict
@@ -192,10 +193,12 @@ class Result(ABC):
             raise ButterflyError(f"to_dataframe needs pandas: {remedy}") from None
         return pd.DataFrame(self.rows())
 
+    @checked
     def save(self, path: str | PathLike[str]) -> None:
         """Write the result as JSON for `butterfly.load`."""
-        write_document(self.to_dict(), Path(path))
+        write_document(self.to_dict(), Path(path), sign=True)
 
+    @checked
     def report(self, path: str | PathLike[str], *, figures: bool = False) -> None:
         """Write an offline page, with its numbers as JSON beside it.
 
@@ -231,10 +234,10 @@ class Result(ABC):
         )
 
     def __str__(self) -> str:
-        return "\n".join([self.title, *self.summary, *self.shown_lines()])
+        return visible("\n".join([self.title, *self.summary, *self.shown_lines()]))
 
     def __repr__(self) -> str:
-        return f"<{type(self).__name__}: {self.title}{self._unless_good()}>"
+        return visible(f"<{type(self).__name__}: {self.title}{self._unless_good()}>")
 
     def _unless_good(self) -> str:
         """Return the level for one line; empty if good."""

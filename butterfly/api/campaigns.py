@@ -6,6 +6,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
+from numbers import Real
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -15,6 +16,7 @@ import numpy as np
 from butterfly.api.identification import Identification
 from butterfly.api.sources import Named
 from butterfly.api.verbs import share_of
+from butterfly.arguments import checked
 from butterfly.campaigns.callbacks import CampaignCallbacks
 from butterfly.campaigns.campaign import Carry, Ended, Wish, conduct
 from butterfly.campaigns.folder import PAGE, Folder
@@ -146,6 +148,7 @@ class Campaign(Answer):
         return campaign_page(self)
 
 
+@checked
 def campaign(
     robot: Named | Motor,
     *,
@@ -217,6 +220,9 @@ def campaign(
     SafetyStop
         If the joint, its drive or its encoder is not as it should be; the drive is off then.
     """
+    _require_numbers(arm=arm, angle=angle, speed=speed, current=current, seconds=seconds)
+    if not isinstance(callbacks, CampaignCallbacks | None):
+        raise InputError("campaign", "callbacks", callbacks, "a CampaignCallbacks")
     own: dict[str, Any] = {"masses": (NO_ADDED_MASS,), "known": {}, "step": 0.002}
     if isinstance(robot, str | PathLike):
         robot, own, change, limit = _named(str(robot), own, change)
@@ -248,6 +254,13 @@ def campaign(
         found = Campaign.of(ended, wish, folder, kept.notes)
         found.report(kept.path / PAGE)
     return replace(found, page_path=folder / PAGE)
+
+
+def _require_numbers(**given: float | None) -> None:
+    """Raise InputError for a limit that is no number."""
+    for name, value in given.items():
+        if not isinstance(value, Real | None):
+            raise InputError("campaign", name, value, "a number")
 
 
 def names_motor(name: str) -> bool:

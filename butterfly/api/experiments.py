@@ -12,6 +12,7 @@ from typing import Any, ClassVar, Literal, Self
 
 from butterfly.api.identification import Identification
 from butterfly.api.sources import Named
+from butterfly.arguments import checked
 from butterfly.errors import ButterflyError, InputError
 from butterfly.experiment.perform import RunResult, outcome_of, perform
 from butterfly.experiment.record import OK, REFUSED, EstimateRecord, RunRecord
@@ -188,6 +189,7 @@ class Sweep(_Done):
         return [PageTable(**each) for each in self.content["tables"]]
 
 
+@checked
 def simulate(
     experiment: Named | Experiment,
     *,
@@ -221,6 +223,7 @@ def simulate(
     return data_set_of(plan, list(logs))
 
 
+@checked
 def run(
     experiment: Named,
     *,

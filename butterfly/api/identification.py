@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from butterfly.errors import InputError
+from butterfly.arguments import checked
+from butterfly.errors import InputError, visible
 from butterfly.files import write_document
 from butterfly.identification.diagnostics.residuals import residual_units
 from butterfly.identification.identified import Identified
@@ -136,6 +137,7 @@ class Identification(Identified, Result):
             units=_UNITS | residual_units(estimate.joint) | {"mean_errors": estimate.joint.way},
         )
 
+    @checked
     def save(self, path: str | PathLike[str]) -> None:
         """Write the result as JSON, which `butterfly.load` reads, with the place of its logs.
 
@@ -148,7 +150,7 @@ class Identification(Identified, Result):
             root = root.relative_to(folder) if root.is_relative_to(folder) else root
             content["data"]["manifest"]["root"] = root.as_posix()
         schema = content.pop("schema")
-        write_document({"schema": schema, "saved": True, **content}, Path(path))
+        write_document({"schema": schema, "saved": True, **content}, Path(path), sign=True)
 
     def basis(self) -> dict[str, Any]:
         """Return the data and options that it rests on, without the place of its logs."""
@@ -198,7 +200,7 @@ class Identification(Identified, Result):
 
     def __repr__(self) -> str:
         values = ", ".join(f"{n} {value:.4g}" for n, value in self.estimate.named.items())
-        return f"<Identification: {self.title}{self._unless_good()}: {values}>"
+        return visible(f"<Identification: {self.title}{self._unless_good()}: {values}>")
 
     @property
     def judged(self) -> Verdict:  # type: ignore[override]
@@ -244,6 +246,7 @@ class Identification(Identified, Result):
         screen = first_screen(self, self.facts())
         return cell_html(screen, None if self.logs is None else self.plot.time())
 
+    @checked
     def report(self, path: str | PathLike[str], *, figures: bool = False) -> None:
         """Write the page, as `Result.report` does; its figures need the logs."""
         if figures:

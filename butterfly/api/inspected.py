@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Self
 
 from butterfly.api.sources import Named, is_data, manifest_of, names_result, read, require_said
 from butterfly.api.verbs import identify, numbers_of_logs, saved_identification
+from butterfly.arguments import checked
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.simulate import planned_logs
@@ -132,6 +133,7 @@ def _numbers_of(part: Any) -> str:  # noqa: ANN401 - any part of a robot
     return ", ".join(named) or "none"
 
 
+@checked
 def inspect(
     source: Named,
     *,

@@ -14,6 +14,7 @@ import numpy as np
 
 from butterfly.api.identification import Identification, IdentifiedModel
 from butterfly.api.results import Tabulated, about_log
+from butterfly.arguments import checked
 from butterfly.files import write_xml
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.inference.estimate import Estimate
@@ -84,6 +85,7 @@ class Drawn(Tabulated):
             for row in self.rows()
         ]
 
+    @checked
     def write(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:
         """Write the draws as CSV, as Parquet (.parquet), or as a folder of MJCF (no ending).
 

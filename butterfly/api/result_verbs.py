@@ -16,6 +16,7 @@ from butterfly.api.identification import Identification
 from butterfly.api.predicted import Drawn, Predicted
 from butterfly.api.saved import load
 from butterfly.api.sources import Data, Named, is_data, read
+from butterfly.arguments import checked
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.simulate import planned_logs
@@ -45,6 +46,7 @@ from butterfly.report.finding_texts import require_possible
 _NO_ERRORS = "The band of a new log is missing: it needs the errors of these logs."
 
 
+@checked
 def predict(
     data: Data | Experiment,
     result: Identification | Named | LumpedParameters | Mapping[str, object],
@@ -135,6 +137,7 @@ def predict(
     )
 
 
+@checked
 def draws(result: Identification | Named, n: int = BAND_DRAWS, seed: int = 0) -> Drawn:
     """Draw parameters from the uncertainty of an identification, for domain randomisation.
 
@@ -157,6 +160,7 @@ def draws(result: Identification | Named, n: int = BAND_DRAWS, seed: int = 0) ->
     return Drawn.of(replace(drawn, values=drawn.values[:n]), found, said)
 
 
+@checked
 def changed(before: Identification | Named, after: Identification | Named) -> Changed:
     """Test whether a joint has changed between two identifications from independent logs.
 

@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from butterfly.api.sources import root_of
+from butterfly.arguments import checked
 from butterfly.errors import InputError
-from butterfly.files import read_file, whole
+from butterfly.files import read_file, require_as_signed, whole
 from butterfly.progress import budget
 from butterfly.result import Result, schema_number
 
@@ -36,6 +37,7 @@ _KINDS = {
 """Module and class of results that can be saved, by schema; one is imported when it is loaded."""
 
 
+@checked
 def load(path: str | PathLike[str], *, root: str | PathLike[str] | None = None) -> Result:
     """Load a saved result.
 
@@ -83,7 +85,9 @@ def load(path: str | PathLike[str], *, root: str | PathLike[str] | None = None) 
 
 def _content(file: Path) -> dict[str, Any]:
     with whole(file, "a saved result"):
-        content = json.loads(read_file(file, "a saved result"))
+        text = read_file(file, "a saved result").decode()
+        content = json.loads(text)
     if not isinstance(content, dict):
         raise InputError(file, "content", type(content).__name__, "a saved result")
+    require_as_signed(file, text, content, "an undamaged saved result")
     return content

@@ -11,8 +11,9 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, TypeAlias, TypeGuard
 
+from butterfly.arguments import checked
 from butterfly.errors import InputError
-from butterfly.files import locate, refuse_binary
+from butterfly.files import locate, refuse_binary, require_as_signed
 from butterfly.identification.data import DataSet, read_data_set
 from butterfly.identification.identified import Identified
 from butterfly.logs.formats import ENDINGS, FORMATS, Table, is_table, log_of_table
@@ -58,6 +59,7 @@ Data: TypeAlias = One | Sequence[One]
 """Whatever `read` takes."""
 
 
+@checked
 def read(
     source: Data,
     *,
@@ -322,11 +324,14 @@ def _saved_manifest(path: Path, root: Path | None, given: Mapping[str, Any]) -> 
     """Return the manifest in a saved identification."""
     expected = "a saved identification"
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))["data"]["manifest"]
+        text = path.read_text(encoding="utf-8")
+        document = json.loads(text)
+        found = document["data"]["manifest"]
         own = found and found["root"]
         manifest = found and described({**found, "root": own or "."}, given, source=path)
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         raise InputError(path, "data.manifest", "missing or damaged", expected) from None
+    require_as_signed(path, text, document, "an undamaged saved result")
     if manifest is None:
         expected = "a result identified from files of one manifest, to read its logs again"
         raise InputError(path, "data.manifest", "missing", expected)

@@ -14,6 +14,7 @@ from butterfly.api.identification import Identification
 from butterfly.api.results import Designed, Residual, Selection, Validated
 from butterfly.api.saved import load
 from butterfly.api.sources import Data, names_result, read
+from butterfly.arguments import checked
 from butterfly.errors import InputError
 from butterfly.experiment.methods import DEFAULT_METHOD, make_estimator
 from butterfly.identification.data import DataSet
@@ -36,6 +37,7 @@ from butterfly.report.finding_texts import require_possible
 Method = str | Estimator
 
 
+@checked
 def identify(
     data: Data,
     method: Method = DEFAULT_METHOD,
@@ -74,6 +76,7 @@ def identify(
     return Identification.of(identify_data(logs, estimator, against=others, track=track))
 
 
+@checked
 def select(
     data: Data,
     method: Method = "output-error",
@@ -116,6 +119,7 @@ def select(
     return Selection.of(logs, chosen, wanted, passed, found=found, nested=anew)
 
 
+@checked
 def validate(
     data: Data,
     method: Method | Sequence[Method] = DEFAULT_METHOD,
@@ -179,6 +183,7 @@ def validate(
     return Validated.of(logs, estimator, held, whole, drawn)
 
 
+@checked
 def residual(
     data: Data,
     method: Method | None = None,
@@ -205,6 +210,7 @@ def residual(
     return Residual.of(whole, estimator, found, numbers_of_logs("residual", logs, len(whole.logs)))
 
 
+@checked
 def compare(
     data: Data,
     method: Method | None = None,
@@ -237,6 +243,7 @@ def compare(
     return Compared.of(whole, estimator, compared, residuals_of(whole, found), found)
 
 
+@checked
 def design(
     data: Data,
     *,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import itertools
 import json
 import math
@@ -21,11 +20,15 @@ from butterfly.campaigns.lock import LOCK, locked
 from butterfly.errors import InputError, listed, size_text
 from butterfly.files import (
     DRAFT,
+    SIGNATURE,
     create_file,
+    digest_of,
     finite,
     json_text,
     read_file,
+    require_as_signed,
     require_path,
+    signed,
     write_file,
 )
 from butterfly.identification.data import DataSet, read_data_set
@@ -97,7 +100,7 @@ class Journal:
 
 
 _JOURNAL = TypeAdapter(Journal)
-_KIND, _VERSION = "butterfly.journal", 1  # of the document; the number grows with its fields
+_KIND, _VERSION = "butterfly.journal", 2  # of the document; the number grows with its fields
 _ROOM = 10e6  # bytes of free space: ten minutes at 500 Hz, three numbers a sample, and a page
 
 
@@ -162,7 +165,7 @@ class Folder:
         steps, log = self.journal.steps, parquet_bytes(run.log(added_mass=step.added_mass))
         self._keep_unlisted()  # whatever took the name while it was recorded
         create_file(self.path / log_name(len(steps)), log)
-        logs = (*self.journal.logs, _digest(log))
+        logs = (*self.journal.logs, digest_of(log))
         self._write_journal(replace(self.journal, steps=(*steps, step), logs=logs))
         self._write_manifest()
 
@@ -228,7 +231,7 @@ class Folder:
         for number, digest in enumerate(journal.logs):
             log = self.path / log_name(number)
             expected = f"the log of run {number} as it was recorded, which {JOURNAL} lists"
-            if _digest(read_file(log, expected)) != digest:
+            if digest_of(read_file(log, expected)) != digest:
                 raise InputError(log, "content", "another file", expected)
         self._require_manifest(journal)
         return journal
@@ -289,8 +292,8 @@ class Folder:
 
     def _write_journal(self, journal: Journal) -> None:
         head = {"schema": _KIND, "schema_number": _VERSION}
-        content = json_text(finite(head | _JOURNAL.dump_python(journal, mode="json")))
-        write_file(self.path / JOURNAL, content, own=True)
+        content = finite(head | _JOURNAL.dump_python(journal, mode="json"))
+        write_file(self.path / JOURNAL, signed(json_text(content | {SIGNATURE: ""})), own=True)
         self._journal = journal
 
 
@@ -342,6 +345,8 @@ def _read_journal(file: Path) -> Journal:
     if len(journal.logs) != len(journal.steps):
         found = f"{len(journal.logs)} for {len(journal.steps)} runs"
         raise InputError(file, "logs", found, expected)
+    content.setdefault(SIGNATURE, "")  # which no journal is without
+    require_as_signed(file, text.decode(), content, expected)
     return journal
 
 
@@ -354,10 +359,6 @@ def _differing(found: Manifest, ours: Manifest) -> list[str]:
     known = theirs["known"].items() <= own["known"].items()
     free = {"name", "description"} | ({"known"} if known else set())
     return [name for name in own if name not in free and theirs[name] != own[name]]
-
-
-def _digest(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()
 
 
 def _unlisted_path(path: Path) -> Path:

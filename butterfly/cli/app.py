@@ -15,6 +15,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from inspect import BoundArguments
 from pathlib import Path
+from types import FrameType
 from typing import Annotated, Any, NamedTuple, NoReturn
 
 from cyclopts import App, Group, Parameter
@@ -23,7 +24,7 @@ from cyclopts.exceptions import CycloptsError, UnknownCommandError, UnknownOptio
 from butterfly import __version__, outputs, progress
 from butterfly.cli import output
 from butterfly.cli.options import source_of
-from butterfly.cli.output import Asked, ExitCode, asked, write_json
+from butterfly.cli.output import Asked, ExitCode, asked, put, write_json
 from butterfly.cli.output import warn as print_warning
 from butterfly.cli.written import check as check_outputs
 from butterfly.errors import (
@@ -33,6 +34,7 @@ from butterfly.errors import (
     UnusableError,
     memory,
     size_text,
+    visible,
 )
 
 
@@ -253,8 +255,16 @@ def _name_of(tokens: Sequence[str]) -> str:
 
 def main() -> None:
     """Run the command line; bad input gives one line on stderr (see `ExitCode`)."""
+    try:
+        _run()
+    except KeyboardInterrupt:  # asked again while it says that it stopped
+        sys.exit(ExitCode.STOPPED)
+
+
+def _run() -> None:
+    """Run the command line, unless it is asked to stop once more than it answers."""
     if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGTERM, signal.default_int_handler)  # asked to end, as by Ctrl-C
+        signal.signal(signal.SIGTERM, _stop)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # what a terminal cannot show is no reason to end
@@ -270,7 +280,7 @@ def main() -> None:
         sys.stdout.flush()
         sys.exit(ended or ExitCode.DONE)
     except (StoppedError, KeyboardInterrupt) as stopped:
-        print(str(stopped) or "stopped", file=sys.stderr)
+        put(str(stopped) or "stopped", file=sys.stderr)
         sys.exit(ExitCode.STOPPED)
     except CycloptsError as error:
         _end(_said(error, tokens), ExitCode.BAD_INPUT)
@@ -287,6 +297,12 @@ def main() -> None:
         _end(str(error), ExitCode.BAD_INPUT)
     finally:
         asked.__dict__.update(vars(Asked()))
+
+
+def _stop(number: int, frame: FrameType | None) -> NoReturn:  # noqa: ARG001 - a handler
+    """End as by Ctrl-C; who asks again waits for what is being ended."""
+    signal.signal(number, signal.SIG_IGN)
+    raise KeyboardInterrupt
 
 
 def _said(error: CycloptsError, tokens: Sequence[str]) -> str:
@@ -308,8 +324,8 @@ def _said(error: CycloptsError, tokens: Sequence[str]) -> str:
 
 
 def _end(why: str, code: ExitCode) -> NoReturn:
-    red, plain = ("\033[31m", "\033[0m") if sys.stderr.isatty() else ("", "")
-    print(f"{red}error: {' '.join(why.split())}{plain}", file=sys.stderr)
+    said = visible(f"error: {' '.join(why.split())}")
+    print(f"\033[31m{said}\033[0m" if sys.stderr.isatty() else said, file=sys.stderr)
     sys.exit(code)
 
 

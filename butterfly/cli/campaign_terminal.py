@@ -12,8 +12,8 @@ from contextlib import suppress
 
 import butterfly as bf
 from butterfly.campaigns.callbacks import CampaignCallbacks
-from butterfly.cli.output import asked
-from butterfly.errors import StoppedError
+from butterfly.cli.output import asked, put
+from butterfly.errors import StoppedError, visible
 from butterfly.plant.motor import Reading
 
 _EMPTY = "\r\033[K"  # goes back in a line and empties it
@@ -86,7 +86,7 @@ class CampaignTerminal(CampaignCallbacks):
         """Print a sentence on standard error, where somebody waits."""
         self.clear()
         if even_if_quiet or (not asked.quiet and (self._moves or self._shows)):
-            print(_folded(sentence), file=sys.stderr, flush=True)
+            put(_folded(sentence), file=sys.stderr)
 
 
 def _folded(sentence: str) -> str:
@@ -119,5 +119,5 @@ def _answer(question: str) -> str:
             pass
     lead, _, last = _folded(question).rpartition("\n")
     if lead:
-        print(lead)
-    return input(f"{last.rstrip()} ")
+        put(lead)
+    return input(f"{visible(last.rstrip())} ")

@@ -74,7 +74,7 @@ def verb_named(name: str) -> Callable[..., Any]:
     defaults = {each.id for each in verb.args.kw_defaults if isinstance(each, ast.Name)}
     imports = [each for each in source if isinstance(each, ast.ImportFrom)]
     imports = [each for each in imports if defaults & {one.name for one in each.names}]
-    verb.body, verb.returns = verb.body[:1], None
+    verb.body, verb.returns, verb.decorator_list = verb.body[:1], None, []
     types = {each.id for each in ast.walk(verb.args) if isinstance(each, ast.Name)}
     space: dict[str, Any] = dict.fromkeys(types - vars(builtins).keys(), PathLike[str])
     space |= {**vars(abc), "Any": Any, "Literal": Literal}

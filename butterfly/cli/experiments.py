@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import Parameter
 
 from butterfly.cli.options import OUT, SILENT, Facts, OutFolder
-from butterfly.cli.output import say, show_progress, show_table, write_json
+from butterfly.cli.output import put, say, show_progress, show_table, write_json
 from butterfly.cli.written import OutputFile
 from butterfly.errors import InputError
 from butterfly.files import shipped, write_file
@@ -174,7 +174,7 @@ def schema(
     model = ExperimentFile if what == "experiment" else Manifest
     text = json.dumps(model.model_json_schema(), indent=2, default=str) + "\n"
     if out is None:
-        print(text, end="")
+        put(text.rstrip())
         return
     write_file(out, text)
     say(f"Schema: {out}")

@@ -16,7 +16,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TextIO, TypeVar
+
+from butterfly.errors import visible
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -90,15 +92,20 @@ def console() -> Console:
     return made
 
 
+def put(line: str = "", *, file: TextIO | None = None) -> None:
+    """Print a line, on standard output if no ``file`` is given: names in it steer no terminal."""
+    print(visible(line), file=file, flush=file is not None)
+
+
 def say(sentence: str) -> None:
     """Print a sentence: folded between words on a terminal, in one line elsewhere."""
     if not asked.silent:
-        print(_folded(sentence))
+        put(_folded(sentence))
 
 
 def warn(sentence: str) -> None:
     """Print a warning on standard error."""
-    print(f"warning: {sentence}", file=sys.stderr)
+    put(f"warning: {sentence}", file=sys.stderr)
 
 
 def say_verdict(verdict: Verdict) -> None:
@@ -109,7 +116,7 @@ def say_verdict(verdict: Verdict) -> None:
 def _say_answer(lines: Iterable[str]) -> None:
     """Print lines that --quiet keeps."""
     for line in () if asked.document_alone else lines:
-        print(_folded(line))
+        put(_folded(line))
 
 
 def write_json(document: Mapping[str, Any]) -> None:
@@ -119,8 +126,9 @@ def write_json(document: Mapping[str, Any]) -> None:
     from butterfly.files import json_text, write_document  # noqa: PLC0415 - slow to import
 
     if asked.document_alone:
-        encoding = (getattr(sys.stdout, "encoding", None) or "").lower()
-        print(json_text(document, ascii_only=not encoding.startswith("utf")), end="")
+        encoding, text = (getattr(sys.stdout, "encoding", None) or "").lower(), json_text(document)
+        plain = not encoding.startswith("utf") or visible(text) != text
+        print(json_text(document, ascii_only=True) if plain else text, end="")
     else:
         write_document(document, asked.json)
         say(f"Numbers: {asked.json}")
@@ -146,7 +154,7 @@ def show(
     if more := len(sentences[shown:]):
         say(f"--verbose adds {more} more sentence{'s' * (more > 1)}.")
     if after and not asked.silent:  # whole, however long: to be pasted
-        print(f"Next: {after}")
+        put(f"Next: {after}")
     tables = [each for each in result.tables() if asked.verbose or not each.detail]
     for table in () if asked.silent else tables:
         show_table(table.title, [*map(str, table.headers)], table.rows[:rows])
@@ -171,17 +179,17 @@ def show_table(
 
     out = console()
     columns = [
-        _Column(header, [str(row[k]) for row in rows], words=k < lead)
+        _Column(visible(header), [visible(str(row[k])) for row in rows], words=k < lead)
         for k, header in enumerate(headers or [""] * len(rows[0]))
     ]
-    print()
+    put()
     if title:
         with out.capture() as captured:
-            out.print(title, style="bold", soft_wrap=True)
+            out.print(visible(title), style="bold", soft_wrap=True)
         print(captured.get(), end="")
     for block in _blocks(columns, lead, out.width):
         if title:
-            print()
+            put()
         table = Table(box=None, show_header=bool(headers), padding=(0, _GAP, 0, 0), pad_edge=False)
         for each in block:
             side: Literal["left", "right"] = "left" if each.words else "right"
@@ -192,7 +200,7 @@ def show_table(
             out.print(table)
         for line in captured.get().replace(_GLUE, " ").splitlines():
             print(f"{' ' * _INDENT}{line}".rstrip())
-    print()
+    put()
 
 
 @dataclass
@@ -271,7 +279,7 @@ _T = TypeVar("_T")
 def note(sentence: str) -> None:
     """Tell on standard error what is done meanwhile."""
     if not asked.quiet:
-        print(sentence, file=sys.stderr, flush=True)
+        put(sentence, file=sys.stderr)
 
 
 def show_progress(items: Iterable[_T], description: str) -> Iterable[_T]:
@@ -291,4 +299,4 @@ def _bar(items: Iterable[_T], description: str) -> Iterator[_T]:
         *(progress.BarColumn(), progress.MofNCompleteColumn(), progress.TimeElapsedColumn()),
     )
     with progress.Progress(*columns, console=console, transient=True) as bar:
-        yield from bar.track(items, description=description)
+        yield from bar.track(items, description=visible(description))

@@ -12,7 +12,7 @@ from cyclopts.validators import Number
 
 import butterfly as bf
 from butterfly.cli.options import OUT, WRITTEN, HandMass
-from butterfly.cli.output import ExitCode, asked, say, say_verdict, show_progress
+from butterfly.cli.output import ExitCode, asked, put, say, say_verdict, show_progress
 from butterfly.cli.written import OutputFile
 from butterfly.errors import InputError
 from butterfly.twin.forms import DEFAULTS, FORMS, INTEGRATORS, WITH_A_BODY, Options
@@ -229,5 +229,5 @@ def export(
     if named.note and to in WITH_A_BODY:
         say(named.note)
     if not asked.silent and is_data(locate(source)):
-        print(f"Next: butterfly compare {shlex.quote(str(source))}")
+        put(f"Next: butterfly compare {shlex.quote(str(source))}")
     return ExitCode.of(named.judged)

@@ -15,7 +15,7 @@ from cyclopts.validators import Number
 import butterfly as bf
 from butterfly.cli.derived import Ask, command, verb_named
 from butterfly.cli.options import NO_REPORT, OUT, SILENT, WRITTEN, DataOptions, Report, parse_pairs
-from butterfly.cli.output import ExitCode, asked, say, show, show_progress, warn
+from butterfly.cli.output import ExitCode, asked, put, say, show, show_progress, warn
 from butterfly.cli.written import FOLDER, SAVED, OutputFile
 from butterfly.errors import InputError, StoppedError
 
@@ -89,7 +89,7 @@ def _identify(
     found = ask(data=logs, against=others)
     ended = show(found, **vars(page), save=save)
     if not asked.silent:  # whole, however long: to be pasted
-        print(f"Next: {next_step(found, asked.words, paths, save)}")
+        put(f"Next: {next_step(found, asked.words, paths, save)}")
     return ended
 
 

@@ -9,7 +9,6 @@ RunRecord               the result of a run
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 import re
@@ -21,6 +20,7 @@ from typing import Annotated, Any, Self, cast
 from pydantic import ConfigDict, PlainSerializer, PlainValidator, TypeAdapter, computed_field
 
 from butterfly.comparison.change import change
+from butterfly.files import is_as_signed, signed
 from butterfly.identification.findings import Ending
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.inference.estimate import Estimate
@@ -36,7 +36,6 @@ SCHEMA = 4
 OK, REFUSED, FAILED = "ok", "refused", "failed"
 """A run's status: done, refused for good (bad input, unidentifiable), or failed unexpectedly."""
 
-_UNSIGNED = '"digest": ""'
 _SCHEMA_SAID = re.compile(r'\s*\{\s*"schema":\s*(\d+)\b')  # by the first line of a record
 
 _KeptEstimate = Annotated[
@@ -52,9 +51,7 @@ class _Signed:
     def to_json(self) -> str:
         """Return the content of its file."""
         unsigned: Any = replace(self, digest="")  # type: ignore[type-var]
-        text = self._adapter().dump_json(unsigned, indent=1, by_alias=True).decode()
-        before, _, after = text.rpartition(_UNSIGNED)
-        return f'{before}"digest": "{digest_of(text.encode())}"{after}'
+        return signed(self._adapter().dump_json(unsigned, indent=1, by_alias=True).decode())
 
     @classmethod
     def from_json(cls, text: str) -> Self | None:
@@ -66,8 +63,7 @@ class _Signed:
             record: Any = cls._adapter().validate_json(text)
         except (ValueError, KeyError, TypeError, RecursionError):  # as ValidationError is
             return None
-        before, _, after = text.rpartition(f'"digest": "{record.digest}"')
-        if record.digest != digest_of(f"{before}{_UNSIGNED}{after}".encode()):
+        if not is_as_signed(text, record.digest):
             return None
         return cast(Self, replace(record, digest=""))
 
@@ -277,11 +273,6 @@ class SweepRecord(_Signed):
     beside: dict[str, str] | None = None  # digests of its one run's logs and reports; None of more
     tables: dict[str, str] = field(default_factory=dict)  # digests of the tables, by name
     digest: str = ""  # as a run's
-
-
-def digest_of(content: bytes) -> str:
-    """Return the digest of a content."""
-    return hashlib.sha256(content).hexdigest()
 
 
 def origin_of(text: str) -> str:

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from butterfly.arguments import checked
 from butterfly.errors import InputError
 from butterfly.experiment.schema import Experiment, SignalSpec, TableFile
 from butterfly.files import locate, require_path, shipped, write_file
@@ -86,6 +87,7 @@ class Source:
         return {"table": self.digests[named]}
 
 
+@checked
 def read_experiment(path: str | PathLike[str]) -> Experiment:
     """Read an experiment file, or a shipped one by its name.
 

@@ -31,12 +31,11 @@ from butterfly.experiment.record import (
     Outcome,
     RunRecord,
     SweepRecord,
-    digest_of,
     origin_of,
 )
 from butterfly.experiment.source import EXPERIMENT, HEAD
 from butterfly.experiment.sweep_tables import TABLES, SweepColumns
-from butterfly.files import DRAFT, read_file, write_file
+from butterfly.files import DRAFT, digest_of, read_file, write_file
 from butterfly.outputs import note_input
 from butterfly.progress import Track, untracked
 

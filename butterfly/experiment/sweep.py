@@ -13,13 +13,13 @@ from typing import Any
 
 from butterfly.errors import InputError, StoppedError
 from butterfly.experiment.perform import execute
-from butterfly.experiment.record import OK, SCHEMA, SweepRecord, Task, digest_of
+from butterfly.experiment.record import OK, SCHEMA, SweepRecord, Task
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.source import Source, signal_digest
 from butterfly.experiment.store import ResultStore
 from butterfly.experiment.sweep_spec import Overrides, SweepSpec, apply
 from butterfly.experiment.workers import Engine
-from butterfly.files import shipped
+from butterfly.files import digest_of, shipped
 from butterfly.progress import Track, current_search, untracked
 from butterfly.result import versions
 from butterfly.signals.excitations import Table

@@ -22,7 +22,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from butterfly.arrays import Samples
-from butterfly.errors import IdentifiabilityError, require_number
+from butterfly.errors import IdentifiabilityError, require_number, require_room
 from butterfly.identification.data import DataSet
 from butterfly.identification.free_run import Setting
 from butterfly.identification.inference.estimate import Estimate
@@ -271,6 +271,7 @@ def next_experiments(
     require_number("design", positive=True, unit="rad", swing=swing)
     require_number("design", positive=True, command=command, duration=duration)
     require_number("design", price=price)
+    require_room("design", "duration", f"{duration:g} s", 8 * duration / LONGEST_STEP)
     mounted, widest = data.logs[-1].added_mass, min(swing, LARGEST_SWING)
     fastest = math.sqrt(2) * max((log.rms_speed for log in servos), default=0.0)
     recipes: list[tuple[Candidate, Log]] = []

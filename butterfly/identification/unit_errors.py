@@ -232,6 +232,7 @@ def unit_errors_of_omegas(sines: Sequence[Log], ratios: Samples) -> list[Finding
     return [_of_omega(float(ratios[k]), sines[k]) for k in wrong]
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def unit_errors_of_still(logs: Sequence[Log]) -> list[Finding]:
     """Return the finding of swapped columns if angles are constant and inputs decay."""
     still = [log.input for log in logs if np.ptp(log.angle) == 0 and np.isfinite(log.input).all()]

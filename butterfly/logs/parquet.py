@@ -30,7 +30,8 @@ _AT_A_TIME, _FIRST = 1 << 20, 100  # samples
 def read_parquet(path: Path, columns: ColumnMap | None, units: Units, about: dict[str, Any]) -> Log:
     """Read a log (see `read_log`); other columns are ignored."""
     require_file(path, "an existing Parquet file")
-    with whole(path, "a whole Parquet file"), parquet.ParquetFile(path) as file:
+    checking = {"page_checksum_verification": True}  # of files that have any
+    with whole(path, "a whole Parquet file"), parquet.ParquetFile(path, **checking) as file:
         schema = file.schema_arrow
         leaves = _leaves(schema)
         lists = {leaf.name: leaf for leaf in leaves if _is_list(leaf.kind)}
@@ -156,5 +157,6 @@ def _is_clock(kind: pa.DataType) -> bool:
 def parquet_bytes(log: Log) -> bytes:
     """Return the content of the Parquet file of a log."""
     buffer = io.BytesIO()
-    parquet.write_table(pa.table(log.columns()), buffer, compression="zstd")
+    how = {"compression": "zstd", "write_page_checksum": True}
+    parquet.write_table(pa.table(log.columns()), buffer, **how)
     return buffer.getvalue()

@@ -17,6 +17,7 @@ from matplotlib.figure import Figure as Still
 from matplotlib.ticker import LogFormatterSciNotation, MultipleLocator
 from numpy.typing import NDArray
 
+from butterfly.errors import visible
 from butterfly.files import replacing
 from butterfly.outputs import mark_of
 from butterfly.report.figures import GREY, SYMBOLS
@@ -205,7 +206,7 @@ def _lines(label: object) -> str:
 
 def _plain(text: str) -> str:
     """Leave out markup; what looked like some, but was none, is text, as is a dollar."""
-    return unescape(re.sub(r"<[^>]+>", " ", text)).replace("$", r"\$")
+    return visible(unescape(re.sub(r"<[^>]+>", " ", text))).replace("$", r"\$")
 
 
 _DRAWN = {"scatter": _scatter, "heatmap": _heatmap}

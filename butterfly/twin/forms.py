@@ -8,6 +8,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+from butterfly.errors import visible
 from butterfly.files import write_file, write_xml
 from butterfly.outputs import mark_of, require_endings, require_free
 
@@ -49,7 +50,7 @@ DEFAULTS = Options()
 
 def xml_comment(sentence: str) -> str:
     """Return a sentence as a comment of XML, which holds no two hyphens in a row."""
-    return f"<!-- {re.sub('-(?=-)', '- ', sentence)} -->"
+    return f"<!-- {re.sub('-(?=-)', '- ', visible(sentence))} -->"
 
 
 def write_as(form: str, twin: Twin, options: Options = DEFAULTS) -> Written:

@@ -193,9 +193,11 @@ DAMAGED = {
     "cut journal": (written("campaign.json", b'{"schema": '), "campaign.json: content"),
     "no journal": (written("campaign.json", b'{"budget": 3}'), "schema: got None; expected butt"),
     "a list": (written("campaign.json", b"[1]"), "campaign.json: content"),
-    "another version": (replaced('number": 1', 'number": 2'), "schema_number: got 2; expected 1"),
+    "another version": (replaced('number": 2', 'number": 1'), "schema_number: got 1; expected 2"),
     "no parameter": (replaced('"known": {}', '"known": {"p9": 1}'), "campaign.json: known.p9"),
     "no masses": (replaced('"added_mass"', '"mass"'), "campaign.json: steps.0.added_mass"),
+    "another limit": (replaced('"seconds": 1.0', '"seconds": 9.0'), "campaign.json: digest: got"),
+    "no digest": (replaced('"digest"', '"dagest"'), "campaign.json: digest: got"),
     "no digests": (replaced('"logs"', '"lags"'), "campaign.json: logs: got 0 for 2 runs"),
     "another mass": (replaced("0.1, arm", "0.2, arm", "manifest.yaml"), "manifest.yaml: logs"),
     "another log": (replaced("run_000", "run_007", "manifest.yaml"), "manifest.yaml: logs"),
@@ -384,6 +386,7 @@ def test_the_page_on_campaigns_quotes_what_is_refused(begun, tmp_path, monkeypat
         "campaign.lock": written(LOCK, b""),
         "campaign.json: content": DAMAGED["empty journal"][0],
         "campaign.json: schema": DAMAGED["another version"][0],
+        "campaign.json: digest": DAMAGED["another limit"][0],
         "run_000": DAMAGED["the other log"][0],
         "manifest": DAMAGED["another mass"][0],
         "free space": lambda _: monkeypatch.setattr(
@@ -400,7 +403,7 @@ def test_the_page_on_campaigns_quotes_what_is_refused(begun, tmp_path, monkeypat
         messages.append(str(error.value))
     section = PAGE.partition("## The folder")[2].partition("## Use")[0]
     quoted = re.findall(r"^\| `([^`]+)` \|", section, re.MULTILINE)
-    assert [text in message for text, message in zip(quoted, messages, strict=True)] == [True] * 9
+    assert [text in message for text, message in zip(quoted, messages, strict=True)] == [True] * 10
 
 
 # The lock

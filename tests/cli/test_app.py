@@ -3,6 +3,7 @@
 import inspect
 import os
 import re
+import subprocess
 import sys
 from functools import cache
 from pathlib import Path
@@ -162,3 +163,22 @@ def test_a_terminal_that_lacks_a_letter_shows_the_others(quick_data):
     code, out, err = run_program("identify", quick_data, "--terms=", env=encoding)
     assert (code, err) == (ExitCode.DONE, "")
     assert "kg m?" in out
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has other signals")
+@pytest.mark.parametrize(
+    "first", ["signal.raise_signal(signal.SIGTERM)", "raise KeyboardInterrupt"]
+)
+def test_whoever_asks_it_to_end_again_and_again_gets_no_traceback(first):
+    program = (
+        "import atexit, signal, sys; from butterfly.cli import app\n"
+        "def again(*_, **__):\n"
+        "    signal.raise_signal(signal.SIGTERM); signal.raise_signal(signal.SIGTERM)\n"
+        f"def first(*_):\n    {first}\n"
+        "app.put, app.program, sys.argv = again, first, ['butterfly']\n"
+        "atexit.register(again)\n"
+        "app.main()"
+    )
+    words = [sys.executable, "-c", program]
+    ended = subprocess.run(words, capture_output=True, text=True, check=False)  # noqa: S603 - our own
+    assert (ended.returncode, ended.stderr) == (ExitCode.STOPPED, "")

@@ -20,9 +20,9 @@ _WORDS = (
 
 def damaged(content: bytes, rng: random.Random) -> bytes:
     """Return a file's content after one misfortune."""
-    ways = [_flipped, _overwritten, _cut, _stuffed, _absurd]
+    ways = [_flipped, _overwritten, _cut, _stuffed, _absurd, _blanked, _lost]
     if b"\0" not in content:
-        ways += 3 * [_reworded]
+        ways += [*3 * [_reworded], _lines_lost, _lines_doubled, *2 * [_digit]]
     return rng.choice(ways)(bytearray(content), rng)
 
 
@@ -62,3 +62,41 @@ def _absurd(content: bytearray, rng: random.Random) -> bytes:
     place = rng.randrange(len(content)) // 4 * 4
     content[place : place + 4] = rng.choice(_ABSURD).to_bytes(4, "little")
     return bytes(content)
+
+
+def _blanked(content: bytearray, rng: random.Random) -> bytes:
+    """Put zeros in the place of a block, as a disk does."""
+    begin, end = _stretch(len(content), rng)
+    content[begin:end] = bytes(end - begin)
+    return bytes(content)
+
+
+def _lost(content: bytearray, rng: random.Random) -> bytes:
+    begin, end = _stretch(len(content), rng)
+    del content[begin:end]
+    return bytes(content)
+
+
+def _lines_lost(content: bytearray, rng: random.Random) -> bytes:
+    lines = content.splitlines(keepends=True)
+    begin, end = _stretch(len(lines), rng)
+    return b"".join(lines[:begin] + lines[end:])
+
+
+def _lines_doubled(content: bytearray, rng: random.Random) -> bytes:
+    lines = content.splitlines(keepends=True)
+    begin, end = _stretch(len(lines), rng)
+    return b"".join(lines[:end] + lines[begin:])
+
+
+def _digit(content: bytearray, rng: random.Random) -> bytes:
+    """Put another digit in the place of one."""
+    if places := [k for k, each in enumerate(content) if chr(each).isdigit()]:
+        content[rng.choice(places)] = ord(rng.choice("0123456789"))
+    return bytes(content)
+
+
+def _stretch(size: int, rng: random.Random) -> tuple[int, int]:
+    """Return a place, and another at most 1, 10, 512 or 4096 behind it."""
+    begin = rng.randrange(size)
+    return begin, min(size, begin + rng.randint(1, rng.choice((1, 10, 512, 4096))))

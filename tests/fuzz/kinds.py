@@ -4,12 +4,13 @@ from collections.abc import Callable
 from functools import cache
 from importlib.util import find_spec
 
-from tests.fuzz import files, results, values
+from tests.fuzz import answers, files, results, values
 
 KINDS = (
     *("mat", "csv", "parquet", "json", "experiment", "manifest"),
     *("results", "saved", "values"),
 )
+KINDS += answers.KINDS
 KINDS += ("mcap",) if find_spec("mcap_ros2") else ()
 KINDS += ("strangers",) if find_spec("matio") else ()
 """Their names."""
@@ -27,4 +28,6 @@ def sounds_of(kind: str) -> list[files.Sound]:
         "saved": lambda: [(results.saved(), results.saved_escapes)],
         "values": lambda: [(bytes(range(32)), values.escapes)],
     }
+    if kind in answers.KINDS:
+        return answers.sounds(kind)
     return made[kind]() if kind in made else files.logs(kind)

@@ -103,7 +103,7 @@ def pages(data, found, residuals, tmp_path_factory):
     compared = compare_three(data, found, (0, 3, 4))  # each mass, each sine
     entries = leaderboard([data], [Thesis(), Linear(), HarmonicBalance()])
     return {
-        "identification": identified.page(ROUGH.robot.lumped),
+        "identification": replace(identified, truth=ROUGH.robot.lumped).page(),
         "three-way": Compared.of(data, None, compared, residuals, found).page(),
         "leaderboard": Leaderboard.of(entries).page(),
         "orbit": _orbit_page(),

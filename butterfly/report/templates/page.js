@@ -1,4 +1,5 @@
-const OPTIONS = {responsive: true, displaylogo: false, modeBarButtonsToRemove: ["select2d", "lasso2d"]};
+const OPTIONS = {responsive: true, displaylogo: false, showSendToCloud: false, plotlyServerURL: "",
+  modeBarButtonsToRemove: ["select2d", "lasso2d"]};
 const DARK = {"#0072B2": "#5aaee8", "#E69F00": "#f2b63c", "#009E73": "#35c99c", "#CC79A7": "#e59cc5", "#56B4E9": "#9bd6f7",
   "#D55E00": "#ff8f4a", "#F0E442": "#f5ec7a", "#888888": "#9aa5b0"};
 const LIGHT = {"#F0E442": "#a89b00"};
