@@ -27,7 +27,7 @@ from butterfly.identification.fit import (
 from butterfly.identification.inference.blocks import cells_of, independent_cells_of
 from butterfly.identification.inference.equations import CellEquations, scaled_least_squares
 from butterfly.identification.inference.estimate import Estimate
-from butterfly.identification.levels import FEW, LOST, MOST, PRECISE, ROUNDING
+from butterfly.identification.levels import LOST, MOST, PRECISE, ROUNDING
 from butterfly.identification.segment import FINEST
 from butterfly.identification.simulation import Simulation, segment_length
 from butterfly.logs.log import Log
@@ -104,7 +104,7 @@ class Problem:
         counted = [first_counted(log, options.window) for log in logs]
         motion = tuple(_rms_motion(log, k) for log, k in zip(logs, counted, strict=True))
         local_velocity = "velocity" in {*options.per_mass, *options.per_log}
-        how, most = {"velocity_known": local_velocity, "free": len(logs) <= FEW}, options.horizon
+        how, most = {"velocity_known": local_velocity, "free": True}, options.horizon
         simulations = tuple(
             Simulation(log, start, k, segment_length(log, start, most, first=k, **how), warm=True)
             for log, k in zip(logs, counted, strict=True)

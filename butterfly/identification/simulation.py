@@ -268,8 +268,8 @@ def segment_length(
     """Return the longest segment with fitted starts in s; None if the start is given.
 
     It is given if a log no longer than the horizon begins at rest, its beginning does not count,
-    or its velocity there is known, and gravity or a servo's loop restores the joint. With ``free``
-    the start of one at rest is fitted too, as noise of its first sample matters in few logs.
+    or its velocity there is known, and gravity or a servo's loop restores the joint. With ``free``,
+    as in a fit, the start of one at rest is fitted too: it is known no better than noise allows.
     """
     loaded = parameters.with_added_mass(log.added_mass)
     begins_in_motion = first == 0 and log.initial_state.velocity != 0

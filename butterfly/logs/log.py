@@ -34,6 +34,7 @@ _SPAN = 0.05  # s in which an angle changes by more than noise
 _REACH = 0.7  # rad of the motion's phase that a cubic can follow
 _WIDE = 1.0  # rad, beyond which a wider motion is no slower
 _FEWEST = 12  # samples that a cubic is fitted to
+_FEW, _SAME = 4, 2.0  # samples whose mean is compared with the next, and standard errors of it
 _SURE = 6.0  # standard errors from 0 at which a velocity counts
 _SETTLED = 0.3  # by which the velocity may change for half the samples
 _NOTABLE = 0.1  # of the rms velocity, above which a log begins in motion
@@ -526,10 +527,10 @@ class Log:
 
     @cached_property
     def initial_state(self) -> InitialState:
-        """Initial state: of a steady sine, else at rest, or by a cubic for what moves at once."""
-        time, angle, rest = self.time, self.angle, InitialState(float(self.angle[0]), 0.0)
+        """Initial state: of a steady sine, by samples at rest, or a cubic of what moves at once."""
+        time, angle = self.time, self.angle
         if not self.rms_speed > 0:
-            return rest
+            return InitialState(float(angle[0]), 0.0)
         steady = self.excitation and _in_steady_swing(time, angle, self.excitation.omega)
         if steady:
             return steady
@@ -537,7 +538,7 @@ class Log:
         count = max(int(np.searchsorted(time, time[0] + span, "right")), _FEWEST)
         time, angle = time[:count], angle[:count]
         if self.lead is None and not _moves(time, angle, self.rms_speed):
-            return rest
+            return InitialState(_rest(angle), 0.0)
         return _fitted(time, angle, 3)[0]
 
     @cached_property
@@ -612,6 +613,21 @@ def _moves(time: Samples, angle: Samples, speed: float) -> bool:
             return False
         before, moves = velocity, True
     return moves
+
+
+def _rest(angle: Samples) -> float:
+    """Return the angle that (n,) first samples begin at, by all during which the joint rests.
+
+    It has rested if the mean of as many samples that follow is the same, by what noise makes of it.
+    """
+    count = 0
+    while 2 * (half := max(2 * count, _FEW)) <= angle.size:
+        before, after = angle[:half], angle[half : 2 * half]
+        error = math.sqrt((before.var() + after.var()) / half)
+        if abs(after.mean() - before.mean()) > _SAME * error:
+            break
+        count = half
+    return float(angle[:count].mean() if count else angle[0])
 
 
 def _fitted(

@@ -207,7 +207,7 @@ def models(
     form, step = _best(twin, options, Yardstick.of(twin, options.timestep)), options.timestep
     sets = list(drawn)
     remembered = 0
-    if form.late(twin.parameters.delay, step) is not None:  # all then have states of one size
+    if any(form.late(each.delay, step) is not None for each in sets):  # states of one size then
         sets = [replace(each, delay=max(each.delay, 2 * NO_DELAY)) for each in sets]
         remembered = max(_samples(form.late(each.delay, step) or 0.0, step) for each in sets)
     for parameters in sets:

@@ -198,3 +198,20 @@ def test_a_weight_on_a_rod_is_the_one_that_its_drawings_show(strangers, tmp_path
     assert (p1, p3) == pytest.approx((PENDULUM["p1"][0], PENDULUM["p3"][0]), rel=0.02)
     assert p3 / p1 == pytest.approx(9.81 / 0.5, rel=0.03)  # a weight at 0.5 m, as it is drawn
     assert found.fit.median > 98.0
+
+
+def test_a_start_is_known_no_better_than_one_sample_and_costs_no_precision():
+    folder = Path(__file__).parents[3] / "shared/data/cases/fifth/start_from_one_sample"
+    if not folder.is_dir():
+        pytest.skip(f"the case is not there: {folder}")
+    found = _identified(folder)
+    true = {"p1": 0.00335562, "p2": 0.00092987, "p3": 0.10788159, "p4": 0.30839955}
+    true |= {"coulomb": 0.00097634, "delay": 2.979e-3}
+    estimate = found.estimate
+    limits = zip(estimate.names, estimate.lower, estimate.upper, strict=True)
+    assert all(lower <= true[name] <= upper for name, lower, upper in limits)
+    assert estimate.level is Level.GOOD
+    assert estimate.relative_half_widths["p1"] < 6e-5
+    assert all(
+        run.rms < 1.1 * 7.1e-4 for run in map(found.data.simulations.run, range(5), [estimate] * 5)
+    )

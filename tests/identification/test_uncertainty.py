@@ -75,10 +75,11 @@ def test_a_spoilt_log_misleads_neither_a_robust_loss_nor_weighed_logs():
         return found.values[3], found.standard_errors[3]
 
     _, clean = fit(logs, Loss.LINEAR)
-    for loss in (Loss.CAUCHY, Loss.LINEAR):
+    for loss, most in ((Loss.CAUCHY, 12.0), (Loss.LINEAR, 3.0)):  # a start is fitted by squares
         p4, error = fit(spoilt, loss)
         assert abs(p4 - ROBOT.p4) < 4 * error
-        assert clean < error < 3 * clean
+        assert clean < error < most * clean
+        assert error < 5e-4 * ROBOT.p4
 
 
 def test_what_only_one_log_has_is_fitted_to_it_and_used_to_predict_it():

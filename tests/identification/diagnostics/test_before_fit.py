@@ -52,10 +52,10 @@ def test_the_table_is_for_what_is_told_beside_given_values(robot):
     assert forecast_rows([weak])[0][2:] == ("not identifiable", "over 100 %", "a larger motion")
 
 
-def test_noise_as_large_as_the_motion_hides_parameters_and_says_that_the_motion_is_small(robot):
+def test_noise_ten_times_the_motion_hides_parameters_and_says_that_the_motion_is_small(robot):
     rng = np.random.default_rng(3)
     hidden = [
-        replace(log, angle=log.angle + 3 * np.std(log.angle) * rng.standard_normal(log.angle.size))
+        replace(log, angle=log.angle + 10 * np.std(log.angle) * rng.standard_normal(log.angle.size))
         for log in robot.logs
     ]
     rows = forecast(hidden, NO_PRIOR)
