@@ -101,6 +101,7 @@ class Health:
     integrated: bool = False  # whether the angle is the integral of the recorded velocity
     regimes: tuple[Regime, ...] = ()  # of its clock, where the mean interval switches
     contradiction: tuple[str, str] | None = None  # of physics, and what to check
+    driven: bool = True  # whether something drives the joint
 
     @property
     def remarks(self) -> list[Remark]:
@@ -126,6 +127,10 @@ class Health:
         ]
         if self.contradiction:
             found.append(Remark(Level.CARE, *self.contradiction))
+        drive = self.columns.get("input")
+        if drive is not None and drive.assumed and self.driven:
+            level, cure = (Level.CARE, drive.unread.cure) if drive.unread else (Level.GOOD, "")
+            found.append(Remark(level, drive.taken, cure))
         if self.integrated:
             found.append(Remark(Level.NOTE, "no angle recorded: the velocity is fitted instead"))
         for before, (begin, interval) in pairwise(self.regimes):
@@ -209,6 +214,7 @@ def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Lo
         integrated=log.integrated,
         regimes=clean.regimes,
         contradiction=find_contradiction(clean),
+        driven=driven,
     )
     return clean, health
 

@@ -10,13 +10,20 @@ import json
 import math
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, lru_cache
 from typing import Any
 
 from butterfly.errors import InputError
-from butterfly.logs.unit_words import counts_without_turn, plain_text
+from butterfly.logs.unit_words import (
+    Mention,
+    counts_without_turn,
+    is_value,
+    mentions,
+    plain_text,
+    units_meant,
+)
 from butterfly.logs.units import (
     UNITS,
     Heading,
@@ -53,8 +60,15 @@ _ALIASES = {
 _SCALES = {"scale_factor": 0, "add_offset": 1}  # of the conventions for netCDF
 _LETTERS = frozenset("VANsmhg")  # that are units
 _IDIOMS = {"turn", "second"}  # in turn
+_OF_OTHERS = {
+    *("supply", "bus", "battery", "limit", "limits", "max", "maximum", "min", "minimum", "rated"),
+    *("rating", "nominal", "constant", "noise", "resolution", "offset", "threshold", "friction"),
+}  # words of what a unit may be of besides a column
 _PARTS = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+|[^\W\d_a-zA-Z]+")
 _BRACKETED = re.compile(r"([^\[\](){},;|\t]*?)([\[({])([^\[\](){}]*)(?:[\])}]|$)")
+_BETWEEN = {*',;|:=()[]{}<>"', "\t", "-", "in", "is", "as", "are", "of", "for", "the", *_UNITS}
+_SHOWN = 40  # characters of a text
+_OF_NAME = "name"
 _DEEPEST, _MOST, _LONGEST = 16, 1000, 500  # keys within keys, lines of text, characters of a line
 
 
@@ -65,6 +79,7 @@ class Sayings:
         self._source, self._names = source, [str(name) for name in names]
         self._said: dict[tuple[Way, Words], None] = {}
         self._scales: dict[Way, list[float]] = {}
+        self._texts: dict[tuple[Way, str, str], None] = {}  # all there are, with their places
 
     def metadata(self, found: Any, place: str = "", way: Way = ()) -> None:  # noqa: ANN401 - whatever a file holds
         """Collect keys and their values, or rows of them, which concern what ``way`` names."""
@@ -79,6 +94,7 @@ class Sayings:
             mark = "." if place and not place.endswith(("metadata", "attribute")) else " "
             where = f"{place}{mark}{key}".strip(" .")
             below = way if key.lower() in _HOLDERS else (*way, key)
+            self._hear(f"{key}: {value}" if isinstance(value, str) else key, where, below)
             rest = _besides_unit(key)
             if rest is not None:
                 self._units(value, (*way, *rest), where)
@@ -100,6 +116,8 @@ class Sayings:
     def _listed(self, found: list[Any], place: str, way: Way, own: Way) -> None:
         """Collect from a list of columns, or of rows that repeat the unit of theirs."""
         rows = {}
+        if all(isinstance(each, str) for each in found[:_MOST]):
+            self._hear(", ".join(found[:_MOST]), place, (*way, *own))
         for each in found:
             if not isinstance(each, Mapping):
                 continue
@@ -123,6 +141,7 @@ class Sayings:
     def text(self, lines: Iterable[str], place: str, split: Any = None) -> None:  # noqa: ANN401 - cells of a line
         """Collect lines such as ``input: mV``, ``u [mV], q [rad]``, ``units: s, mV, rad``."""
         for line in [*dict.fromkeys(lines)][:_MOST]:
+            self._hear(line.strip(" #%/\t"), place)
             plain = plain_text(line[:_LONGEST]).strip(" #%/\t,;")
             plain = re.sub(r"[,;]\s+(in\s)", r" \1", plain)
             if len(two := re.split(r"\s*[,;\t]\s*", plain)) == 2 and _besides_unit(two[0]):  # noqa: PLR2004
@@ -151,7 +170,33 @@ class Sayings:
         for way, (factor, offset) in self._scales.items():
             for name in self._of(way, places)[0]:
                 found[name] = replace(found[name], scale=(factor, offset))
+        if "input" in found and not found["input"].said:
+            mentioned = tuple(self._mentioned(places["input"]))
+            found["input"] = replace(found["input"], mentioned=mentioned)
         return found
+
+    def _hear(self, text: str, place: str, way: Way = ()) -> None:
+        if len(self._texts) < _MOST:
+            self._texts[way, text[:_LONGEST], place] = None
+
+    def _mentioned(self, number: int) -> Iterable[Words]:
+        """Yield the units anywhere in the file that may be of a column, surely so as values."""
+        name = self._names[number]
+        own = {_key(name), _key(without_ending(name)), *_ALIASES["input"]}
+        others = {_key(without_unit(each)) for each in self._names if each != name} - own
+        for way, text, place in [((number,), name, _OF_NAME), *self._texts]:
+            columns = self._columns(way)
+            if columns and number not in columns:
+                continue
+            for each in mentions(text):
+                around = {_key(token).strip(".") for token in (*each.before, *each.after)}
+                if around & _OF_OTHERS or (around & others and not around & own):
+                    continue
+                beside = _is_beside(each, own) or _is_alone(each, way and columns)
+                if beside or each.sure or each.bracketed:
+                    how = Said.AS_VALUE if beside else Said.IN_PROSE
+                    said = place if place == _OF_NAME else f"{place}: {text[:_SHOWN]!r}"
+                    yield Words(each.text, said, how)
 
     @cached_property
     def _index(self) -> tuple[dict[Any, list[int]], ...]:
@@ -261,18 +306,37 @@ class Sayings:
         """Return the fields that something is said of, and whether of a single column."""
         if not way:
             return [*places], len(self._names) == 1
-        if isinstance(way[0], int):
-            return [field for field, k in places.items() if k == way[0]], True
+        if found := self._columns(way):
+            return [field for field, k in places.items() if k in found], len(found) == 1
+        words = {each for each in _words(str(way[-1])) if each not in _ASIDE}
+        return [f for f in places if words and words <= _ALIASES.get(f, {f})], True
+
+    def _columns(self, way: Way) -> list[int]:
+        """Return the columns that ``way`` leads to."""
+        if not way or isinstance(way[0], int):
+            return [each for each in way[:1] if isinstance(each, int)]
         whole, ends, bare = self._index
         keys = tuple(_key(part) for each in way for part in str(each).split("."))
         found, last = whole.get(keys) or ends.get(keys[-1]) or [], str(way[-1])
-        words = [each for each in _words(last) if each not in _ASIDE]
-        for text in map(_key, (last, without_unit(last), " ".join(words))):
+        words = " ".join(each for each in _words(last) if each not in _ASIDE)
+        for text in map(_key, (last, without_unit(last), words)):
             found = found or bare.get(text or None, [])
-        if found:
-            return [field for field, k in places.items() if k in found], len(found) == 1
-        fields = [f for f in places if words and {*words} <= _ALIASES.get(f, {f})]
-        return fields, True
+        return found
+
+
+def _is_beside(mention: Mention, names: Collection[str]) -> bool:
+    """Whether a unit stands beside one of the names, but for words and marks between."""
+    near = [
+        next((key for key in map(_key, tokens) if key not in _BETWEEN), "")
+        for tokens in (mention.before[::-1], mention.after)
+    ]
+    return any(key in names for key in near)
+
+
+def _is_alone(mention: Mention, of_column: object) -> bool:
+    """Whether there are only units and numbers in its clause: sure ones, or those of a column."""
+    rest = [each for each in (*mention.before, *mention.after) if each not in _BETWEEN]
+    return bool(mention.sure or of_column) and all(is_value(x) or units_meant(x) for x in rest)
 
 
 def _units_within(row: Mapping[str, Any]) -> dict[str, Any]:

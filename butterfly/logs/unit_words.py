@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import re
 import unicodedata
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import cache, lru_cache
 
 _TURN = 2 * math.pi
@@ -18,7 +19,7 @@ QUANTITIES: dict[str, dict[str, float]] = {
     "torque": {"Nm": 1.0, "mNm": 1e-3, "uNm": 1e-6, "Ncm": 1e-2, "kgf cm": 9.80665e-2}
     | {"kNm": 1e3, "MNm": 1e6},
     "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3, "MN": 1e6},
-    "share": {"%": 1e-2},
+    "share": {"duty": 1.0, "%": 1e-2},
     "angle": {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180, "mdeg": math.pi / 180e3}
     | {"arcmin": math.pi / 10_800, "arcsec": math.pi / 648e3, "gon": math.pi / 200}
     | {"turns": _TURN},
@@ -72,7 +73,10 @@ _ALSO = {
 _PRODUCTS = {(f"{p}N", "m"): f"{p}Nm" for p in ("", "m", "u", "k", "M")}
 _PRODUCTS |= {("N", "cm"): "Ncm", ("N", "mm"): "mNm", ("turns", "min"): "rpm"}
 _PRODUCTS |= {(of, "cm"): "kgf cm" for of in ("kgf", "kg")}
+_PRODUCTS |= {(of, "%"): "%" for of in ("duty", "pwm")}
 _PRODUCTS |= {(of, "s"): f"{of}/s" for of in ("rad", "mrad", "deg", "turns", "m", "cm", "mm")}
+
+_PARTS = ("kgf", "uN", "pwm")  # of units, themselves none
 
 _SAME = str.maketrans("º˚−–⋅·×∙【】〔〕", "°°--****[][]")
 _WORDS_OF_PREFIX = "|".join(_PREFIXES.values())
@@ -82,6 +86,12 @@ _NUMBER_OF_COUNTS = re.compile(
 )
 _UNKNOWN_COUNTS = re.compile(r"(?:encoder |adc )?(?:counts?|ticks?|cts?|lsbs?)")
 _LONGEST = 60  # characters of a unit
+
+_BREAKS, _BRACKETS = ",;|\t", "()[]{}"
+_MARKS = f'{_BREAKS}{_BRACKETS}:="<>'
+_TOKEN = re.compile(rf"[{re.escape(_MARKS)}]|[^\s_{re.escape(_MARKS)}]+")
+_NUMBER = re.compile(r"[~\u00b1<>\u2264\u2265+-]*\d[\d.,]*(?:e[+-]?\d+)?", re.IGNORECASE)
+_WORDS = 3  # of a unit, at most
 
 
 def plain_text(text: str) -> str:
@@ -105,7 +115,9 @@ def units_meant(text: str) -> tuple[str, ...]:
     plain = re.sub(r"(?i)([a-z°])\s*(?:\*\*|\^)?\s*\(?-1(?:\.0)?\)?(?!\d)", r"\1 -1", plain)
     plain = re.sub(r"(?:^|[\s*.]+)([a-zA-Z]+) -1", r"/\1", plain)  # s^-1
     plain = re.sub(r"(?i)\bper\b", "/", plain)
-    return _looked_up(plain, exact=True) or _looked_up(plain, exact=False)
+    plain = re.sub(r"(?i)\bduty[\s-]*cycle\b", "duty", plain)
+    found = _looked_up(plain, exact=True) or _looked_up(plain, exact=False)
+    return tuple(unit for unit in found if unit not in _PARTS)
 
 
 def _looked_up(text: str, *, exact: bool) -> tuple[str, ...]:
@@ -135,7 +147,7 @@ def _spellings(*, exact: bool) -> dict[str, tuple[str, ...]]:
 
 def _spelt() -> Iterable[tuple[str, str]]:
     """Yield each unit, and parts of units, with each of its spellings."""
-    parts = [*_KINDS, "kgf", "uN"]
+    parts = [*_KINDS, *_PARTS]
     for unit in parts:
         yield unit, unit.replace(" ", "")
         yield from ((unit, each) for each in _ALSO.get(unit, "").split())
@@ -162,3 +174,62 @@ def factor_of(unit: str) -> float:
 def quantity_of(unit: str) -> str:
     """Return the quantity of a unit, a key of `QUANTITIES`."""
     return "angle" if unit.startswith("counts/") else _KINDS[unit]
+
+
+@dataclass(frozen=True)
+class Mention:
+    """A unit within a text: its words, and the tokens before and after it in its clause."""
+
+    text: str
+    before: tuple[str, ...]
+    after: tuple[str, ...]
+    bracketed: bool
+
+    @property
+    def sure(self) -> bool:
+        """Whether nothing else is spelt so: mV or volts, but not A, %, ma or duty."""
+        letters = [each for each in self.text if each.isalpha()]
+        mixed = any(map(str.isupper, letters)) and any(map(str.islower, letters))
+        return mixed or (len(letters) > len("amp") and self.text.lower() != "duty")
+
+
+@lru_cache(4096)
+def mentions(text: str) -> tuple[Mention, ...]:
+    """Return the units within a text, but not those of a value (24 V) or part of others (mV/A)."""
+    return tuple(_mentions(_TOKEN.findall(plain_text(text))))
+
+
+def is_value(token: str) -> bool:
+    """Whether a token of a text is a number."""
+    return _NUMBER.fullmatch(token) is not None
+
+
+def _mentions(tokens: Sequence[str]) -> Iterator[Mention]:
+    first, begin = 0, 0
+    while first < len(tokens):
+        begin = first if tokens[first] in _BREAKS else begin
+        ends = range(min(first + _WORDS, len(tokens)), first, -1)
+        end = next((each for each in ends if _is_unit(tokens[first:each])), 0)
+        if end and not (first and is_value(tokens[first - 1])) and not _joined(tokens, first, end):
+            marks = [each for each in tokens[:first] if each in _BRACKETS]
+            until = next((k for k in range(end, len(tokens)) if tokens[k] in _BREAKS), len(tokens))
+            before, after = tuple(tokens[begin:first]), tuple(tokens[end:until])
+            bracketed = bool(marks) and marks[-1] in "([{"
+            yield Mention(" ".join(tokens[first:end]), before, after, bracketed)
+        first = max(end, first + 1)
+
+
+def _is_unit(tokens: Sequence[str]) -> bool:
+    ends = (tokens[0], tokens[-1])
+    words = all(any(c.isalnum() or c in "%°" for c in each) for each in ends)
+    return words and not {*tokens} & {*_MARKS} and bool(units_meant(" ".join(tokens)))
+
+
+def _joined(tokens: Sequence[str], first: int, end: int) -> bool:
+    """Whether units are part of a product or quotient."""
+    beside = (tokens[first - 1 : first], tokens[first - 2 : first - 1] if first > 1 else [])
+    pairs = (beside, (tokens[end : end + 1], tokens[end + 1 : end + 2]))
+    return any(
+        mark in (["/"], ["*"], ["per"]) or (mark == ["-"] and bool(other) and _is_unit(other))
+        for mark, other in pairs
+    )

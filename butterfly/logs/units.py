@@ -49,6 +49,7 @@ UNITS = {
 ASSUMED, GIVEN = "assumed", "given"
 """Source of a unit that is not in the file: the default, or an option or the manifest."""
 
+_KIND_OF = {"share": "duty", "force": "torque"}  # of an input, by its quantity
 _TURNABLE = ("input", "angle", "velocity", "setpoint")
 _BRACKETS = re.compile(r"[\[({]([^\[\](){}]*)(?:[\])}]|$)")
 _SILENT = re.compile(
@@ -130,6 +131,33 @@ class Heading:
     said: tuple[Words, ...] = ()  # of its unit
     shared: tuple[Words, ...] = ()  # the same, of several columns: of those that it fits
     scale: tuple[float, float] = (1.0, 0.0)  # factor and offset that make its numbers values
+    mentioned: tuple[Words, ...] = ()  # units in the file that nothing says to be of a column
+
+
+@dataclass(frozen=True)
+class Unread:
+    """Another unit in a file than the one that its input was taken in, and what may be right."""
+
+    taken: str
+    unit: str
+    place: str
+    kind: str = ""  # of the input, if the unit is of another quantity
+
+    @property
+    def text(self) -> str:
+        """What was taken, and what the file says."""
+        taken = taken_text(self.taken, silent=False)
+        return f"{taken}, but the file says {self.unit} ({self.place})"
+
+    @property
+    def cure(self) -> str:
+        """How to say what is right."""
+        units = f"units: {{input: {self.unit}}} in the manifest"
+        if self.kind:
+            how = f"--input {self.kind}, and --units input={self.unit}"
+            return f"Set {how}; or input: {self.kind}, {units}. If {self.taken} is right, say so."
+        right = f"If {self.taken} is right, say so: --units input={self.taken}."
+        return f"Set --units input={self.unit}, or {units}. {right}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,11 +169,22 @@ class ColumnReading:
     unit: str
     said: str  # source of the unit: "name", another place in the file, `GIVEN` or `ASSUMED`
     factor: float  # to the project's own unit, negative if negated
+    unread: Unread | None = None  # of an assumed unit of the input
 
     @property
     def own(self) -> bool:
         """Whether the file gives a unit other than the project's own."""
         return self.said not in {ASSUMED, GIVEN} and (abs(self.factor) != 1 or "epoch" in self.unit)
+
+    @property
+    def assumed(self) -> bool:
+        """Whether nobody says the unit."""
+        return self.said == ASSUMED
+
+    @property
+    def taken(self) -> str:
+        """What an assumed unit of the input was taken for."""
+        return self.unread.text if self.unread else taken_text(self.unit)
 
     @property
     def text(self) -> str:
@@ -172,10 +211,40 @@ def read_unit(
         unit, said = _unit_and_place(source, field, heading, given, fitting)
         factor = factor_of(unit)
     factor = units.factor(field, factor)
+    unread = _unread(heading, unit, fitting) if (field, said) == ("input", ASSUMED) else None
     if heading.scale != (1.0, 0.0):
         said += ", scale_factor {:g} and add_offset {:g}".format(*heading.scale)
     name, number = heading.name, heading.number
-    return ColumnReading(name=name, number=number, unit=unit, said=said, factor=factor)
+    return ColumnReading(
+        name=name, number=number, unit=unit, said=said, factor=factor, unread=unread
+    )
+
+
+def _kind_of(unit: str) -> str:
+    """Return the kind of input that has a unit; "" if none has."""
+    quantity = quantity_of(unit)
+    return _KIND_OF.get(quantity, quantity) if quantity in _HOLDS["input"] else ""
+
+
+def taken_text(unit: str, *, silent: bool = True) -> str:
+    """Say what the input was taken in, where its file is ``silent`` or says something else."""
+    return f"input taken in {unit}" + ": the file does not say" * silent
+
+
+def _unread(heading: Heading, taken: str, fitting: Sequence[str]) -> Unread | None:
+    """Return the first unit of an input, other than the taken one, that the file mentions.
+
+    One in prose counts if it is of a ``fitting`` quantity.
+    """
+    for words in heading.mentioned:
+        for unit in units_spelt("input", words.text):
+            quantity, own = quantity_of(unit), quantity_of(taken)
+            kinds = fitting if words.how is Said.IN_PROSE else _HOLDS["input"]
+            if quantity in kinds and (quantity, factor_of(unit)) != (own, factor_of(taken)):
+                return Unread(
+                    taken, unit, words.place, "" if quantity in fitting else _kind_of(unit)
+                )
+    return None
 
 
 def apportioned(
@@ -214,6 +283,8 @@ def _unit_and_place(
         elif len(named) == 1 and (sure or given is None):
             expected = f"a unit of {' or '.join(fitting)}: {', '.join(fits)}, or a factor"
             what = f"the unit {named[0]} of {field} ({words.place})"
+            kind = _kind_of(named[0]) if field == "input" else ""
+            expected += f"; or --input {kind}" if kind else ""
             raise InputError(source, where, what, f"{expected} ({option})")
         elif given is None and not words.silent and (sure or len(named) > 1):
             expected = " or ".join(named) or f"one of {', '.join(fits)}, or a factor"
