@@ -10,9 +10,10 @@ import json
 import math
 import re
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, lru_cache
+from itertools import dropwhile, takewhile
 from typing import Any
 
 from butterfly.errors import InputError
@@ -22,7 +23,6 @@ from butterfly.logs.unit_words import (
     is_value,
     mentions,
     plain_text,
-    units_meant,
 )
 from butterfly.logs.units import (
     UNITS,
@@ -59,14 +59,22 @@ _ALIASES = {
 }
 _SCALES = {"scale_factor": 0, "add_offset": 1}  # of the conventions for netCDF
 _LETTERS = frozenset("VANsmhg")  # that are units
-_IDIOMS = {"turn", "second"}  # in turn
+
 _OF_OTHERS = {
     *("supply", "bus", "battery", "limit", "limits", "max", "maximum", "min", "minimum", "rated"),
     *("rating", "nominal", "constant", "noise", "resolution", "offset", "threshold", "friction"),
 }  # words of what a unit may be of besides a column
 _PARTS = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+|[^\W\d_a-zA-Z]+")
-_BRACKETED = re.compile(r"([^\[\](){},;|\t]*?)([\[({])([^\[\](){}]*)(?:[\])}]|$)")
-_BETWEEN = {*',;|:=()[]{}<>"', "\t", "-", "in", "is", "as", "are", "of", "for", "the", *_UNITS}
+_BRACKETED = re.compile(r"([^\[\](){},;|\t]*?)[\[({]([^\[\](){}]*)(?:[\])}]|$)")
+_IN_BRACKETS = re.compile(r"[\[({]([^\[\](){}]*)[\])}]")
+_DIVIDED = re.compile(r"[,;|\t]")
+_WIDE = re.compile(r"\s{2,}")
+_SECTION = re.compile(r"\[([^\[\]:=]+)\]")
+_PAIR = re.compile(
+    r"""([\w-]+)["']?\s*[:=]\s*("[^"]*"|'[^']*'|[^\s,;{}<>][^,;{}<>]*?(?=\s+\w+=|[,;{}<>/]|$))"""
+)
+_BETWEEN = _ASIDE - {"y"} | {"for", "given", "was", "were", "be", "stored", "logged", "expressed"}
+_WORDS = 4  # of a column's name in a text
 _SHOWN = 40  # characters of a text
 _OF_NAME = "name"
 _DEEPEST, _MOST, _LONGEST = 16, 1000, 500  # keys within keys, lines of text, characters of a line
@@ -94,7 +102,7 @@ class Sayings:
             mark = "." if place and not place.endswith(("metadata", "attribute")) else " "
             where = f"{place}{mark}{key}".strip(" .")
             below = way if key.lower() in _HOLDERS else (*way, key)
-            self._hear(f"{key}: {value}" if isinstance(value, str) else key, where, below)
+            self._hear(key, where, way)
             rest = _besides_unit(key)
             if rest is not None:
                 self._units(value, (*way, *rest), where)
@@ -105,13 +113,12 @@ class Sayings:
             elif way and key.lower() in _SCALES:
                 scales = self._scales.setdefault(way, [1.0, 0.0])
                 scales[_SCALES[key.lower()]] = self._number(key, value)
-            elif not isinstance(value, str) or key.lower().endswith("type"):  # datetime64[ns]
-                continue
-            elif way:
-                self._prose(value, way, where)
-                self._add((key,), value, where, Said.AS_VALUE)
-            else:
-                self.text([f"{key}: {value}", *value.splitlines()], where)
+            elif isinstance(value, str) and not key.lower().endswith("type"):  # datetime64[ns]
+                if way:
+                    self._hear(value, where, way)
+                    self._add((key,), value, where, Said.AS_VALUE)
+                else:
+                    self.text([f"{key}: {value}", *value.splitlines()], where)
 
     def _listed(self, found: list[Any], place: str, way: Way, own: Way) -> None:
         """Collect from a list of columns, or of rows that repeat the unit of theirs."""
@@ -138,29 +145,53 @@ class Sayings:
         """Collect the unit of a column."""
         self._add((number,), str(text), place, Said.AS_UNIT)
 
-    def text(self, lines: Iterable[str], place: str, split: Any = None) -> None:  # noqa: ANN401 - cells of a line
-        """Collect lines such as ``input: mV``, ``u [mV], q [rad]``, ``units: s, mV, rad``."""
-        for line in [*dict.fromkeys(lines)][:_MOST]:
-            self._hear(line.strip(" #%/\t"), place)
-            plain = plain_text(line[:_LONGEST]).strip(" #%/\t,;")
-            plain = re.sub(r"[,;]\s+(in\s)", r" \1", plain)
-            if len(two := re.split(r"\s*[,;\t]\s*", plain)) == 2 and _besides_unit(two[0]):  # noqa: PLR2004
-                plain = ": ".join(two)
+    def text(
+        self,
+        lines: Iterable[str],
+        place: str,
+        split: Callable[[str], list[str]] | None = None,
+    ) -> None:
+        """Collect lines: keys and values of any depth, rows of units, tables of columns, prose."""
+        kept = [plain_text(line[:_LONGEST]) for line in [*dict.fromkeys(lines)][:_MOST]]
+        for found in (nested(kept), *records(kept)):
+            self.metadata(found, place)
+        for line in kept:
+            plain = re.sub(r"[,;]\s+(in\s)", r" \1", line.strip(" #%/\t,;"))
+            self._hear(plain, place)
+            if self._row_in(plain, place, split or _cells):
+                continue
             head, mark, rest = _halves(plain)
             first, _, after = plain.partition(" ")
             if mark and head.lower() in _UNITS:
                 self._units(rest, (), place)
-            elif first.lower() in _UNITS and (is_unit(after) or self._is_row(_cells(after))):
+            elif first.lower() in _UNITS and is_unit(after):
                 self._units(after, (), place)
-            elif (cells := split(plain) if split else _cells(plain)) and self._is_row(cells):
-                self.row(cells, place)
-            else:
-                for segment in _segments(plain):
-                    self._segment(segment, place)
+            for segment in _segments(plain):
+                self._segment(segment, place)
+
+    def _row_in(self, line: str, place: str, split: Callable[[str], list[str]]) -> bool:
+        """Collect a row of units, or the unit in a row about one column; tell whether it is one."""
+        first, *rest = split(line)
+        ways = [[first, *rest], _cells(line), _WIDE.split(line), _IN_BRACKETS.findall(line)]
+        ways += [_cells(line.partition(mark)[2]) for mark in ":= "]
+        if _besides_unit(first) == ():
+            ways += [rest, ["", *rest]]
+        row = next((cells for cells in ways if self._is_row(cells)), None)
+        if row is not None:
+            self.row(row, place)
+            return True
+        for cells in (_DIVIDED.split(line), _WIDE.split(line)):
+            columns = [each for each in cells if len(self._columns((each,))) == 1]
+            units = [each.strip(" [](){}") for each in cells if is_unit(each)]
+            if len(columns) == len(units) == 1:
+                self._add((columns[0],), units[0], place, Said.AS_VALUE)
+                return True
+        return False
 
     def headings(self, places: Mapping[str, int]) -> dict[str, Heading]:
         """Return the headings of the columns with these numbers, by field of the log."""
         found = {field: Heading(name=self._names[k], number=k) for field, k in places.items()}
+        in_texts = self._from_texts()
         for way, words in self._said:
             fields, alone = self._of(way, places)
             for name in fields:
@@ -171,7 +202,7 @@ class Sayings:
             for name in self._of(way, places)[0]:
                 found[name] = replace(found[name], scale=(factor, offset))
         if "input" in found and not found["input"].said:
-            mentioned = tuple(self._mentioned(places["input"]))
+            mentioned = tuple(self._mentioned(places["input"], in_texts))
             found["input"] = replace(found["input"], mentioned=mentioned)
         return found
 
@@ -179,24 +210,49 @@ class Sayings:
         if len(self._texts) < _MOST:
             self._texts[way, text[:_LONGEST], place] = None
 
-    def _mentioned(self, number: int) -> Iterable[Words]:
-        """Yield the units anywhere in the file that may be of a column, surely so as values."""
-        name = self._names[number]
-        own = {_key(name), _key(without_ending(name)), *_ALIASES["input"]}
-        others = {_key(without_unit(each)) for each in self._names if each != name} - own
-        for way, text, place in [((number,), name, _OF_NAME), *self._texts]:
-            columns = self._columns(way)
-            if columns and number not in columns:
-                continue
+    def _from_texts(self) -> list[tuple[Mention, Way, str]]:
+        """Collect the units in all texts; return each, what it may be of, and where it is."""
+        found = []
+        for way, text, place in self._texts:
+            whole = self._columns(way)
             for each in mentions(text):
-                around = {_key(token).strip(".") for token in (*each.before, *each.after)}
-                if around & _OF_OTHERS or (around & others and not around & own):
+                if {*each.words, *_words(place)} & _OF_OTHERS:
                     continue
-                beside = _is_beside(each, own) or _is_alone(each, way and columns)
-                if beside or each.sure or each.bracketed:
-                    how = Said.AS_VALUE if beside else Said.IN_PROSE
-                    said = place if place == _OF_NAME else f"{place}: {text[:_SHOWN]!r}"
-                    yield Words(each.text, said, how)
+                beside = self._subject(each)
+                of = beside or (way if whole and each.meant else ())
+                if of and self._columns(of) == (whole or self._columns(of)):
+                    sure = each.marked and (beside or each.bracket != "(")
+                    how = Said.AS_VALUE if sure or each.named_alone else Said.IN_PROSE
+                    self._add(of, each.text, place, how)
+                sure = bool(of) or each.sure or bool(each.bracket)
+                if sure:
+                    found.append((each, of or way, f"{place}: {text[:_SHOWN]!r}"))
+        return found
+
+    def _subject(self, mention: Mention) -> Way:
+        """Return the way to what a unit stands beside, but for words and marks between."""
+        for tokens, turn in ((mention.before[::-1], -1), (mention.after, 1)):
+            run = [*takewhile(_is_word, dropwhile(_is_between, tokens))][:_WORDS]
+            for count in range(len(run), 0, -1):
+                way = (" ".join(run[:count][::turn]),)
+                if self._columns(way) or self._fields(way):
+                    return way
+            if run:
+                break
+        return ()
+
+    def _mentioned(self, number: int, found: Iterable[tuple[Mention, Way, str]]) -> Iterable[Words]:
+        """Yield the units that may be of the input: as values, if hardly of anything else."""
+        name = self._names[number]
+        others = {_key(without_unit(each)) for each in self._names if each != name}
+        others -= {_key(without_ending(name))}
+        for each, of, place in [(m, (number,), _OF_NAME) for m in mentions(name)] + [*found]:
+            columns, fields = self._columns(of), self._fields(of)
+            if (columns and number in columns) or "input" in fields:
+                yield Words(each.text, place, Said.AS_VALUE)
+            elif not (columns or fields or {*each.words} & others):
+                how = Said.AS_VALUE if each.alone and each.sure else Said.IN_PROSE
+                yield Words(each.text, place, how)
 
     @cached_property
     def _index(self) -> tuple[dict[Any, list[int]], ...]:
@@ -267,40 +323,17 @@ class Sayings:
             and all(is_unit(cell) or counts_without_turn(cell) for cell in given)
         )
 
-    def _segment(self, text: str, place: str, how: Said = Said.AS_VALUE) -> None:
-        """Collect one of ``input: mV``, ``input [mV]``, ``input in mV`` and ``input mV``."""
+    def _segment(self, text: str, place: str, how: Said | None = None) -> None:
+        """Collect ``input unit: mV``, or any ``input: word`` and ``input [word]`` if told how."""
         head, mark, rest = _halves(text)
         if mark and rest:
-            if besides := _besides_unit(head):
-                self._add(besides, rest, place, Said.AS_UNIT)
-            else:
-                self._add((head,), rest, place, how)
-                self._prose(rest, (head,), place)
+            besides = _besides_unit(head)
+            if besides or how:
+                self._add(besides or (head,), rest, place, Said.AS_UNIT)
             self._segment(rest, place, how)
-            return
-        for before, bracket, words in _BRACKETED.findall(text):
-            plural = bracket == "(" and words == "s" and before[-1:].isalpha()
-            self._add((before.strip(),), words, place, Said.IN_PROSE if plural else how)
-        before, _, words = text.partition(" in ")
-        self._add((before,), words, place, how)
-        if len(pair := text.split()) == 2 and not _BRACKETED.search(text):  # noqa: PLR2004
-            self._add((pair[0],), pair[1], place, Said.IN_PROSE)
-
-    def _prose(self, text: str, way: Way, place: str) -> None:
-        """Collect units in a description of a column."""
-        plain = plain_text(text[:_LONGEST])
-        self._add(way, plain, place, Said.IN_PROSE)
-        for _, bracket, words in _BRACKETED.findall(plain):
-            self._add(way, words, place, Said.IN_PROSE if bracket == "(" else Said.AS_VALUE)
-        *_, last = re.split(r"[,;]\s", plain)
-        self._add(way, last, place, Said.IN_PROSE)
-        for clause in re.split(r"[,;.]\s", plain):
-            _, within, words = f" {clause}".rstrip(" .").rpartition(" in ")
-            if within and words.lower() not in _IDIOMS:
-                self._add(way, words, place, Said.AS_VALUE)
-            head, mark, rest = _halves(clause)
-            if mark and _besides_unit(head) is not None:
-                self._add(way, rest.rstrip("."), place, Said.AS_VALUE)
+        elif how:
+            for before, words in _BRACKETED.findall(text):
+                self._add((before.strip(),), words, place, how)
 
     def _of(self, way: Way, places: Mapping[str, int]) -> tuple[list[str], bool]:
         """Return the fields that something is said of, and whether of a single column."""
@@ -308,8 +341,15 @@ class Sayings:
             return [*places], len(self._names) == 1
         if found := self._columns(way):
             return [field for field, k in places.items() if k in found], len(found) == 1
-        words = {each for each in _words(str(way[-1])) if each not in _ASIDE}
-        return [f for f in places if words and words <= _ALIASES.get(f, {f})], True
+        return [f for f in places if f in self._fields(way)], True
+
+    def _fields(self, way: Way) -> list[str]:
+        """Return the fields that ``way`` means by usual words."""
+        last = str(way[-1]) if way and isinstance(way[-1], str) else ""
+        words = {each for each in _words(last) if each not in _ASIDE}
+        plural = {each.removesuffix("s") for each in words}
+        usual = [(f, _ALIASES.get(f, {f})) for f in UNITS]
+        return [f for f, own in usual if words and (words <= own or plural <= own)]
 
     def _columns(self, way: Way) -> list[int]:
         """Return the columns that ``way`` leads to."""
@@ -324,19 +364,53 @@ class Sayings:
         return found
 
 
-def _is_beside(mention: Mention, names: Collection[str]) -> bool:
-    """Whether a unit stands beside one of the names, but for words and marks between."""
-    near = [
-        next((key for key in map(_key, tokens) if key not in _BETWEEN), "")
-        for tokens in (mention.before[::-1], mention.after)
-    ]
-    return any(key in names for key in near)
+def _is_between(token: str) -> bool:
+    """Whether a token may stand between a name and its unit."""
+    return not _is_word(token) or token.lower() in _BETWEEN or is_value(token)
 
 
-def _is_alone(mention: Mention, of_column: object) -> bool:
-    """Whether there are only units and numbers in its clause: sure ones, or those of a column."""
-    rest = [each for each in (*mention.before, *mention.after) if each not in _BETWEEN]
-    return bool(mention.sure or of_column) and all(is_value(x) or units_meant(x) for x in rest)
+def _is_word(token: str) -> bool:
+    return any(map(str.isalnum, token))
+
+
+def nested(lines: Iterable[str]) -> dict[str, Any]:
+    """Return the keys with keys below them in lines as of YAML, JSON, TOML or INI."""
+    root: dict[str, Any] = {}
+    stack: list[tuple[float, dict[str, Any]]] = [(-1.0, root)]
+    for line in lines:
+        bare = line.strip("#%/\t ")
+        depth = float(len(line.rstrip()) - len(line.strip("#%/").lstrip()))
+        item = bare.startswith("- ")
+        bare = bare.removeprefix("- ").strip()
+        if section := _SECTION.fullmatch(bare):
+            stack = [(-1.0, root), (-0.5, root.setdefault(section[1], {}))]
+            continue
+        key, mark, value = _halves(bare)
+        key, value = key.strip(" \"'"), value.strip(" ,\"'")
+        while len(stack) > 1 and depth <= stack[-1][0]:
+            stack.pop()
+        if not mark or not key:
+            continue
+        own = stack[-1][1]
+        if item:
+            own.setdefault("", []).append(record := {})
+            stack.append((depth, record))
+            own = record
+            depth += 1
+        if value in {"", "{", "["}:
+            own[key] = {}
+            stack.append((depth, own[key]))
+        else:
+            own[key] = value
+    return {key: each for key, each in root.items() if not isinstance(each, str) and each}
+
+
+def records(lines: Iterable[str]) -> Iterator[list[dict[str, str]]]:
+    """Yield the record in each line that has pairs with a name and a unit."""
+    for line in lines:
+        pairs = {key: value.strip("\"'") for key, value in _PAIR.findall(line)}
+        if {*pairs} & {*_OWN_NAMES} and {*pairs} & _UNITS:
+            yield [pairs]
 
 
 def _units_within(row: Mapping[str, Any]) -> dict[str, Any]:
@@ -392,7 +466,7 @@ def _segments(text: str) -> list[str]:
 
 
 def _cells(text: str) -> list[str]:
-    parts = re.split(r"[,;|\t]", text)
+    parts = _DIVIDED.split(text)
     return [each.strip() for each in parts] if len(parts) > 1 else text.split()
 
 

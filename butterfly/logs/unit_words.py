@@ -92,6 +92,8 @@ _MARKS = f'{_BREAKS}{_BRACKETS}:="<>'
 _TOKEN = re.compile(rf"[{re.escape(_MARKS)}]|[^\s_{re.escape(_MARKS)}]+")
 _NUMBER = re.compile(r"[~\u00b1<>\u2264\u2265+-]*\d[\d.,]*(?:e[+-]?\d+)?", re.IGNORECASE)
 _WORDS = 3  # of a unit, at most
+_IDIOMS = {"turn", "second"}  # in turn
+_OF_KEYS = {("unit",), ("units",), ("Unit",), ("Units",)}
 
 
 def plain_text(text: str) -> str:
@@ -183,14 +185,51 @@ class Mention:
     text: str
     before: tuple[str, ...]
     after: tuple[str, ...]
-    bracketed: bool
+    bracket: str  # that it stands in, apart from words, if any
+    rest: tuple[str, ...]  # all other tokens of the text
+
+    @property
+    def words(self) -> list[str]:
+        """The words around it, in lower case."""
+        tokens = (each.lower().strip(".'") for each in (*self.before, *self.after))
+        return [each for each in tokens if any(map(str.isalnum, each))]
 
     @property
     def sure(self) -> bool:
         """Whether nothing else is spelt so: mV or volts, but not A, %, ma or duty."""
         letters = [each for each in self.text if each.isalpha()]
         mixed = any(map(str.isupper, letters)) and any(map(str.islower, letters))
-        return mixed or (len(letters) > len("amp") and self.text.lower() != "duty")
+        long = len(letters) > len("amp") and self.text.lower() != "duty"
+        return mixed or long or (bool(letters) and "%" in self.text)
+
+    @property
+    def marked(self) -> bool:
+        """Whether it is marked as a value: by a bracket, a colon, or ``in`` before it."""
+        plural = (self.bracket, self.text) == ("(", "s")  # the angle(s)
+        return not plural and (self.within or self.before[-1:] in {(each,) for each in "([{:="})
+
+    @property
+    def within(self) -> bool:
+        """Whether ``in`` stands before it, but not as in words: in turn, in s:/logs."""
+        of_words = self.text in _IDIOMS or self.after[:1] == (":",)
+        return self.before[-1:] == ("in",) and not of_words
+
+    @property
+    def named_alone(self) -> bool:
+        """Whether it is a text of its own, and more than a letter."""
+        return len(self.text) > 1 and not any(map(str.isalnum, "".join(self.rest)))
+
+    @property
+    def alone(self) -> bool:
+        """Whether there are only units and numbers in its text."""
+        words = (each for each in self.rest if any(map(str.isalnum, each)))
+        return all(is_value(each) or units_meant(each) for each in words)
+
+    @property
+    def meant(self) -> bool:
+        """Whether a text about a column means it: in brackets, after ``in``, or alone."""
+        of_key = self.before[-1:] in {(":",), ("=",)} and self.before[-2:-1] in _OF_KEYS
+        return bool(self.bracket) or self.within or of_key or not self.words
 
 
 @lru_cache(4096)
@@ -210,12 +249,20 @@ def _mentions(tokens: Sequence[str]) -> Iterator[Mention]:
         begin = first if tokens[first] in _BREAKS else begin
         ends = range(min(first + _WORDS, len(tokens)), first, -1)
         end = next((each for each in ends if _is_unit(tokens[first:each])), 0)
-        if end and not (first and is_value(tokens[first - 1])) and not _joined(tokens, first, end):
+        numbered = first == 1 and end == len(tokens) and tokens[0].isdecimal()  # a column
+        value = first and is_value(tokens[first - 1]) and not numbered
+        if end and not value and not _joined(tokens, first, end):
             marks = [each for each in tokens[:first] if each in _BRACKETS]
+            beside = {*tokens[max(first - 1, 0) : first], *tokens[end : end + 1]}
+            within = marks and marks[-1] in "([{" and beside <= {*_MARKS}
             until = next((k for k in range(end, len(tokens)) if tokens[k] in _BREAKS), len(tokens))
-            before, after = tuple(tokens[begin:first]), tuple(tokens[end:until])
-            bracketed = bool(marks) and marks[-1] in "([{"
-            yield Mention(" ".join(tokens[first:end]), before, after, bracketed)
+            yield Mention(
+                text=" ".join(tokens[first:end]),
+                before=tuple(tokens[begin:first]),
+                after=tuple(tokens[end:until]),
+                bracket=marks[-1] if within else "",
+                rest=(*tokens[:first], *tokens[end:]),
+            )
         first = max(end, first + 1)
 
 
@@ -226,10 +273,7 @@ def _is_unit(tokens: Sequence[str]) -> bool:
 
 
 def _joined(tokens: Sequence[str], first: int, end: int) -> bool:
-    """Whether units are part of a product or quotient."""
-    beside = (tokens[first - 1 : first], tokens[first - 2 : first - 1] if first > 1 else [])
-    pairs = (beside, (tokens[end : end + 1], tokens[end + 1 : end + 2]))
-    return any(
-        mark in (["/"], ["*"], ["per"]) or (mark == ["-"] and bool(other) and _is_unit(other))
-        for mark, other in pairs
-    )
+    """Whether a unit is part of a product or quotient, as no unit per a name is."""
+    pairs = [tokens[max(first - 2, 0) : first][::-1], tokens[end : end + 2]]
+    joined = [pair for pair in pairs if pair and pair[0] in {*"/*-", "per"}]
+    return any(mark == "per" or (bool(other) and _is_unit(other)) for mark, *other in joined)

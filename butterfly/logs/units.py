@@ -64,7 +64,7 @@ class Said(Enum):
 
     AS_UNIT = "its place is one of units: an unknown word is an error"
     AS_VALUE = "a known unit is one, and other words are none"
-    IN_PROSE = "the same, but for a single letter, which is none unless it is the project's own"
+    IN_PROSE = "a known unit that fits is one, a single letter only if it is the project's own"
 
 
 @dataclass(frozen=True)
@@ -280,7 +280,7 @@ def _unit_and_place(
             continue
         if len(named) == 1 and fit:
             known.setdefault(named[0], words.place)
-        elif len(named) == 1 and (sure or given is None):
+        elif len(named) == 1 and (sure or (given is None and words.how is Said.AS_VALUE)):
             expected = f"a unit of {' or '.join(fitting)}: {', '.join(fits)}, or a factor"
             what = f"the unit {named[0]} of {field} ({words.place})"
             kind = _kind_of(named[0]) if field == "input" else ""
