@@ -31,7 +31,9 @@ def read_parquet(path: Path, columns: ColumnMap | None, units: Units, about: dic
         for field in unasked:
             if not is_number_type(schema.types[places[field]]):
                 del places[field]
-        headings = _said(path, schema).headings(places)
+        sayings = _said(path, schema)
+        sayings.text(_texts(file), "column")
+        headings = sayings.headings(places)
         arrays = _columns(path, file, places)
     pa.default_memory_pool().release_unused()  # of a long log it would keep as much again
     about |= {"source": str(path)}
@@ -47,6 +49,13 @@ def _said(path: Path, schema: pa.Schema) -> Sayings:
         sayings.metadata(field.metadata or {}, "metadata", (k,))
     sayings.metadata(schema.metadata or {}, "metadata")
     return sayings
+
+
+def _texts(file: parquet.ParquetFile) -> list[str]:
+    """Return name and first text of each column of texts, such as one of units."""
+    names = [each.name for each in file.schema_arrow if pa.types.is_string(each.type)]
+    first = next(file.iter_batches(1, columns=names), None) if names else None
+    return [f"{name}: {first[name][0]}" for name in names if first is not None and len(first)]
 
 
 def _columns(path: Path, file: parquet.ParquetFile, places: Mapping[str, int]) -> dict[str, Any]:

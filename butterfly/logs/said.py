@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, lru_cache
 from itertools import dropwhile, takewhile
+from pathlib import PurePath
 from typing import Any
 
 from butterfly.errors import InputError
@@ -68,6 +69,7 @@ _PARTS = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+|[^\W\d_a-zA-Z]+")
 _BRACKETED = re.compile(r"([^\[\](){},;|\t]*?)[\[({]([^\[\](){}]*)(?:[\])}]|$)")
 _IN_BRACKETS = re.compile(r"[\[({]([^\[\](){}]*)[\])}]")
 _DIVIDED = re.compile(r"[,;|\t]")
+_MARKS, _ENDS = " #%/\t,;", " #/\t,;"  # of comments
 _WIDE = re.compile(r"\s{2,}")
 _SECTION = re.compile(r"\[([^\[\]:=]+)\]")
 _PAIR = re.compile(
@@ -88,6 +90,7 @@ class Sayings:
         self._said: dict[tuple[Way, Words], None] = {}
         self._scales: dict[Way, list[float]] = {}
         self._texts: dict[tuple[Way, str, str], None] = {}  # all there are, with their places
+        self._hear(PurePath(str(source)).stem, "file name")
 
     def metadata(self, found: Any, place: str = "", way: Way = ()) -> None:  # noqa: ANN401 - whatever a file holds
         """Collect keys and their values, or rows of them, which concern what ``way`` names."""
@@ -102,7 +105,7 @@ class Sayings:
             mark = "." if place and not place.endswith(("metadata", "attribute")) else " "
             where = f"{place}{mark}{key}".strip(" .")
             below = way if key.lower() in _HOLDERS else (*way, key)
-            self._hear(key, where, way)
+            self._hear(key, where, way, below)
             rest = _besides_unit(key)
             if rest is not None:
                 self._units(value, (*way, *rest), where)
@@ -113,12 +116,13 @@ class Sayings:
             elif way and key.lower() in _SCALES:
                 scales = self._scales.setdefault(way, [1.0, 0.0])
                 scales[_SCALES[key.lower()]] = self._number(key, value)
-            elif isinstance(value, str) and not key.lower().endswith("type"):  # datetime64[ns]
-                if way:
-                    self._hear(value, where, way)
-                    self._add((key,), value, where, Said.AS_VALUE)
-                else:
-                    self.text([f"{key}: {value}", *value.splitlines()], where)
+            elif not isinstance(value, str) or key.lower().endswith("type"):  # datetime64[ns]
+                continue
+            elif way:
+                self._hear(value, where, way)
+                self._add((key,), value, where, Said.AS_VALUE)
+            else:
+                self.text([f"{key}: {value}", *value.splitlines()], where)
 
     def _listed(self, found: list[Any], place: str, way: Way, own: Way) -> None:
         """Collect from a list of columns, or of rows that repeat the unit of theirs."""
@@ -145,6 +149,10 @@ class Sayings:
         """Collect the unit of a column."""
         self._add((number,), str(text), place, Said.AS_UNIT)
 
+    def note(self, number: int, text: str, place: str) -> None:
+        """Collect a text about a column."""
+        self._hear(text, place, (number,))
+
     def text(
         self,
         lines: Iterable[str],
@@ -156,7 +164,7 @@ class Sayings:
         for found in (nested(kept), *records(kept)):
             self.metadata(found, place)
         for line in kept:
-            plain = re.sub(r"[,;]\s+(in\s)", r" \1", line.strip(" #%/\t,;"))
+            plain = re.sub(r"[,;]\s+(in\s)", r" \1", line.lstrip(_MARKS).rstrip(_ENDS))
             self._hear(plain, place)
             if self._row_in(plain, place, split or _cells):
                 continue
@@ -173,7 +181,7 @@ class Sayings:
         """Collect a row of units, or the unit in a row about one column; tell whether it is one."""
         first, *rest = split(line)
         ways = [[first, *rest], _cells(line), _WIDE.split(line), _IN_BRACKETS.findall(line)]
-        ways += [_cells(line.partition(mark)[2]) for mark in ":= "]
+        ways += [_cells(line.partition(mark)[2]) for mark in ":= "] + [line.split("/")]
         if _besides_unit(first) == ():
             ways += [rest, ["", *rest]]
         row = next((cells for cells in ways if self._is_row(cells)), None)
@@ -201,16 +209,17 @@ class Sayings:
         for way, (factor, offset) in self._scales.items():
             for name in self._of(way, places)[0]:
                 found[name] = replace(found[name], scale=(factor, offset))
-        if "input" in found and not found["input"].said:
+        if "input" in found:
             mentioned = tuple(self._mentioned(places["input"], in_texts))
             found["input"] = replace(found["input"], mentioned=mentioned)
         return found
 
-    def _hear(self, text: str, place: str, way: Way = ()) -> None:
-        if len(self._texts) < _MOST:
+    def _hear(self, text: str, place: str, way: Way = (), name: Way = ()) -> None:
+        """Keep a text about what ``way`` leads to, unless it is the ``name`` of a column."""
+        if len(self._texts) < _MOST and not (name and self._columns(name)):
             self._texts[way, text[:_LONGEST], place] = None
 
-    def _from_texts(self) -> list[tuple[Mention, Way, str]]:
+    def _from_texts(self) -> list[tuple[Way, Words, Mention]]:
         """Collect the units in all texts; return each, what it may be of, and where it is."""
         found = []
         for way, text, place in self._texts:
@@ -224,9 +233,12 @@ class Sayings:
                     sure = each.marked and (beside or each.bracket != "(")
                     how = Said.AS_VALUE if sure or each.named_alone else Said.IN_PROSE
                     self._add(of, each.text, place, how)
-                sure = bool(of) or each.sure or bool(each.bracket)
-                if sure:
-                    found.append((each, of or way, f"{place}: {text[:_SHOWN]!r}"))
+                alone = not way and each.of_list and all(map(_is_of_list, each.rest))
+                how = Said.AS_VALUE if of or alone else Said.IN_PROSE
+                if of or alone or each.sure or each.bracket:
+                    found.append(
+                        (of or way, Words(each.text, f"{place}: {text[:_SHOWN]!r}", how), each)
+                    )
         return found
 
     def _subject(self, mention: Mention) -> Way:
@@ -241,18 +253,20 @@ class Sayings:
                 break
         return ()
 
-    def _mentioned(self, number: int, found: Iterable[tuple[Mention, Way, str]]) -> Iterable[Words]:
+    def _mentioned(
+        self, number: int, found: Iterable[tuple[Way, Words, Mention]]
+    ) -> Iterable[Words]:
         """Yield the units that may be of the input: as values, if hardly of anything else."""
         name = self._names[number]
         others = {_key(without_unit(each)) for each in self._names if each != name}
         others -= {_key(without_ending(name))}
-        for each, of, place in [(m, (number,), _OF_NAME) for m in mentions(name)] + [*found]:
+        for each in mentions(name.replace(".", " ")):
+            yield Words(each.text, _OF_NAME, Said.AS_VALUE)
+        for of, words, each in found:
             columns, fields = self._columns(of), self._fields(of)
-            if (columns and number in columns) or "input" in fields:
-                yield Words(each.text, place, Said.AS_VALUE)
-            elif not (columns or fields or {*each.words} & others):
-                how = Said.AS_VALUE if each.alone and each.sure else Said.IN_PROSE
-                yield Words(each.text, place, how)
+            own = (columns and number in columns) or "input" in fields
+            if own or not (columns or fields or {*each.words} & others):
+                yield words
 
     @cached_property
     def _index(self) -> tuple[dict[Any, list[int]], ...]:
@@ -366,7 +380,13 @@ class Sayings:
 
 def _is_between(token: str) -> bool:
     """Whether a token may stand between a name and its unit."""
-    return not _is_word(token) or token.lower() in _BETWEEN or is_value(token)
+    return not _is_word(token) or token.lower().strip(".") in _BETWEEN or is_value(token)
+
+
+def _is_of_list(token: str) -> bool:
+    """Whether a token may stand in a list of units, one for each column."""
+    listed = {*_UNITS, "column", "col", "channel"}
+    return not _is_word(token) or is_value(token) or is_unit(token) or token.lower() in listed
 
 
 def _is_word(token: str) -> bool:
@@ -467,7 +487,8 @@ def _segments(text: str) -> list[str]:
 
 def _cells(text: str) -> list[str]:
     parts = _DIVIDED.split(text)
-    return [each.strip() for each in parts] if len(parts) > 1 else text.split()
+    parts = parts if len(parts) > 1 else text.split()
+    return [each.strip() for each in (parts if len(parts) > 1 else text.split("/"))]
 
 
 def _text(value: Any) -> str:  # noqa: ANN401 - whatever a file holds

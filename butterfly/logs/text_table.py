@@ -55,6 +55,7 @@ class TextColumns:
     split: Callable[[str], list[str]] | None = None  # a line into its cells
     lines: Sequence[int] = ()  # (n,) number of each row's line, from 1 on
     reading: FileReading = AS_WRITTEN
+    notes: Sequence[tuple[int | None, str, str]] = ()  # column or None, text and its place
 
 
 class _Line(NamedTuple):

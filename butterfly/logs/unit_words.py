@@ -220,10 +220,9 @@ class Mention:
         return len(self.text) > 1 and not any(map(str.isalnum, "".join(self.rest)))
 
     @property
-    def alone(self) -> bool:
-        """Whether there are only units and numbers in its text."""
-        words = (each for each in self.rest if any(map(str.isalnum, each)))
-        return all(is_value(each) or units_meant(each) for each in words)
+    def of_list(self) -> bool:
+        """Whether its spelling, or another unit or number in the text, makes a list likely."""
+        return self.sure or any(is_value(each) or units_meant(each) for each in self.rest)
 
     @property
     def meant(self) -> bool:

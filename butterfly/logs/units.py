@@ -22,6 +22,7 @@ from butterfly.logs.unit_words import (
     QUANTITIES,
     counts_without_turn,
     factor_of,
+    mentions,
     plain_text,
     quantity_of,
     units_meant,
@@ -358,7 +359,9 @@ def _in_name(field: str, name: str, fitting: Sequence[str]) -> list[Words]:
             return [Words(words, _NAME, how) if len(named) > 1 else Words(named[0], _NAME, how)]
         if before and counts_without_turn(words):
             return [Words(words, _NAME)]
-    return []
+    within = mentions(re.sub(r"[./-]|(?<=[a-z])(?=[A-Z][a-z])", " ", bare))
+    sure = [each.text for each in within if each.sure and each.words]
+    return [Words(each, _NAME, Said.AS_VALUE) for each in sure[:1]]
 
 
 def _endings(name: str) -> Iterable[tuple[int, str]]:

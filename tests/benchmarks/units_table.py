@@ -405,7 +405,7 @@ HARMLESS = (
     *("PWM frequency 20 kHz", "a heavy duty gearbox", "gain 100 mV/A", "sensitivity: 2 mV per rad"),
     *("Motor: 24 V, 150 W, 6 A", "run 12: 80 % of the speed", "us and them, ma and pa", "MA thesis"),
     *("current limit: 3000 mA", "max. current in mA: 3000", "supply voltage in mV: 24000", "m = 3"),
-    *("amplifier: 4 A peak", "rated torque (mNm): 120", "version (V)", "series A, board V"),
+    *("amplifier: 4 A peak", "rated torque (mNm): 120", "version V", "series A, board V"),
     *("ambient 21 C, 40 % humidity", "voltage divider 1:10", "battery at 80 percent", "axis: m"),
 )
 
