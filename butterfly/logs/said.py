@@ -413,7 +413,8 @@ def nested(lines: Iterable[str]) -> dict[str, Any]:
             continue
         own = stack[-1][1]
         if item:
-            own.setdefault("", []).append(record := {})
+            record: dict[str, Any] = {}
+            own.setdefault("", []).append(record)
             stack.append((depth, record))
             own = record
             depth += 1
