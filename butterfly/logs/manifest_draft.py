@@ -135,7 +135,20 @@ def open_questions(manifest: Manifest, given: Collection[str], *, named: bool) -
     """Return the questions on a draft, by key that was not given; files ``named`` tell sines."""
     by_name = manifest.columns is None or {*map(type, manifest.columns.values())} == {str}
     settled = {*given, "columns" * by_name, "logs" * named}
-    return {key: text for key, text in _QUESTIONS.items() if key not in settled}
+    questions = {"units": _unit_taken(manifest)} | _QUESTIONS
+    return {key: text for key, text in questions.items() if text and key not in settled}
+
+
+def _unit_taken(manifest: Manifest) -> str:
+    """Say what the input of the first log was taken in, and how to say another; "" if it says."""
+    try:
+        log = read_entry(manifest, manifest.logs[0])
+    except InputError:
+        return ""
+    read = log.reading.columns.get("input")
+    if read is None or not read.assumed or log.input_kind is InputKind.NONE:
+        return ""
+    return f"{read.taken}. Another unit: units: {{input: {read.other}}}."
 
 
 def draft_text(manifest: Manifest, questions: Mapping[str, str]) -> str:
@@ -144,6 +157,9 @@ def draft_text(manifest: Manifest, questions: Mapping[str, str]) -> str:
     units = {name: manifest.units.get(name.removeprefix("added_"), names[name]) for name in names}
     places = ", ".join(f"{name}: ({unit})" for name, unit in units.items())
     lines = manifest_text(manifest).splitlines(keepends=True)
+    if "units" in questions and not manifest.units:  # as a comment where it would stand
+        both = filter(None, (questions.get("input"), questions["units"]))
+        questions = {**questions, "input": " ".join(both)}
     return "".join(
         f"# To settle: {questions[key]}\n{line}"
         + f"  # - {{file: ..., {places}}}\n" * (key == "logs")

@@ -188,6 +188,11 @@ class ColumnReading:
         return self.unread.text if self.unread else taken_text(self.unit)
 
     @property
+    def other(self) -> str:
+        """Another unit than the assumed one: that which the file mentions, or an example."""
+        return self.unread.unit if self.unread else f"m{self.unit}" if self.unit in "VA" else "..."
+
+    @property
     def text(self) -> str:
         """Description of the column."""
         which = f'"{self.name}"' if self.name else "without a name"
