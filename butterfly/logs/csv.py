@@ -60,6 +60,11 @@ def log_of_text(
             del places[field]
             layout = (*reading.layout, f"column {field} has no numbers and is ignored")
             reading = replace(reading, layout=layout)
+    if unclear := [table.grouped[k] for k in places.values() if k in table.grouped]:
+        meant = unclear[0].replace(".", "")
+        reading = replace(
+            reading, unclear=f"{unclear[0]} read with a decimal point, not as {meant}"
+        )
     named = columns or {}
     arrays = {f: _numeric(path, table, k, str(named.get(f, f)), f) for f, k in places.items()}
     headings = _headings(path, table, places)

@@ -118,6 +118,7 @@ class FileReading:
 
     layout: tuple[str, ...] = ()  # of a text: delimiters, decimal commas, lines without samples
     cut_lines: int = 0  # incomplete last lines, dropped
+    unclear: str = ""  # what its numbers may mean instead
     columns: Mapping[str, ColumnReading] = field(default_factory=dict)  # by field
 
 

@@ -148,7 +148,7 @@ def _unit_taken(manifest: Manifest) -> str:
     read = log.reading.columns.get("input")
     if read is None or not read.assumed or log.input_kind is InputKind.NONE:
         return ""
-    return f"{read.taken}. Another unit: units: {{input: {read.other}}}."
+    return f"I{read.taken[1:]}. Another unit: units: {{input: {read.other}}}."
 
 
 def draft_text(manifest: Manifest, questions: Mapping[str, str]) -> str:

@@ -47,6 +47,9 @@ UNITS = {
 """Units, each with its factor, of the sampled columns and of a log's ``omega``, added mass and arm
 (an amplitude has the unit of the input). A slide's angle is a length."""
 
+DATES = "dates"
+"""Source of the unit of a clock of dates, which no other source can change."""
+
 ASSUMED, GIVEN = "assumed", "given"
 """Source of a unit that is not in the file: the default, or an option or the manifest."""
 
@@ -301,7 +304,8 @@ def _unit_and_place(
         known.setdefault(given, GIVEN)
     if len({factor_of(unit) for unit in known}) > 1:
         both = " and ".join(f"{unit} ({place})" for unit, place in known.items())
-        factor = factor_of(given or next(iter(known)))
+        dated = next((unit for unit, place in known.items() if place == DATES), None)
+        factor = factor_of(dated or given or next(iter(known)))
         expected = f"one unit, or a factor, which overrides both: --units {field}={factor:.9g}"
         raise InputError(source, where, f"the units {both} of {field}", expected)
     return next(iter(known.items()), (fits[0], ASSUMED))
