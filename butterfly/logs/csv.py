@@ -78,7 +78,8 @@ def _headings(path: Path, table: TextColumns, places: Mapping[str, int]) -> dict
     if table.units is not None:
         sayings.row(table.units, "row of units")
     sayings.text(table.remarks, "comment", table.split)
-    sayings.text(_texts_of(table), "column")
+    for name, text in _texts_of(table).items():
+        sayings.cell(name, text)
     for number, text, where in table.notes:
         if number is None:
             sayings.text([text], where, table.split)
@@ -93,10 +94,10 @@ def _headings(path: Path, table: TextColumns, places: Mapping[str, int]) -> dict
     return sayings.headings(places)
 
 
-def _texts_of(table: TextColumns) -> list[str]:
-    """Return name and first text of each column of texts, such as one of units."""
+def _texts_of(table: TextColumns) -> dict[str, str]:
+    """Return the first text of each column of texts, such as one of units, by its name."""
     texts = {k: each for k, each in table.columns.items() if not isinstance(each, np.ndarray)}
-    return [f"{table.names[k]}: {each[0]}" for k, each in texts.items() if table.names[k]]
+    return {table.names[k]: str(each[0]) for k, each in texts.items() if table.names[k]}
 
 
 def write_csv(log: Log, path: Path) -> None:

@@ -90,7 +90,7 @@ def _notes(cells: Iterable[Any]) -> Iterator[tuple[int, str, str]]:
         if (comment := getattr(cell, "comment", None)) is not None:
             yield number, str(comment.text), "comment"
         if isinstance(cell.value, float | int) and '"' in (form := str(cell.number_format)):
-            yield number, "".join(_QUOTED.findall(form)), "number format"
+            yield number, "".join(_QUOTED.findall(form.partition(";")[0])), "number format"
 
 
 def _cell(value: Any) -> str:  # noqa: ANN401 - whatever a cell holds

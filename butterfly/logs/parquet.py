@@ -32,7 +32,8 @@ def read_parquet(path: Path, columns: ColumnMap | None, units: Units, about: dic
             if not is_number_type(schema.types[places[field]]):
                 del places[field]
         sayings = _said(path, schema)
-        sayings.text(_texts(file), "column")
+        for name, text in _texts(file).items():
+            sayings.cell(name, text)
         headings = sayings.headings(places)
         arrays = _columns(path, file, places)
     pa.default_memory_pool().release_unused()  # of a long log it would keep as much again
@@ -51,11 +52,11 @@ def _said(path: Path, schema: pa.Schema) -> Sayings:
     return sayings
 
 
-def _texts(file: parquet.ParquetFile) -> list[str]:
-    """Return name and first text of each column of texts, such as one of units."""
+def _texts(file: parquet.ParquetFile) -> dict[str, str]:
+    """Return the first text of each column of texts, such as one of units, by its name."""
     names = [each.name for each in file.schema_arrow if pa.types.is_string(each.type)]
     first = next(file.iter_batches(1, columns=names), None) if names else None
-    return [f"{name}: {first[name][0]}" for name in names if first is not None and len(first)]
+    return {name: str(first[name][0]) for name in names if first is not None and len(first)}
 
 
 def _columns(path: Path, file: parquet.ParquetFile, places: Mapping[str, int]) -> dict[str, Any]:

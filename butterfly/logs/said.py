@@ -126,7 +126,7 @@ class Sayings:
 
     def _listed(self, found: list[Any], place: str, way: Way, own: Way) -> None:
         """Collect from a list of columns, or of rows that repeat the unit of theirs."""
-        rows = {}
+        rows: dict[str, dict[str, Any]] = {}
         if all(isinstance(each, str) for each in found[:_MOST]):
             self._hear(", ".join(found[:_MOST]), place, (*way, *own))
         for each in found:
@@ -135,7 +135,9 @@ class Sayings:
             names = [each[key] for key in _OWN_NAMES if isinstance(each.get(key), str)]
             if names:
                 self.metadata(each, place, (*way, names[0]))
-            elif said := _units_within(each):
+            else:
+                rows.setdefault("", {k: v for k, v in each.items() if isinstance(v, str | dict)})
+                said = _units_within(each)
                 rows[repr(said)] = said
         for each in rows.values():
             self.metadata(each, place, (*way, *own))
@@ -148,6 +150,11 @@ class Sayings:
     def column(self, number: int, text: object, place: str) -> None:
         """Collect the unit of a column."""
         self._add((number,), str(text), place, Said.AS_UNIT)
+
+    def cell(self, name: str, text: str) -> None:
+        """Collect the first text in a column of such, perhaps of units."""
+        own = f"{name}: {text}" if _besides_unit(name) is not None else text
+        self.text([own], f"column {name}")
 
     def note(self, number: int, text: str, place: str) -> None:
         """Collect a text about a column."""
@@ -219,7 +226,7 @@ class Sayings:
         if len(self._texts) < _MOST and not (name and self._columns(name)):
             self._texts[way, text[:_LONGEST], place] = None
 
-    def _from_texts(self) -> list[tuple[Way, Words, Mention]]:
+    def _from_texts(self) -> list[tuple[Way, Words, set[str]]]:
         """Collect the units in all texts; return each, what it may be of, and where it is."""
         found = []
         for way, text, place in self._texts:
@@ -227,8 +234,8 @@ class Sayings:
             for each in mentions(text):
                 if {*each.words, *_words(place)} & _OF_OTHERS:
                     continue
-                beside = self._subject(each)
-                of = beside or (way if whole and each.meant else ())
+                beside = () if each.of_one else self._subject(each)
+                of = beside or (way if whole and each.meant and not each.of_one else ())
                 if of and self._columns(of) == (whole or self._columns(of)):
                     sure = each.marked and (beside or each.bracket != "(")
                     how = Said.AS_VALUE if sure or each.named_alone else Said.IN_PROSE
@@ -236,9 +243,8 @@ class Sayings:
                 alone = not way and each.of_list and all(map(_is_of_list, each.rest))
                 how = Said.AS_VALUE if of or alone else Said.IN_PROSE
                 if of or alone or each.sure or each.bracket:
-                    found.append(
-                        (of or way, Words(each.text, f"{place}: {text[:_SHOWN]!r}", how), each)
-                    )
+                    words = Words(each.text, f"{place}: {text[:_SHOWN]!r}", how)
+                    found.append((of or way, words, {*each.words} - {*_words(place)}))
         return found
 
     def _subject(self, mention: Mention) -> Way:
@@ -254,18 +260,18 @@ class Sayings:
         return ()
 
     def _mentioned(
-        self, number: int, found: Iterable[tuple[Way, Words, Mention]]
+        self, number: int, found: Iterable[tuple[Way, Words, set[str]]]
     ) -> Iterable[Words]:
         """Yield the units that may be of the input: as values, if hardly of anything else."""
         name = self._names[number]
         others = {_key(without_unit(each)) for each in self._names if each != name}
         others -= {_key(without_ending(name))}
-        for each in mentions(name.replace(".", " ")):
+        for each in (*mentions(name.replace(".", " ")), *mentions(name[1:])):  # umV
             yield Words(each.text, _OF_NAME, Said.AS_VALUE)
-        for of, words, each in found:
+        for of, words, around in found:
             columns, fields = self._columns(of), self._fields(of)
             own = (columns and number in columns) or "input" in fields
-            if own or not (columns or fields or {*each.words} & others):
+            if own or not (columns or fields or around & others):
                 yield words
 
     @cached_property

@@ -88,9 +88,12 @@ _UNKNOWN_COUNTS = re.compile(r"(?:encoder |adc )?(?:counts?|ticks?|cts?|lsbs?)")
 _LONGEST = 60  # characters of a unit
 
 _BREAKS, _BRACKETS = ",;|\t", "()[]{}"
-_MARKS = f'{_BREAKS}{_BRACKETS}:="<>'
+_MARKS = f'{_BREAKS}{_BRACKETS}:="<>«»‹›“”'
 _TOKEN = re.compile(rf"[{re.escape(_MARKS)}]|[^\s_{re.escape(_MARKS)}]+")
 _NUMBER = re.compile(r"[~\u00b1<>\u2264\u2265+-]*\d[\d.,]*(?:e[+-]?\d+)?", re.IGNORECASE)
+_PER_DIGIT = re.compile(
+    r"(?i)[\d.,]*\s*\b([a-z]+)\s*(?:/|per)\s*(?:digit|count|bit|lsb|tick|increment|unit)\b"
+)
 _WORDS = 3  # of a unit, at most
 _IDIOMS = {"turn", "second"}  # in turn
 _OF_KEYS = {("unit",), ("units",), ("Unit",), ("Units",)}
@@ -187,6 +190,7 @@ class Mention:
     after: tuple[str, ...]
     bracket: str  # that it stands in, apart from words, if any
     rest: tuple[str, ...]  # all other tokens of the text
+    of_one: bool  # whether it is what 1, or a digit, is worth
 
     @property
     def words(self) -> list[str]:
@@ -234,7 +238,8 @@ class Mention:
 @lru_cache(4096)
 def mentions(text: str) -> tuple[Mention, ...]:
     """Return the units within a text, but not those of a value (24 V) or part of others (mV/A)."""
-    return tuple(_mentions(_TOKEN.findall(plain_text(text))))
+    plain = _PER_DIGIT.sub(r"1 \1", plain_text(text))
+    return tuple(_mentions(_TOKEN.findall(plain)))
 
 
 def is_value(token: str) -> bool:
@@ -249,7 +254,8 @@ def _mentions(tokens: Sequence[str]) -> Iterator[Mention]:
         ends = range(min(first + _WORDS, len(tokens)), first, -1)
         end = next((each for each in ends if _is_unit(tokens[first:each])), 0)
         numbered = first == 1 and end == len(tokens) and tokens[0].isdecimal()  # a column
-        value = first and is_value(tokens[first - 1]) and not numbered
+        of_one = tokens[first - 1 : first] == ["1"] and not numbered
+        value = first and is_value(tokens[first - 1]) and not numbered and not of_one
         if end and not value and not _joined(tokens, first, end):
             marks = [each for each in tokens[:first] if each in _BRACKETS]
             beside = {*tokens[max(first - 1, 0) : first], *tokens[end : end + 1]}
@@ -261,6 +267,7 @@ def _mentions(tokens: Sequence[str]) -> Iterator[Mention]:
                 after=tuple(tokens[end:until]),
                 bracket=marks[-1] if within else "",
                 rest=(*tokens[:first], *tokens[end:]),
+                of_one=of_one,
             )
         first = max(end, first + 1)
 

@@ -368,7 +368,7 @@ def _in_name(field: str, name: str, fitting: Sequence[str]) -> list[Words]:
             return [Words(words, _NAME, how) if len(named) > 1 else Words(named[0], _NAME, how)]
         if before and counts_without_turn(words):
             return [Words(words, _NAME)]
-    within = mentions(re.sub(r"[./-]|(?<=[a-z])(?=[A-Z][a-z])", " ", bare))
+    within = mentions(re.sub(r"[./-]|(?<=[a-zA-Z])(?=[A-Z][a-z])", " ", bare))
     sure = [each.text for each in within if each.sure and each.words]
     return [Words(each, _NAME, Said.AS_VALUE) for each in sure[:1]]
 
