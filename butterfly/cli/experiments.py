@@ -45,10 +45,10 @@ def manifest(
     if named and options.arm is None:
         raise InputError(folder, "--arm", "missing", "m from pivot to the masses in the file names")
     drafted = drafts.with_columns(drafts.draft(folder, checked_options(options.description())))
+    asked = drafts.open_questions(drafted, options.description().keys(), named=named)
     root = options.root or ("." if out is None else None)
     if root is not None:
         drafted = drafted.model_copy(update={"root": str(root)})
-    asked = drafts.open_questions(drafted, options.description().keys(), named=named)
     write_file(path, drafts.draft_text(drafted, asked))
     say(f"Manifest of {len(drafted.logs)} logs: {path}")
     if asked:

@@ -10,7 +10,7 @@ import json
 import math
 import re
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, lru_cache
 from itertools import dropwhile, takewhile
@@ -168,9 +168,11 @@ class Sayings:
     ) -> None:
         """Collect lines: keys and values of any depth, rows of units, tables of columns, prose."""
         kept = [plain_text(line[:_LONGEST]) for line in [*dict.fromkeys(lines)][:_MOST]]
-        for found in (nested(kept), *records(kept)):
-            self.metadata(found, place)
+        self.metadata(nested(kept), place)
         for line in kept:
+            if pairs := record(line):
+                self.metadata([pairs], place)
+                continue
             plain = re.sub(r"[,;]\s+(in\s)", r" \1", line.lstrip(_MARKS).rstrip(_ENDS))
             self._hear(plain, place)
             if self._row_in(plain, place, split or _cells):
@@ -188,7 +190,8 @@ class Sayings:
         """Collect a row of units, or the unit in a row about one column; tell whether it is one."""
         first, *rest = split(line)
         ways = [[first, *rest], _cells(line), _WIDE.split(line), _IN_BRACKETS.findall(line)]
-        ways += [_cells(line.partition(mark)[2]) for mark in ":= "] + [line.split("/")]
+        after = [line.partition(mark)[2] for mark in ":= "]
+        ways += [*map(_cells, after), *(each.split("/") for each in (line, *after))]
         if _besides_unit(first) == ():
             ways += [rest, ["", *rest]]
         row = next((cells for cells in ways if self._is_row(cells)), None)
@@ -331,7 +334,7 @@ class Sayings:
         elif any(each in text for each in ":=[({"):
             for segment in _segments(text):
                 self._segment(segment, place, Said.AS_UNIT)
-        else:
+        elif is_unit(text) or not mentions(text):
             self._add((), text, place, Said.AS_UNIT)
 
     def _is_row(self, cells: Sequence[str]) -> bool:
@@ -432,12 +435,10 @@ def nested(lines: Iterable[str]) -> dict[str, Any]:
     return {key: each for key, each in root.items() if not isinstance(each, str) and each}
 
 
-def records(lines: Iterable[str]) -> Iterator[list[dict[str, str]]]:
-    """Yield the record in each line that has pairs with a name and a unit."""
-    for line in lines:
-        pairs = {key: value.strip("\"'") for key, value in _PAIR.findall(line)}
-        if {*pairs} & {*_OWN_NAMES} and {*pairs} & _UNITS:
-            yield [pairs]
+def record(line: str) -> dict[str, str]:
+    """Return the pairs of keys and values in a line that has a name and a unit; else none."""
+    pairs = {key: value.strip("\"'") for key, value in _PAIR.findall(line)}
+    return pairs if {*pairs} & {*_OWN_NAMES} and {*pairs} & _UNITS else {}
 
 
 def _units_within(row: Mapping[str, Any]) -> dict[str, Any]:

@@ -345,7 +345,9 @@ def _in_name(field: str, name: str, fitting: Sequence[str]) -> list[Words]:
     """Return the unit in a column's name: in brackets, or at its end."""
     texts = words_in(name)
     if texts:
-        return [Words(text, _NAME) for text in [t for t in texts if units_spelt(field, t)] or texts]
+        known = [text for text in texts if units_spelt(field, text)]
+        known = known or [each.text for text in texts for each in mentions(text) if each.sure]
+        return [Words(text, _NAME) for text in known or texts]
     bare = without_unit(name)
     for start, words in _endings(bare):
         before, named = bare[:start], units_spelt(field, words)
@@ -356,7 +358,9 @@ def _in_name(field: str, name: str, fitting: Sequence[str]) -> list[Words]:
         apart = before.rstrip(" ")[-1:] in {"/", ":", "="} or (
             before.endswith(" ") and _QUANTITY.fullmatch(before.strip()) is not None
         )
-        if len(words) == 1 and words.isalpha():
+        if len(words) == 1 and units_spelt(field, before[-1:] + words) not in ([], named):
+            said = False  # umV
+        elif len(words) == 1 and words.isalpha():
             of_quantity = _QUANTITY.search(before) or re.fullmatch(r"[a-z][ _]", before)
             said = bool(before) and (fits or apart or bool(words in _LETTERS and of_quantity))
         elif words.lower() in _NOT_IN_NAMES:

@@ -29,12 +29,13 @@ import butterfly as bf
 from tests.independent.integrator import Joint, motion
 
 JOINT = Joint(inertia=0.00325, viscous=0.00145, gravity=0.04905, gain=0.25)
-SPELLINGS = {  # the kind of input, and the factor to V, A, N m or a share
-    **{"V": ("voltage", 1.0), "volts": ("voltage", 1.0), "mV": ("voltage", 1e-3)},
-    **{"kV": ("voltage", 1e3), "millivolts": ("voltage", 1e-3), "Millivolt": ("voltage", 1e-3)},
-    **{"mA": ("current", 1e-3), "mNm": ("torque", 1e-3), "N mm": ("torque", 1e-3)},
-    **{"%": ("duty", 1e-2), "PWM %": ("duty", 1e-2)},
-}
+SPELLINGS = dict.fromkeys(("V", "volts"), ("voltage", 1.0))
+SPELLINGS |= dict.fromkeys(("mV", "millivolts", "Millivolt"), ("voltage", 1e-3))
+SPELLINGS |= {"kV": ("voltage", 1e3), "mA": ("current", 1e-3)}
+SPELLINGS |= dict.fromkeys(("mNm", "N mm"), ("torque", 1e-3))
+SPELLINGS |= dict.fromkeys(("%", "PWM %"), ("duty", 1e-2))
+"""The kind of input, and the factor to V, A, N m or a share."""
+
 OTHER_KINDS = {"voltage": "torque", "current": "voltage", "torque": "voltage", "duty": "voltage"}
 NAMES = ("time", "input", "angle")
 
@@ -300,7 +301,12 @@ PLACES = {
         "LabVIEW Measurement", "Separator,Comma", "Y_Unit_Label,s,§,rad", "***End_of_Header***"
     ),
     "preamble LVM": text(
-        *("LabVIEW Measurement\t", "Channels\t2\t", "Y_Unit_Label\t§\trad", "X_Dimension\tTime\tTime"),
+        *(
+            "LabVIEW Measurement\t",
+            "Channels\t2\t",
+            "Y_Unit_Label\t§\trad",
+            "X_Dimension\tTime\tTime",
+        ),
         *("Delta_X\t0.02\t0.02", "***End_of_Header***\t\t"),
         head="time\tinput\tangle",
         mark="\t",
@@ -315,7 +321,9 @@ PLACES = {
     "json key_unit": documents(lambda c: c | {"input_unit": "§"}),
     "json beside": documents(lambda c: c | {"input": {"unit": "§", "values": c["input"]}}),
     "json note": documents(lambda c: c | {"note": "input in §"}),
-    "json prefix": documents(lambda c: {"time": c["time"], "§_input": c["input"], "angle": c["angle"]}),
+    "json prefix": documents(
+        lambda c: {"time": c["time"], "§_input": c["input"], "angle": c["angle"]}
+    ),
     "json list of units": documents(lambda c: c | {"units": ["s", "§", "rad"]}),
     "json labels of rows": documents(
         lambda c: {
@@ -341,7 +349,11 @@ PLACES = {
         lambda c: {"data": c.matrix, "units": np.array(["s", c.unit, "rad"])}
     ),
     "npz names and units": packed(
-        lambda c: {"data": c.matrix, "names": np.array(NAMES), "unit": np.array(["s", c.unit, "rad"])}
+        lambda c: {
+            "data": c.matrix,
+            "names": np.array(NAMES),
+            "unit": np.array(["s", c.unit, "rad"]),
+        }
     ),
     "npz key_unit": packed(lambda c: c.columns | {"input_unit": np.array(c.unit)}),
     "npz units": packed(lambda c: c.columns | {"units": np.array(["s", c.unit, "rad"])}),
@@ -349,12 +361,16 @@ PLACES = {
     "npz fields": packed(
         lambda c: {
             "log": np.array(
-                [*map(tuple, c.matrix)], [("time", "f8"), (f"input_{c.unit}", "f8"), ("angle", "f8")]
+                [*map(tuple, c.matrix)],
+                [("time", "f8"), (f"input_{c.unit}", "f8"), ("angle", "f8")],
             )
         }
     ),
     "mat labels of a matrix": matlab(
-        lambda c: {"D": c.matrix, "labels": cells_of("time (s)", f"input ({c.unit})", "angle (rad)")}
+        lambda c: {
+            "D": c.matrix,
+            "labels": cells_of("time (s)", f"input ({c.unit})", "angle (rad)"),
+        }
     ),
     "mat units of a matrix": matlab(
         lambda c: {"D": c.matrix, "units": cells_of("s", c.unit, "rad")}
@@ -366,9 +382,7 @@ PLACES = {
         lambda c: {"D": c.matrix, "names": cells_of(*NAMES), "unit": cells_of("s", c.unit, "rad")}
     ),
     "mat key_unit": matlab(lambda c: c.columns | {"input_unit": c.unit}),
-    "mat struct": matlab(
-        lambda c: c.columns | {"input": {"values": c.input, "unit": c.unit}}
-    ),
+    "mat struct": matlab(lambda c: c.columns | {"input": {"values": c.input, "unit": c.unit}}),
     "mat note": matlab(lambda c: c.columns | {"note": f"input in {c.unit}"}),
     "mat level 4 note": matlab(lambda c: c.columns | {"note": f"input in {c.unit}"}, format="4"),
     "mat 7.3 attribute": hdf5({"units": "§"}),
@@ -393,17 +407,20 @@ PLACES = {
     "frame prefix": frame(name="§_input"),
 }
 INSIDE = {"json beside": "input.values", "mat struct": "input.values"}
-MATRICES = {"json labels of rows": "data.{}", "npz header of a matrix": "data.{}"}
-MATRICES |= {"npz units of a matrix": "data.{}", "npz names and units": "data.{}"}
-MATRICES |= {place: "{}" for place in PLACES if place.startswith("mat") and "matrix" in place}
-MATRICES |= dict.fromkeys(("mat units as characters", "mat names and units"), "{}")
+MATRICES = {place: "{}" for place in PLACES if "of a matrix" in place or "names and" in place}
+MATRICES |= {"json labels of rows": "data.{}", "mat units as characters": "{}"}
 
 HARMLESS = (
     *("supply 24 V", "limit 3 A", "Volt-Ampere curve motor A", "Motor A", "run m", "bus voltage"),
     *("max current", "max torque 1.2 Nm", "supply: 12000 mV", "friction compensated", "V2.1"),
     *("torque constant 53 mNm/A", "measured with 5 mV/V", "operator: A. Volta", "phase: A"),
     *("PWM frequency 20 kHz", "a heavy duty gearbox", "gain 100 mV/A", "sensitivity: 2 mV per rad"),
-    *("Motor: 24 V, 150 W, 6 A", "run 12: 80 % of the speed", "us and them, ma and pa", "MA thesis"),
+    *(
+        "Motor: 24 V, 150 W, 6 A",
+        "run 12: 80 % of the speed",
+        "us and them, ma and pa",
+        "MA thesis",
+    ),
     *("current limit: 3000 mA", "max. current in mA: 3000", "supply voltage in mV: 24000", "m = 3"),
     *("amplifier: 4 A peak", "rated torque (mNm): 120", "version V", "series A, board V"),
     *("ambient 21 C, 40 % humidity", "voltage divider 1:10", "battery at 80 percent", "axis: m"),
@@ -423,7 +440,11 @@ def mapped(place, unit):
     if place == "npz fields" or (isinstance(own["input"], int) and not place.startswith("mat")):
         columns = {"json prefix": f"{unit}_input", "json note": "input"}
         numbered = {"time": 0, "input": 1, "angle": 2}
-        return numbered if not place.startswith("json") else own | {"input": columns.get(place, "input")}
+        return (
+            numbered
+            if not place.startswith("json")
+            else own | {"input": columns.get(place, "input")}
+        )
     return own | {"input": own["input"] if isinstance(own["input"], str) else "input"}
 
 
