@@ -76,9 +76,10 @@ _PAIR = re.compile(
     r"""([\w-]+)["']?\s*[:=]\s*("[^"]*"|'[^']*'|[^\s,;{}<>][^,;{}<>]*?(?=\s+\w+=|[,;{}<>/]|$))"""
 )
 _BETWEEN = _ASIDE - {"y"} | {"for", "given", "was", "were", "be", "stored", "logged", "expressed"}
-_WORDS = 4  # of a column's name in a text
+_WORDS = 6  # of a column's name in a text, and cells in a row about a column
 _SHOWN = 40  # characters of a text
 _OF_NAME = "name"
+_MANY = 50  # units within a line
 _DEEPEST, _MOST, _LONGEST = 16, 1000, 500  # keys within keys, lines of text, characters of a line
 
 
@@ -90,6 +91,7 @@ class Sayings:
         self._said: dict[tuple[Way, Words], None] = {}
         self._scales: dict[Way, list[float]] = {}
         self._texts: dict[tuple[Way, str, str], None] = {}  # all there are, with their places
+        self._left = _MOST  # lines of text
         self._hear(PurePath(str(source)).stem, "file name")
 
     def metadata(self, found: Any, place: str = "", way: Way = ()) -> None:  # noqa: ANN401 - whatever a file holds
@@ -167,7 +169,8 @@ class Sayings:
         split: Callable[[str], list[str]] | None = None,
     ) -> None:
         """Collect lines: keys and values of any depth, rows of units, tables of columns, prose."""
-        kept = [plain_text(line[:_LONGEST]) for line in [*dict.fromkeys(lines)][:_MOST]]
+        kept = [plain_text(line[:_LONGEST]) for line in [*dict.fromkeys(lines)][: self._left]]
+        self._left -= len(kept)
         self.metadata(nested(kept), place)
         for line in kept:
             if pairs := record(line):
@@ -199,6 +202,8 @@ class Sayings:
             self.row(row, place)
             return True
         for cells in (_DIVIDED.split(line), _WIDE.split(line)):
+            if len(cells) > _WORDS:
+                continue
             columns = [each for each in cells if len(self._columns((each,))) == 1]
             units = [each.strip(" [](){}") for each in cells if is_unit(each)]
             if len(columns) == len(units) == 1:
@@ -234,7 +239,7 @@ class Sayings:
         found = []
         for way, text, place in self._texts:
             whole = self._columns(way)
-            for each in mentions(text):
+            for each in mentions(text)[:_MANY]:
                 if {*each.words, *_words(place)} & _OF_OTHERS:
                     continue
                 beside = () if each.of_one else self._subject(each)
@@ -243,7 +248,8 @@ class Sayings:
                     sure = each.marked and (beside or each.bracket != "(")
                     how = Said.AS_VALUE if sure or each.named_alone else Said.IN_PROSE
                     self._add(of, each.text, place, how)
-                alone = not way and each.of_list and all(map(_is_of_list, each.rest))
+                listed = len(each.rest) < _MANY and each.of_list and not way
+                alone = listed and all(map(_is_of_list, each.rest))
                 how = Said.AS_VALUE if of or alone else Said.IN_PROSE
                 if of or alone or each.sure or each.bracket:
                     words = Words(each.text, f"{place}: {text[:_SHOWN]!r}", how)
