@@ -79,7 +79,7 @@ _BETWEEN = _ASIDE - {"y"} | {"for", "given", "was", "were", "be", "stored", "log
 _WORDS = 6  # of a column's name in a text, and cells in a row about a column
 _SHOWN = 40  # characters of a text
 _OF_NAME = "name"
-_MANY = 50  # units within a line
+_MANY = 30  # units within a line
 _DEEPEST, _MOST, _LONGEST = 16, 1000, 500  # keys within keys, lines of text, characters of a line
 
 

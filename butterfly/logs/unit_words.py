@@ -7,7 +7,7 @@ import re
 import unicodedata
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import cache, cached_property, lru_cache
 
 _TURN = 2 * math.pi
 
@@ -192,7 +192,7 @@ class Mention:
     rest: tuple[str, ...]  # all other tokens of the text
     of_one: bool  # whether it is what 1, or a digit, is worth
 
-    @property
+    @cached_property
     def words(self) -> list[str]:
         """The words around it, in lower case."""
         tokens = (each.lower().strip(".'") for each in (*self.before, *self.after))
