@@ -15,7 +15,7 @@ WITH_KERNELS = NUMBA_CACHE_DIR=$$($(BIN)/python -m tests.kernels) && export NUMB
 # A module is compiled when it is first imported, not by each process anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: constraints demo docs lowest outputs pictures profile test test-slow film lint types bench bench-short campaigns coverage faults sound repeats kinds forecasts fuzz readers readback record record-check texts wheel clean
+.PHONY: constraints demo docs lowest outputs pictures profile test test-slow film lint types bench bench-short campaigns coverage faults sound repeats kinds forecasts fuzz readers readback record record-check texts units wheel clean
 
 demo: $(VENV)/.runtime
 	$(BIN)/butterfly run experiments/quickstart.yaml
@@ -98,6 +98,10 @@ sound: $(VENV)/.development
 # How often runs of one mass are said to contradict each other, and by how much they have to: 20 by ROBOTS=20.
 repeats: $(VENV)/.development
 	$(ONE_THREAD) $(BIN)/python -m tests.benchmarks.repeats --robots $(ROBOTS) --seed $(SEED)
+
+# Places that may say the input's unit, of every format, by spellings: none may be misread.
+units: $(VENV)/.development
+	$(ONE_THREAD) $(BIN)/python -m tests.benchmarks.units_table
 
 # How often what inspect says before a fit comes true: 15 kinds of data sets, 5 of each by ROBOTS=5.
 forecasts: $(VENV)/.development

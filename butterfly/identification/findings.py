@@ -34,6 +34,8 @@ class FindingKind(StrEnum):
     NEGATIVE_GAIN = "negative-gain"
     SOURCES_CONFLICT = "told-apart"  # standard uncertainties between two given values
     CONTRADICTED = "contradicted"  # physical parameters below 0; standard errors
+    # p4, the unit that the input was taken in, another in its file, its place, its kind of input
+    UNIT_UNREAD = "unit-unread"
     KNOWN_CONFLICT = "known-apart"  # relative correction of a given value by the added masses
     PRIOR_CONFLICT = "prior-apart"  # standard errors between a given value and the logs
     PULLED = "pulled"  # on a bound that the data would cross
@@ -69,6 +71,7 @@ class FindingKind(StrEnum):
     ABSOLUTE = "absolute"
     RATIOS = "ratios"
     PLANT = "plant"  # share by which the simulator's own error moves the value that it hits most
+    UNIT_ASSUMED = "unit-assumed"  # p4, and the unit that the input was taken in
     RESTS_ON = "rests-on"  # scales that no log can show, given without an uncertainty
 
 
@@ -77,7 +80,7 @@ _FORBIDDING = {FindingKind.POOR_FIT, FindingKind.UNIT_ERROR, FindingKind.UNREPEA
 _DOUBTING = {
     *(FindingKind.SEARCH_STOPPED, FindingKind.APPROXIMATE, FindingKind.ASKED),
     *(FindingKind.SOURCES_CONFLICT, FindingKind.CONTRADICTED),
-    *(FindingKind.KNOWN_CONFLICT, FindingKind.PRIOR_CONFLICT),
+    *(FindingKind.KNOWN_CONFLICT, FindingKind.PRIOR_CONFLICT, FindingKind.UNIT_UNREAD),
 }
 _GRAVITY = {str(kind): number for number, kind in enumerate(FindingKind)}
 

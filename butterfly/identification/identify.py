@@ -30,6 +30,7 @@ from butterfly.identification.plausibility import (
     judge_input,
     judge_knowledge,
     judge_physics,
+    judge_units,
 )
 from butterfly.identification.repeatability import contradicting_runs
 from butterfly.identification.servo_drive import driven_alone
@@ -100,6 +101,7 @@ def judge(
         *judge_fit(data.simulations.followed(found, followed)),
         *residuals.findings,
         *judge_input(found, data.input_kind),
+        *judge_units(data),
         *judge_knowledge(found, data),
         *judge_basis(found, data),
     )

@@ -39,7 +39,7 @@ class Parameter:
     true: float | None = None
     on_bound: bool = False
     known: bool = False  # whether it was given exactly, and is no estimate
-    claim: str = ""  # how well it is known: precise, rough, not-from-zero, known
+    claim: str = ""  # how well it is known: precise, rough, not-from-zero, known, unit-unread
 
     @property
     def farther(self) -> float | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import astuple
 
 import numpy as np
 from scipy.special import stdtrit
@@ -82,6 +83,23 @@ def judge_input(estimate: Estimate, kind: InputKind) -> list[Finding]:
     if resistance >= LEAST_RESISTANCE:
         return []
     return [Finding(FindingKind.TORQUE_DRIVEN, ("p2", "p4"), number=resistance)]
+
+
+def judge_units(data: DataSet) -> list[Finding]:
+    """Return the units that inputs were taken in, as no file says them so that it is understood."""
+    found: dict[tuple[str, ...], tuple[tuple[str, ...], list[str]]] = {}
+    for log, health in zip(data.logs, data.health, strict=True):
+        read = health.columns.get("input")
+        if read is None or not read.assumed or not health.driven:
+            continue
+        kind = FindingKind.UNIT_UNREAD if read.unread else FindingKind.UNIT_ASSUMED
+        what = astuple(read.unread) if read.unread else (read.unit,)
+        _, names = found.setdefault((kind, *what[:2]), (what, []))
+        names.append(log.name)
+    return [
+        Finding(FindingKind(key[0]), ("p4", *what), logs=tuple(names))
+        for key, (what, names) in found.items()
+    ]
 
 
 def judge_knowledge(estimate: Estimate, data: DataSet) -> list[Finding]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from butterfly.arrays import Samples
 from butterfly.errors import InputError
 from butterfly.logs.unit_words import factor_of
-from butterfly.logs.units import ASSUMED, GIVEN, ColumnReading, Heading, Words
+from butterfly.logs.units import ASSUMED, DATES, GIVEN, ColumnReading, Heading, Words
 
 EXACT = 1 << 53
 """Integers below this are exact as floats; a larger clock counts from its first."""
@@ -22,7 +22,9 @@ _EPOCHS = ("s", "ms", "us", "ns")
 _YEARS = (631_152_000.0, 4_102_444_800.0)  # 1990 and 2100 in s since 1970
 _DAYS = ((32_874.0, 73_051.0), (726_834.0, 767_011.0))  # the same in days of Excel, of MATLAB
 _LONGEST = 60.0  # s between samples, above which an epoch by size is doubted
-_SHORTEST = 2e-5  # s between samples, below which a clock may be one of days
+SHORTEST, LONGEST = 2e-5, 0.25
+"""s between the samples of a log in which a joint moves; below these a clock may be one of days."""
+
 _ENOUGH = 1000  # samples that show the step of a clock
 _AGREE = 0.01  # relative difference of a clock from the given interval
 
@@ -44,7 +46,7 @@ def with_clock(
     there = np.ones(values.shape, dtype=np.bool_)
     if kind in "mM":
         unit = next((u for u in _EPOCHS if u == np.datetime_data(values.dtype)[0]), "ns")
-        heading = replace(heading, said=(*heading.said, Words(unit, "dates")))
+        heading = replace(heading, said=(*heading.said, Words(unit, DATES)))
         values = values.astype(f"{kind}8[{unit}]")
         there, values = ~np.isnat(values), values.astype(np.int64)
     elif kind not in "iu" or values.ndim != 1 or not np.any(np.abs(values[:1]) >= EXACT):
@@ -88,7 +90,7 @@ def clock_reading(
     where = reading.name or f"column {reading.number}"
     silent = reading.said == ASSUMED and low >= 0 < step
     days = any(_within(span, each) for each in _DAYS)
-    if silent and days and step < _SHORTEST:
+    if silent and days and step < SHORTEST:
         raise InputError(source, where, found, f"{expected}: days, if these are day numbers")
     for unit in [each for each in _EPOCHS if silent and _within(span, _YEARS, factor_of(each))]:
         if step * factor_of(unit) > _LONGEST:
@@ -97,6 +99,21 @@ def clock_reading(
     absolute = reading.said != ASSUMED and _within(span, _YEARS, reading.factor)
     absolute |= days and reading.unit == "days"
     return reading, begin if absolute and not first else 0.0
+
+
+def clock_cure(reading: ColumnReading | None, step: float) -> str:
+    """Return how to say the unit that makes a step in s one of a log; "" if none does."""
+    if reading is None or reading.said in {DATES, _BY_SIZE} or "interval" in reading.name:
+        return ""
+    steps = {unit: step / reading.factor * factor_of(unit) for unit in _EPOCHS}
+    unit = next((each for each, own in steps.items() if SHORTEST < own < LONGEST), None)
+    if unit is None:
+        return ""
+    given = unit if reading.said in {ASSUMED, GIVEN} else f"{factor_of(unit):g}"
+    return (
+        f"Time may be in {unit}: use --units time={given}, or units: {{time: {given}}} in the "
+        "manifest."
+    )
 
 
 def _within(span: Iterable[float], limits: tuple[float, float], factor: float = 1.0) -> bool:

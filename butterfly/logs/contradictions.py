@@ -40,7 +40,7 @@ def find_contradiction(log: Log) -> tuple[str, str] | None:
         since, fast = time[np.argmax(speed > _FASTEST)], speed.max()
         most = f"{fast:.2g} {log.added_mass.joint.way}/s"
         text = f"from {since:.4g} s on the joint moves at up to {most}, faster than any joint"
-        return text, _UNIT.format("angle")
+        return text, "Check the units of angle and time (--units angle=..., --units time=...)."
     found = _stuck(log, time, inputs, angle) or _rescaled(log, time, inputs, angle)
     return found or _unreached(log, inputs, angle)
 

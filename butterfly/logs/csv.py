@@ -60,6 +60,11 @@ def log_of_text(
             del places[field]
             layout = (*reading.layout, f"column {field} has no numbers and is ignored")
             reading = replace(reading, layout=layout)
+    if unclear := [table.grouped[k] for k in places.values() if k in table.grouped]:
+        meant = unclear[0].replace(".", "")
+        reading = replace(
+            reading, unclear=f"{unclear[0]} read with a decimal point, not as {meant}"
+        )
     named = columns or {}
     arrays = {f: _numeric(path, table, k, str(named.get(f, f)), f) for f, k in places.items()}
     headings = _headings(path, table, places)
@@ -73,6 +78,13 @@ def _headings(path: Path, table: TextColumns, places: Mapping[str, int]) -> dict
     if table.units is not None:
         sayings.row(table.units, "row of units")
     sayings.text(table.remarks, "comment", table.split)
+    for name, text in _texts_of(table).items():
+        sayings.cell(name, text)
+    for number, text, where in table.notes:
+        if number is None:
+            sayings.text([text], where, table.split)
+        else:
+            sayings.note(number, text, where)
     headings = sayings.headings(places)
     if table.headless is None or any(each.said for each in headings.values()):
         return headings
@@ -80,6 +92,12 @@ def _headings(path: Path, table: TextColumns, places: Mapping[str, int]) -> dict
         own = [word for word in words_in(table.headless) if {*units_meant(word)} & {*UNITS[field]}]
         sayings.column(k, f"{', '.join(own)}, column unclear" * bool(own), "line above")
     return sayings.headings(places)
+
+
+def _texts_of(table: TextColumns) -> dict[str, str]:
+    """Return the first text of each column of texts, such as one of units, by its name."""
+    texts = {k: each for k, each in table.columns.items() if not isinstance(each, np.ndarray)}
+    return {table.names[k]: str(each[0]) for k, each in texts.items() if table.names[k]}
 
 
 def write_csv(log: Log, path: Path) -> None:
@@ -119,7 +137,9 @@ def _table(
             names: Sequence[str] = schema.names
             numbers = [*wanted(names)]
             whole = [k for k in numbers if pyarrow.types.is_integer(schema.types[k])]
-            first = beginning.read_next_batch() if whole else ()
+            kinds = {k: kind for k, kind in enumerate(schema.types) if k not in numbers}
+            texts = [k for k, kind in kinds.items() if pyarrow.types.is_string(kind)]
+            first = beginning.read_next_batch() if whole or texts else ()
         plain = all(is_number_type(schema.types[number]) for number in numbers)
         plain &= all(abs(first[k][0].as_py() or 0) < EXACT for k in whole)
         if plain and len(set(names)) == len(names) and not any(map(is_number, names)):
@@ -128,6 +148,7 @@ def _table(
                 file.seek(-1, os.SEEK_END)
                 cut = int(file.read() not in {b"\n", b"\r"})  # the last line may be incomplete
             complete = {number: each[: each.size - cut] for number, each in columns.items()}
+            complete |= {k: pyarrow.chunked_array([first[k][:1]]) for k in texts}
             return TextColumns(names=names, columns=complete, reading=FileReading(cut_lines=cut))
     except (InputError, pyarrow.ArrowInvalid, OSError, UnicodeDecodeError):
         pass

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
 import warnings
+from collections.abc import Iterable, Iterator
 from contextlib import closing
+from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from butterfly.errors import InputError, require_room
 from butterfly.files import unpacked
@@ -16,16 +19,18 @@ from butterfly.logs.log import Log
 from butterfly.logs.text_table import table_of_text
 from butterfly.logs.units import Units
 
+_QUOTED = re.compile(r'"([^"]*)"')
+_MOST = 1000  # lines of another sheet
 _EXTRA = "the extra excel (pip install 'butterfly-testbed[excel]'), or its table saved as CSV"
 
 
 def read_excel(path: Path, columns: ColumnMap | None, units: Units, about: dict[str, Any]) -> Log:
     """Read a log (see `read_log`) from a sheet: ``at``, or the only one with these columns."""
-    texts, at = _texts(path), about.pop("at", None)
+    sheets, at = _sheets(path), about.pop("at", None)
     tables, fitting, fault = {}, [], InputError(path, "content", "no sheet", "a table")
-    for name, text in {at: part_at(path, texts, at, at)}.items() if at else texts.items():
+    for name, sheet in {at: part_at(path, sheets, at, at)}.items() if at else sheets.items():
         try:
-            tables[name] = table_of_text(path, text, f"sheet {name}", "\t")
+            tables[name] = table_of_text(path, sheet.text, f"sheet {name}", "\t")
             chosen_columns(path, tables[name].names, columns, about)
             fitting.append(name)
         except InputError as error:
@@ -37,27 +42,55 @@ def read_excel(path: Path, columns: ColumnMap | None, units: Units, about: dict[
         found = f"sheets {', '.join([chosen, *others])}"
         expected = f"one sheet with these columns, or at: {chosen} in a manifest"
         raise InputError(path, "content", found, expected)
-    return log_of_text(path, tables[chosen], columns, units, about)
+    notes = [(None, chosen, "sheet"), *sheets[chosen].notes]
+    for name in [each for each in sheets if each not in fitting]:
+        lines = [line for line in sheets[name].text.splitlines() if not line.isspace()]
+        notes += [(None, line, f"sheet {name}") for line in lines[:_MOST]]
+    table = replace(tables[chosen], notes=notes)
+    return log_of_text(path, table, columns, units, about)
 
 
-def _texts(path: Path) -> dict[str, str]:
-    """Return the rows of each sheet as lines of cells divided by tabs, by the sheet's name."""
-    with unpacked(path, "a whole .xlsx file"), warnings.catch_warnings():
+class _Sheet(NamedTuple):
+    """The rows of a sheet as lines of cells divided by tabs, and what is noted on its columns."""
+
+    text: str
+    notes: list[tuple[int | None, str, str]]
+
+
+def _sheets(path: Path) -> dict[str, _Sheet]:
+    """Return the sheets by name."""
+    with unpacked(path, "a whole .xlsx file") as parts, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of what is no table
         try:
             from openpyxl import load_workbook  # noqa: PLC0415 - an extra
         except ImportError:
             raise InputError(path, "content", "an Excel file", _EXTRA) from None
-        texts = {}
-        with closing(load_workbook(path, read_only=True, data_only=True)) as book:
+        commented = any("comment" in name.lower() for name in parts.namelist())
+        sheets = {}
+        with closing(load_workbook(path, read_only=not commented, data_only=True)) as book:
             for sheet in book.worksheets:
-                sheet.reset_dimensions()  # as its writer states them
-                rows = [[_cell(each) for each in row] for row in sheet.iter_rows(values_only=True)]
+                if not commented:
+                    sheet.reset_dimensions()  # as its writer states them
+                notes: dict[tuple[int | None, str, str], None] = {}
+                rows = []
+                for cells in sheet.iter_rows():
+                    rows.append([_cell(each.value) for each in cells])
+                    notes |= dict.fromkeys(_notes(cells))
                 width, count = max(map(len, rows), default=0), sum(map(any, rows))
                 require_room(path, "content", f"{count} rows of {width} cells", width * count)
                 full = (row + [""] * (width - len(row)) if any(row) else [] for row in rows)
-                texts[sheet.title] = "".join("\t".join(row) + "\n" for row in full)
-    return texts
+                text = "".join("\t".join(row) + "\n" for row in full)
+                sheets[sheet.title] = _Sheet(text, [*notes])
+    return sheets
+
+
+def _notes(cells: Iterable[Any]) -> Iterator[tuple[int, str, str]]:
+    """Yield number, text and place of comments on cells, and of texts in their number formats."""
+    for number, cell in enumerate(cells):
+        if (comment := getattr(cell, "comment", None)) is not None:
+            yield number, str(comment.text), "comment"
+        if isinstance(cell.value, float | int) and '"' in (form := str(cell.number_format)):
+            yield number, "".join(_QUOTED.findall(form.partition(";")[0])), "number format"
 
 
 def _cell(value: Any) -> str:  # noqa: ANN401 - whatever a cell holds

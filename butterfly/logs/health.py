@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import InputError
+from butterfly.logs.clock import LONGEST, SHORTEST, clock_cure
 from butterfly.logs.contradictions import find_contradiction
 from butterfly.logs.faults import (
     Wrapping,
@@ -40,16 +41,13 @@ SPLIT = "split: restarts in a manifest, or --restarts"
 """What splits a file of several recordings into logs."""
 
 _MANY = 0.01  # share of the samples, or of the time, that may be missing without harm
-_SLOW = 0.25  # s between samples in which a hand does what no log of it shows
 _LARGEST = 1e30  # of any column, in its own unit: squares and ratios stay within doubles
 _SMALLEST = 1e-30  # range of any column that is not constant, and step of the clock
 _IF_DEGREES = (
     "If the joint cannot turn that far, the angle may be in degrees or counts: use "
     "--units angle=deg, or units: {angle: deg} in the manifest."
 )
-_IF_MILLISECONDS = (
-    "Time may be in milliseconds: use --units time=ms, or units: {time: ms} in the manifest."
-)
+_IF_GROUPED = "Export the file without thousands separators, or with more or fewer decimals."
 _IF_REGIMES = (
     "The delay may switch with the sampling interval: output-error can fit both, as delay and "
     "slow_delay."
@@ -107,6 +105,8 @@ class Health:
     regimes: tuple[Regime, ...] = ()  # of its clock, where the mean interval switches
     contradiction: tuple[str, str] | None = None  # of physics, and what to check
     topics: str = ""  # of a file with a row per topic: how its rows were joined
+    unclear: str = ""  # what numbers of the file may mean instead
+    driven: bool = True  # whether something drives the joint
 
     @property
     def remarks(self) -> list[Remark]:
@@ -134,6 +134,12 @@ class Health:
             found.append(Remark(Level.CARE, *self.contradiction))
         if self.topics:
             found.append(Remark(Level.NOTE, self.topics, _IF_HELD))
+        drive = self.columns.get("input")
+        if drive is not None and drive.assumed and self.driven:
+            level, cure = (Level.CARE, drive.unread.cure) if drive.unread else (Level.GOOD, "")
+            found.append(Remark(level, drive.taken, cure))
+        if self.unclear:
+            found.append(Remark(Level.CARE, self.unclear, _IF_GROUPED))
         if self.integrated:
             found.append(Remark(Level.NOTE, "no angle recorded: the velocity is fitted instead"))
         for before, (begin, interval) in pairwise(self.regimes):
@@ -146,9 +152,10 @@ class Health:
                 "angle" in self.columns and self.columns["angle"].said != ASSUMED
             )
             found.append(Remark(Level.NOTE, text, "" if meant else _IF_DEGREES))
-        if self.step > _SLOW:
-            text = f"only one sample every {self.step:.3g} s"
-            found.append(Remark(Level.CARE, text, _IF_MILLISECONDS))
+        if not SHORTEST < self.step <= LONGEST:
+            text = f"{'only ' * (self.step > SHORTEST)}one sample every {self.step:.3g} s"
+            cure = clock_cure(self.columns.get("time"), self.step)
+            found.append(Remark(Level.CARE, text, cure))
         if others:
             texts = "; ".join(f"{name}: {each.text}" for name, each in others.items())
             found.append(Remark(Level.NOTE, f"converted from the file's units: {texts}"))
@@ -220,6 +227,8 @@ def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Lo
         regimes=clean.regimes,
         contradiction=find_contradiction(clean),
         topics=topics,
+        unclear=log.reading.unclear,
+        driven=driven,
     )
     return clean, health
 

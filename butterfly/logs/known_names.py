@@ -31,6 +31,12 @@ _KINDS = {
     InputKind.CURRENT: {"current"},
     InputKind.DUTY: {"duty", "pwm", "dutycycle"},
 }
+USUAL = _FIELDS | {
+    "velocity": _FIELDS["velocity"] - {"v"},  # which is a unit, too
+    "input": _COMMANDED.union(*_KINDS.values()),
+}
+"""Usual words for fields of a log."""
+
 _OF_QUANTITIES = {
     "voltage": InputKind.VOLTAGE,
     "torque": InputKind.TORQUE,
@@ -38,6 +44,11 @@ _OF_QUANTITIES = {
     "current": InputKind.CURRENT,
     "share": InputKind.DUTY,
 }
+
+
+def parts_of(text: str) -> list[str]:
+    """Return the words of a name or a text, as they are written: inputVoltage has two."""
+    return _PARTS.findall(plain_text(text[:_LONGEST]))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,7 +65,7 @@ _NOTHING = Meaning(field="")
 
 def meaning_of(name: str) -> Meaning:
     """Return what the name of a column says by a usual word, or else by a unit."""
-    parts = _PARTS.findall(plain_text(name[:_LONGEST]))
+    parts = parts_of(name)
     words = {"volt" if each == "V" else each.lower() for each in parts}
     units = {each for each in parts if len(each) > 1 or each.isupper()}
     if words & _OTHERS:

@@ -119,6 +119,7 @@ class FileReading:
 
     layout: tuple[str, ...] = ()  # of a text: delimiters, decimal commas, lines without samples
     cut_lines: int = 0  # incomplete last lines, dropped
+    unclear: str = ""  # what its numbers may mean instead
     columns: Mapping[str, ColumnReading] = field(default_factory=dict)  # by field
 
 
@@ -333,6 +334,7 @@ class Log:
             values = values if (scale, offset) == (1.0, 0.0) else values * scale + offset
             changed[name] = values if each.factor == 1.0 else values * each.factor
         log = replace(log, **changed, reading=reading)
+        _refuse_percents(log)
         if interval is not None:
             found["time"] = interval_reading(log.source, interval, found.get("time"), log.time)
         return log
@@ -565,6 +567,17 @@ class Log:
         if self.excitation is None:
             return f"{1e3 * self.added_mass.mass:g} g, {PurePath(self.source).name}"
         return f"{1e3 * self.added_mass.mass:g} g, {self.excitation.omega:g} rad/s"
+
+
+def _refuse_percents(log: Log) -> None:
+    """Refuse a duty above 1 of which nobody says that it is meant so."""
+    read = log.reading.columns.get("input")
+    if log.input_kind is InputKind.DUTY and read is not None and read.assumed:
+        largest = np.nanmax(np.abs(log.input), initial=0.0)
+        if largest > 1:
+            how = "--units input=%, or units: {input: '%'} in the manifest"
+            expected = f"at most 1, or its unit: {how}"
+            raise InputError(log.source, read.name, f"a duty of {largest:g}", expected)
 
 
 def slow_interval(logs: Sequence[Log]) -> float:

@@ -200,7 +200,8 @@ def _facts(manifest: Manifest, entry: LogEntry) -> dict[str, float]:
 
 def open_questions(manifest: Manifest, given: Collection[str], *, named: bool) -> dict[str, str]:
     """Return the questions on a draft, by key that was not given; files ``named`` tell masses."""
-    questions, settled = dict(_QUESTIONS), {*given, "columns", "logs" * named}
+    questions = {"units": _unit_taken(manifest)} | _QUESTIONS
+    settled = {*given, "columns", "logs" * named}
     about = {"interval": manifest.interval, "input_kind": manifest.input}
     called = [str((manifest.columns or {}).get("input", ""))]
     for entry in manifest.logs:
@@ -222,7 +223,19 @@ def open_questions(manifest: Manifest, given: Collection[str], *, named: bool) -
             questions["logs"] += f" {entry.file} says {', '.join(facts)}."
     if manifest.input is not InputKind.SETPOINT or "law" in manifest.loop:
         settled.add("loop")
-    return {key: text for key, text in questions.items() if key not in settled}
+    return {key: text for key, text in questions.items() if text and key not in settled}
+
+
+def _unit_taken(manifest: Manifest) -> str:
+    """Say what the input of the first log was taken in, and how to say another; "" if it says."""
+    try:
+        log = read_entry(manifest, manifest.logs[0])
+    except InputError:
+        return ""
+    read = log.reading.columns.get("input")
+    if read is None or not read.assumed or log.input_kind is InputKind.NONE:
+        return ""
+    return f"I{read.taken[1:]}. Another unit: units: {{input: {read.other}}}."
 
 
 def draft_text(manifest: Manifest, questions: Mapping[str, str]) -> str:
@@ -234,6 +247,9 @@ def draft_text(manifest: Manifest, questions: Mapping[str, str]) -> str:
     if "loop" in questions and not manifest.loop:  # which is not written if empty
         after = next(k for k, line in enumerate(lines, 1) if line.startswith("input:"))
         lines.insert(after, "loop: {}\n")
+    if "units" in questions and not manifest.units:  # as a comment where it would stand
+        both = filter(None, (questions.get("input"), questions["units"]))
+        questions = {**questions, "input": " ".join(both)}
     return "".join(
         f"# To settle: {questions[key]}\n{line}"
         + f"  # - {{file: ..., {places}}}\n" * (key == "logs")

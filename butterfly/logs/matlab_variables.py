@@ -74,7 +74,8 @@ def _load4(data: Bytes) -> dict[str, Any]:
         parts = np.frombuffer(data[begin:end], numbers).reshape((-1, columns, rows))
         values = parts[0].T if not imaginary else parts[0].T + 1j * parts[1].T
         if text == 1:
-            values, text = np.asarray("".join(chr(int(each) % 0x110000) for each in values.flat)), 0
+            lines = ["".join(chr(int(each) % 0x110000) for each in line) for line in values]
+            values, text = _texts(lines or [""]), 0
         found[name] = values if text == 0 else _OTHERS_OF_4.get(text, f"an array of type {kind}")
         data = data[end:]
     return found
@@ -202,15 +203,18 @@ def _array(elements: _Elements, depth: int) -> tuple[str, Any]:
             raise ValueError(f"{count} structs in {len(elements.data)} bytes")
         structs = [{field: _within(elements, depth) for field in fields} for _ in range(count)]
         return name, structs[0] if count == 1 else structs
-    return name, _other(elements, kind, math.prod(shape), depth)
+    return name, _other(elements, kind, shape, depth)
 
 
-def _other(elements: _Elements, kind: int, count: int, depth: int) -> Any:  # noqa: ANN401 - whatever the file holds
-    """Return a text, the list of a cell array, or a description of another array."""
+def _other(elements: _Elements, kind: int, shape: list[int], depth: int) -> Any:  # noqa: ANN401 - whatever the file holds
+    """Return a text or several, the list of a cell array, or a description of another array."""
+    count = math.prod(shape)
     if kind == _TEXT:
         form, text = elements.next("a text", _TEXTS)
         order = "" if _TEXTS[form] == "utf-8" else "-le" if elements.order == "<" else "-be"
-        return np.asarray(bytes(text).decode(_TEXTS[form] + order, "replace"))
+        letters = bytes(text).decode(_TEXTS[form] + order, "replace")
+        rows = shape[0] if len(letters) == count else 1
+        return _texts([letters[k::rows] for k in range(rows)] or [""])
     if kind == _CELL and count > 1 + len(elements.data):
         raise ValueError(f"{count} cells in {len(elements.data)} bytes")
     if kind == _CELL:
@@ -226,6 +230,11 @@ def _numbers(elements: _Elements, shape: list[int]) -> NDArray[Any]:
     if len(data) != count * form.itemsize:
         raise ValueError(f"{len(data)} bytes of data for {count} numbers")
     return np.frombuffer(data, form).reshape(shape, order="F")
+
+
+def _texts(rows: list[str]) -> Any:  # noqa: ANN401 - whatever the file holds
+    """Return an array of characters as a text, or as the texts in its rows."""
+    return np.asarray(rows[0]) if len(rows) == 1 else np.asarray([each.rstrip() for each in rows])
 
 
 def _fields(elements: _Elements) -> list[str]:
@@ -249,10 +258,11 @@ def _within(elements: _Elements, depth: int) -> Any:  # noqa: ANN401 - whatever 
 # Version 7.3 is HDF5.
 
 _OWN = "#"  # begins what MATLAB keeps for itself
-_PLAIN = {"double", "single", "logical", "char", "struct"} | {
+_PLAIN = {"double", "single", "logical", "char", "cell", "struct"} | {
     f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)
 }
 _OF_ROW = 1 << 7  # bytes of a row that is a list, besides its numbers
+_LONGEST_TEXT = 10_000  # characters
 _OF_NODE = 1 << 14  # bytes that count for a node besides its own: of nodes in a ring is no end
 
 
@@ -288,13 +298,13 @@ def _load73(
             return [dict(zip(found, each, strict=True)) for each in zip(*lists, strict=True)]
         _require_written(path, node)
         values = _stored(node, left)
-        if h5py.check_ref_dtype(values.dtype) and not kind:  # a field of an array of structs
+        if h5py.check_ref_dtype(values.dtype) and kind in {b"", b"cell"}:  # or a field of structs
             return [value(file[each]) for each in values.ravel(order="F")]
-        return np.asarray("".join(map(chr, values.ravel()))) if kind == b"char" else values.T
+        return _texts_of(values) if kind == b"char" else values.T
 
     with h5py.File(path, "r") as file:
         names, said[""] = list(file), dict(file.attrs)
-        own = [name for name in names if name in wanted or "unit" in name.lower()]
+        own = [name for name in names if name in wanted or _is_of_texts(file, name)]
         found = {name: value(_own_node(path, file, name)) for name in own}
         return found, [name for name in names if not name.startswith(_OWN)]
 
@@ -314,6 +324,19 @@ def _stored(node: Any, most: int) -> NDArray[Any]:  # noqa: ANN401 - h5py's
         if most < 0:  # many lists may be one place of the file
             raise ValueError("lists of more numbers than the file can hold")
     return rows
+
+
+def _texts_of(codes: NDArray[Any]) -> Any:  # noqa: ANN401 - as of `_texts`
+    lines = codes.T if codes.ndim == 2 else codes[None]  # noqa: PLR2004 - rows
+    return _texts(["".join(map(chr, line.ravel())) for line in lines] or [""])
+
+
+def _is_of_texts(parent: Any, name: str) -> bool:  # noqa: ANN401 - h5py's
+    """Whether a variable may say something about others: units, or a few texts."""
+    if type(parent.get(name, getlink=True)).__name__ != "HardLink":
+        return False
+    kind, size = parent[name].attrs.get("MATLAB_class", b""), getattr(parent[name], "size", 0)
+    return "unit" in name.lower() or (kind in {b"char", b"cell"} and size <= _LONGEST_TEXT)
 
 
 def _own_node(path: Path, parent: Any, name: str) -> Any:  # noqa: ANN401 - h5py's

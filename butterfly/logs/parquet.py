@@ -18,7 +18,7 @@ from butterfly.errors import InputError, size_text
 from butterfly.files import most_in, require_file, whole
 from butterfly.logs.components import components
 from butterfly.logs.formats import ColumnMap, chosen_columns
-from butterfly.logs.log import Log
+from butterfly.logs.log import InputKind, Log
 from butterfly.logs.said import Sayings
 from butterfly.logs.text_table import is_number_type
 from butterfly.logs.units import Units
@@ -41,7 +41,10 @@ def read_parquet(path: Path, columns: ColumnMap | None, units: Units, about: dic
         for field in unasked:
             if not is_number_type(leaves[places[field]].kind):
                 del places[field]
-        headings = _said(path, schema, names).headings(places)
+        sayings = _said(path, schema, names)
+        for name, text in _texts(file).items():
+            sayings.cell(name, text)
+        headings = sayings.headings(places)
         single = {field: parts[names[k]] for field, k in places.items() if k >= len(leaves)}
         wanted = {each: lists[each] for part in single.values() for each in part.needs}
         _refuse_many(path, file, len(places) + len(wanted))
@@ -67,6 +70,13 @@ def _said(path: Path, schema: pa.Schema, names: Sequence[str]) -> Sayings:
         sayings.metadata(field.metadata or {}, "metadata", (k,))
     sayings.metadata(schema.metadata or {}, "metadata")
     return sayings
+
+
+def _texts(file: parquet.ParquetFile) -> dict[str, str]:
+    """Return the first text of each column of texts, such as one of units, by its name."""
+    names = [each.name for each in file.schema_arrow if pa.types.is_string(each.type)]
+    first = next(file.iter_batches(1, columns=names), None) if names else None
+    return {name: str(first[name][0]) for name in names if first is not None and len(first)}
 
 
 class _Leaf(NamedTuple):
@@ -155,8 +165,23 @@ def _is_clock(kind: pa.DataType) -> bool:
 
 
 def parquet_bytes(log: Log) -> bytes:
-    """Return the content of the Parquet file of a log."""
-    buffer = io.BytesIO()
+    """Return the content of the Parquet file of a log, which says the unit of its input."""
+    buffer, table = io.BytesIO(), pa.table(log.columns())
+    if unit := _unit_of_input(log):
+        told = [
+            field.with_metadata({"unit": unit}) if field.name == "input" else field
+            for field in table.schema
+        ]
+        table = table.cast(pa.schema(told))
     how = {"compression": "zstd", "write_page_checksum": True}
-    parquet.write_table(pa.table(log.columns()), buffer, **how)
+    parquet.write_table(table, buffer, **how)
     return buffer.getvalue()
+
+
+def _unit_of_input(log: Log) -> str:
+    """Return the unit of a log's input; "" of a torque, whose scale nobody may know."""
+    if log.input_kind is InputKind.SETPOINT:
+        of_speed = log.servo is not None and log.servo.of_speed
+        return log.added_mass.joint.way + "/s" * of_speed
+    unit = log.input_kind.unit
+    return "" if unit == "unit" else unit

@@ -10,14 +10,24 @@ import json
 import math
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, lru_cache
+from itertools import dropwhile, takewhile
+from pathlib import PurePath
 from typing import Any
 
 from butterfly.errors import InputError
-from butterfly.logs.unit_words import counts_without_turn, plain_text
+from butterfly.logs.known_names import USUAL, parts_of
+from butterfly.logs.unit_words import (
+    Mention,
+    counts_without_turn,
+    is_value,
+    mentions,
+    plain_text,
+)
 from butterfly.logs.units import (
+    UNITS,
     Heading,
     Said,
     Words,
@@ -42,17 +52,27 @@ _HOLDERS = {
     *("variables", "schema", "pandas"),
 }  # keys of what concerns the file, or what they stand in
 _OWN_NAMES = ("name", "column", "field", "field_name", "id")
-_ALIASES = {
-    "time": {"time", "t", "timestamp", "timestamps"},
-    "input": {"input", "u", "command", "cmd", "voltage", "torque", "current", "force", "effort"},
-    "angle": {"angle", "position", "pos", "q", "theta", "phi"},
-    "velocity": {"velocity", "speed", "vel", "omega", "dq", "qd"},
-}
 _SCALES = {"scale_factor": 0, "add_offset": 1}  # of the conventions for netCDF
 _LETTERS = frozenset("VANsmhg")  # that are units
-_IDIOMS = {"turn", "second"}  # in turn
-_PARTS = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+|[^\W\d_a-zA-Z]+")
-_BRACKETED = re.compile(r"([^\[\](){},;|\t]*?)([\[({])([^\[\](){}]*)(?:[\])}]|$)")
+
+_OF_OTHERS = {
+    *("supply", "bus", "battery", "limit", "limits", "max", "maximum", "min", "minimum", "rated"),
+    *("rating", "nominal", "constant", "noise", "resolution", "offset", "threshold", "friction"),
+}  # words of what a unit may be of besides a column
+_BRACKETED = re.compile(r"([^\[\](){},;|\t]*?)[\[({]([^\[\](){}]*)(?:[\])}]|$)")
+_IN_BRACKETS = re.compile(r"[\[({]([^\[\](){}]*)[\])}]")
+_DIVIDED = re.compile(r"[,;|\t]")
+_MARKS, _ENDS = " #%/\t,;", " #/\t,;"  # of comments
+_WIDE = re.compile(r"\s{2,}")
+_SECTION = re.compile(r"\[([^\[\]:=]+)\]")
+_PAIR = re.compile(
+    r"""([\w-]+)["']?\s*[:=]\s*("[^"]*"|'[^']*'|[^\s,;{}<>][^,;{}<>]*?(?=\s+\w+=|[,;{}<>/]|$))"""
+)
+_BETWEEN = _ASIDE - {"y"} | {"for", "given", "was", "were", "be", "stored", "logged", "expressed"}
+_WORDS = 6  # of a column's name in a text, and cells in a row about a column
+_SHOWN = 40  # characters of a text
+_OF_NAME = "name"
+_MANY = 30  # units within a line
 _DEEPEST, _MOST, _LONGEST = 16, 1000, 500  # keys within keys, lines of text, characters of a line
 
 
@@ -63,6 +83,9 @@ class Sayings:
         self._source, self._names = source, [str(name) for name in names]
         self._said: dict[tuple[Way, Words], None] = {}
         self._scales: dict[Way, list[float]] = {}
+        self._texts: dict[tuple[Way, str, str], None] = {}  # all there are, with their places
+        self._left = _MOST  # lines of text
+        self._hear(PurePath(str(source)).stem, "file name")
 
     def metadata(self, found: Any, place: str = "", way: Way = ()) -> None:  # noqa: ANN401 - whatever a file holds
         """Collect keys and their values, or rows of them, which concern what ``way`` names."""
@@ -77,6 +100,7 @@ class Sayings:
             mark = "." if place and not place.endswith(("metadata", "attribute")) else " "
             where = f"{place}{mark}{key}".strip(" .")
             below = way if key.lower() in _HOLDERS else (*way, key)
+            self._hear(key, where, way, below)
             rest = _besides_unit(key)
             if rest is not None:
                 self._units(value, (*way, *rest), where)
@@ -90,21 +114,25 @@ class Sayings:
             elif not isinstance(value, str) or key.lower().endswith("type"):  # datetime64[ns]
                 continue
             elif way:
-                self._prose(value, way, where)
+                self._hear(value, where, way)
                 self._add((key,), value, where, Said.AS_VALUE)
             else:
                 self.text([f"{key}: {value}", *value.splitlines()], where)
 
     def _listed(self, found: list[Any], place: str, way: Way, own: Way) -> None:
         """Collect from a list of columns, or of rows that repeat the unit of theirs."""
-        rows = {}
+        rows: dict[str, dict[str, Any]] = {}
+        if all(isinstance(each, str) for each in found[:_MOST]):
+            self._hear(", ".join(found[:_MOST]), place, (*way, *own))
         for each in found:
             if not isinstance(each, Mapping):
                 continue
             names = [each[key] for key in _OWN_NAMES if isinstance(each.get(key), str)]
             if names:
                 self.metadata(each, place, (*way, names[0]))
-            elif said := _units_within(each):
+            else:
+                rows.setdefault("", {k: v for k, v in each.items() if isinstance(v, str | dict)})
+                said = _units_within(each)
                 rows[repr(said)] = said
         for each in rows.values():
             self.metadata(each, place, (*way, *own))
@@ -118,28 +146,68 @@ class Sayings:
         """Collect the unit of a column."""
         self._add((number,), str(text), place, Said.AS_UNIT)
 
-    def text(self, lines: Iterable[str], place: str, split: Any = None) -> None:  # noqa: ANN401 - cells of a line
-        """Collect lines such as ``input: mV``, ``u [mV], q [rad]``, ``units: s, mV, rad``."""
-        for line in [*dict.fromkeys(lines)][:_MOST]:
-            plain = plain_text(line[:_LONGEST]).strip(" #%/\t,;")
-            plain = re.sub(r"[,;]\s+(in\s)", r" \1", plain)
-            if len(two := re.split(r"\s*[,;\t]\s*", plain)) == 2 and _besides_unit(two[0]):  # noqa: PLR2004
-                plain = ": ".join(two)
+    def cell(self, name: str, text: str) -> None:
+        """Collect the first text in a column of such, perhaps of units."""
+        own = f"{name}: {text}" if _besides_unit(name) is not None else text
+        self.text([own], f"column {name}")
+
+    def note(self, number: int, text: str, place: str) -> None:
+        """Collect a text about a column."""
+        self._hear(text, place, (number,))
+
+    def text(
+        self,
+        lines: Iterable[str],
+        place: str,
+        split: Callable[[str], list[str]] | None = None,
+    ) -> None:
+        """Collect lines: keys and values of any depth, rows of units, tables of columns, prose."""
+        kept = [plain_text(line[:_LONGEST]) for line in [*dict.fromkeys(lines)][: self._left]]
+        self._left -= len(kept)
+        self.metadata(nested(kept), place)
+        for line in kept:
+            if pairs := record(line):
+                self.metadata([pairs], place)
+                continue
+            plain = re.sub(r"[,;]\s+(in\s)", r" \1", line.lstrip(_MARKS).rstrip(_ENDS))
+            self._hear(plain, place)
+            if self._row_in(plain, place, split or _cells):
+                continue
             head, mark, rest = _halves(plain)
             first, _, after = plain.partition(" ")
             if mark and head.lower() in _UNITS:
                 self._units(rest, (), place)
-            elif first.lower() in _UNITS and (is_unit(after) or self._is_row(_cells(after))):
+            elif first.lower() in _UNITS and is_unit(after):
                 self._units(after, (), place)
-            elif (cells := split(plain) if split else _cells(plain)) and self._is_row(cells):
-                self.row(cells, place)
-            else:
-                for segment in _segments(plain):
-                    self._segment(segment, place)
+            for segment in _segments(plain):
+                self._segment(segment, place)
+
+    def _row_in(self, line: str, place: str, split: Callable[[str], list[str]]) -> bool:
+        """Collect a row of units, or the unit in a row about one column; tell whether it is one."""
+        first, *rest = split(line)
+        ways = [[first, *rest], _cells(line), _WIDE.split(line), _IN_BRACKETS.findall(line)]
+        after = [line.partition(mark)[2] for mark in ":= "]
+        ways += [*map(_cells, after), *(each.split("/") for each in (line, *after))]
+        if _besides_unit(first) == ():
+            ways += [rest, ["", *rest]]
+        row = next((cells for cells in ways if self._is_row(cells)), None)
+        if row is not None:
+            self.row(row, place)
+            return True
+        for cells in (_DIVIDED.split(line), _WIDE.split(line)):
+            if len(cells) > _WORDS:
+                continue
+            columns = [each for each in cells if len(self._columns((each,))) == 1]
+            units = [each.strip(" [](){}") for each in cells if is_unit(each)]
+            if len(columns) == len(units) == 1:
+                self._add((columns[0],), units[0], place, Said.AS_VALUE)
+                return True
+        return False
 
     def headings(self, places: Mapping[str, int]) -> dict[str, Heading]:
         """Return the headings of the columns with these numbers, by field of the log."""
         found = {field: Heading(name=self._names[k], number=k) for field, k in places.items()}
+        in_texts = self._from_texts()
         for way, words in self._said:
             fields, alone = self._of(way, places)
             for name in fields:
@@ -149,7 +217,64 @@ class Sayings:
         for way, (factor, offset) in self._scales.items():
             for name in self._of(way, places)[0]:
                 found[name] = replace(found[name], scale=(factor, offset))
+        if "input" in found:
+            mentioned = tuple(self._mentioned(places["input"], in_texts))
+            found["input"] = replace(found["input"], mentioned=mentioned)
         return found
+
+    def _hear(self, text: str, place: str, way: Way = (), name: Way = ()) -> None:
+        """Keep a text about what ``way`` leads to, unless it is the ``name`` of a column."""
+        if len(self._texts) < _MOST and not (name and self._columns(name)):
+            self._texts[way, text[:_LONGEST], place] = None
+
+    def _from_texts(self) -> list[tuple[Way, Words, set[str]]]:
+        """Collect the units in all texts; return each, what it may be of, and where it is."""
+        found = []
+        for way, text, place in self._texts:
+            whole = self._columns(way)
+            for each in mentions(text)[:_MANY]:
+                if {*each.words, *_words(place)} & _OF_OTHERS:
+                    continue
+                beside = () if each.of_one else self._subject(each)
+                of = beside or (way if whole and each.meant and not each.of_one else ())
+                if of and self._columns(of) == (whole or self._columns(of)):
+                    sure = each.marked and (beside or each.bracket != "(")
+                    how = Said.AS_VALUE if sure or each.named_alone else Said.IN_PROSE
+                    self._add(of, each.text, place, how)
+                listed = len(each.rest) < _MANY and each.of_list and not way
+                alone = listed and all(map(_is_of_list, each.rest))
+                how = Said.AS_VALUE if of or alone else Said.IN_PROSE
+                if of or alone or each.sure or each.bracket:
+                    words = Words(each.text, f"{place}: {text[:_SHOWN]!r}", how)
+                    found.append((of or way, words, {*each.words} - {*_words(place)}))
+        return found
+
+    def _subject(self, mention: Mention) -> Way:
+        """Return the way to what a unit stands beside, but for words and marks between."""
+        for tokens, turn in ((mention.before[::-1], -1), (mention.after, 1)):
+            run = [*takewhile(_is_word, dropwhile(_is_between, tokens))][:_WORDS]
+            for count in range(len(run), 0, -1):
+                way = (" ".join(run[:count][::turn]),)
+                if self._columns(way) or self._fields(way):
+                    return way
+            if run:
+                break
+        return ()
+
+    def _mentioned(
+        self, number: int, found: Iterable[tuple[Way, Words, set[str]]]
+    ) -> Iterable[Words]:
+        """Yield the units that may be of the input: as values, if hardly of anything else."""
+        name = self._names[number]
+        others = {_key(without_unit(each)) for each in self._names if each != name}
+        others -= {_key(without_ending(name))}
+        for each in (*mentions(name.replace(".", " ")), *mentions(name[1:])):  # umV
+            yield Words(each.text, _OF_NAME, Said.AS_VALUE)
+        for of, words, around in found:
+            columns, fields = self._columns(of), self._fields(of)
+            own = (columns and number in columns) or "input" in fields
+            if own or not (columns or fields or around & others):
+                yield words
 
     @cached_property
     def _index(self) -> tuple[dict[Any, list[int]], ...]:
@@ -208,7 +333,7 @@ class Sayings:
         elif any(each in text for each in ":=[({"):
             for segment in _segments(text):
                 self._segment(segment, place, Said.AS_UNIT)
-        else:
+        elif is_unit(text) or not mentions(text):
             self._add((), text, place, Said.AS_UNIT)
 
     def _is_row(self, cells: Sequence[str]) -> bool:
@@ -220,57 +345,99 @@ class Sayings:
             and all(is_unit(cell) or counts_without_turn(cell) for cell in given)
         )
 
-    def _segment(self, text: str, place: str, how: Said = Said.AS_VALUE) -> None:
-        """Collect one of ``input: mV``, ``input [mV]``, ``input in mV`` and ``input mV``."""
+    def _segment(self, text: str, place: str, how: Said | None = None) -> None:
+        """Collect ``input unit: mV``, or any ``input: word`` and ``input [word]`` if told how."""
         head, mark, rest = _halves(text)
         if mark and rest:
-            if besides := _besides_unit(head):
-                self._add(besides, rest, place, Said.AS_UNIT)
-            else:
-                self._add((head,), rest, place, how)
-                self._prose(rest, (head,), place)
+            besides = _besides_unit(head)
+            if besides or how:
+                self._add(besides or (head,), rest, place, Said.AS_UNIT)
             self._segment(rest, place, how)
-            return
-        for before, bracket, words in _BRACKETED.findall(text):
-            plural = bracket == "(" and words == "s" and before[-1:].isalpha()
-            self._add((before.strip(),), words, place, Said.IN_PROSE if plural else how)
-        before, _, words = text.partition(" in ")
-        self._add((before,), words, place, how)
-        if len(pair := text.split()) == 2 and not _BRACKETED.search(text):  # noqa: PLR2004
-            self._add((pair[0],), pair[1], place, Said.IN_PROSE)
-
-    def _prose(self, text: str, way: Way, place: str) -> None:
-        """Collect units in a description of a column."""
-        plain = plain_text(text[:_LONGEST])
-        self._add(way, plain, place, Said.IN_PROSE)
-        for _, bracket, words in _BRACKETED.findall(plain):
-            self._add(way, words, place, Said.IN_PROSE if bracket == "(" else Said.AS_VALUE)
-        *_, last = re.split(r"[,;]\s", plain)
-        self._add(way, last, place, Said.IN_PROSE)
-        for clause in re.split(r"[,;.]\s", plain):
-            _, within, words = f" {clause}".rstrip(" .").rpartition(" in ")
-            if within and words.lower() not in _IDIOMS:
-                self._add(way, words, place, Said.AS_VALUE)
-            head, mark, rest = _halves(clause)
-            if mark and _besides_unit(head) is not None:
-                self._add(way, rest.rstrip("."), place, Said.AS_VALUE)
+        elif how:
+            for before, words in _BRACKETED.findall(text):
+                self._add((before.strip(),), words, place, how)
 
     def _of(self, way: Way, places: Mapping[str, int]) -> tuple[list[str], bool]:
         """Return the fields that something is said of, and whether of a single column."""
         if not way:
             return [*places], len(self._names) == 1
-        if isinstance(way[0], int):
-            return [field for field, k in places.items() if k == way[0]], True
+        if found := self._columns(way):
+            return [field for field, k in places.items() if k in found], len(found) == 1
+        return [f for f in places if f in self._fields(way)], True
+
+    def _fields(self, way: Way) -> list[str]:
+        """Return the fields that ``way`` means by usual words."""
+        last = str(way[-1]) if way and isinstance(way[-1], str) else ""
+        words = {each for each in _words(last) if each not in _ASIDE}
+        plural = {each.removesuffix("s") for each in words}
+        usual = [(f, USUAL.get(f, {f})) for f in UNITS]
+        return [f for f, own in usual if words and (words <= own or plural <= own)]
+
+    def _columns(self, way: Way) -> list[int]:
+        """Return the columns that ``way`` leads to."""
+        if not way or isinstance(way[0], int):
+            return [each for each in way[:1] if isinstance(each, int)]
         whole, ends, bare = self._index
         keys = tuple(_key(part) for each in way for part in str(each).split("."))
         found, last = whole.get(keys) or ends.get(keys[-1]) or [], str(way[-1])
-        words = [each for each in _words(last) if each not in _ASIDE]
-        for text in map(_key, (last, without_unit(last), " ".join(words))):
+        words = " ".join(each for each in _words(last) if each not in _ASIDE)
+        for text in map(_key, (last, without_unit(last), words)):
             found = found or bare.get(text or None, [])
-        if found:
-            return [field for field, k in places.items() if k in found], len(found) == 1
-        fields = [f for f in places if words and {*words} <= _ALIASES.get(f, {f})]
-        return fields, True
+        return found
+
+
+def _is_between(token: str) -> bool:
+    """Whether a token may stand between a name and its unit."""
+    return not _is_word(token) or token.lower().strip(".") in _BETWEEN or is_value(token)
+
+
+def _is_of_list(token: str) -> bool:
+    """Whether a token may stand in a list of units, one for each column."""
+    listed = {*_UNITS, "column", "col", "channel"}
+    return not _is_word(token) or is_value(token) or is_unit(token) or token.lower() in listed
+
+
+def _is_word(token: str) -> bool:
+    return any(map(str.isalnum, token))
+
+
+def nested(lines: Iterable[str]) -> dict[str, Any]:
+    """Return the keys with keys below them in lines as of YAML, JSON, TOML or INI."""
+    root: dict[str, Any] = {}
+    stack: list[tuple[float, dict[str, Any]]] = [(-1.0, root)]
+    for line in lines:
+        bare = line.strip("#%/\t ")
+        depth = float(len(line.rstrip()) - len(line.strip("#%/").lstrip()))
+        item = bare.startswith("- ")
+        bare = bare.removeprefix("- ").strip()
+        if section := _SECTION.fullmatch(bare):
+            stack = [(-1.0, root), (-0.5, root.setdefault(section[1], {}))]
+            continue
+        key, mark, value = _halves(bare)
+        key, value = key.strip(" \"'"), value.strip(" ,\"'")
+        while len(stack) > 1 and depth <= stack[-1][0]:
+            stack.pop()
+        if not mark or not key:
+            continue
+        own = stack[-1][1]
+        if item:
+            record: dict[str, Any] = {}
+            own.setdefault("", []).append(record)
+            stack.append((depth, record))
+            own = record
+            depth += 1
+        if value in {"", "{", "["}:
+            own[key] = {}
+            stack.append((depth, own[key]))
+        else:
+            own[key] = value
+    return {key: each for key, each in root.items() if not isinstance(each, str) and each}
+
+
+def record(line: str) -> dict[str, str]:
+    """Return the pairs of keys and values in a line that has a name and a unit; else none."""
+    pairs = {key: value.strip("\"'") for key, value in _PAIR.findall(line)}
+    return pairs if {*pairs} & {*_OWN_NAMES} and {*pairs} & _UNITS else {}
 
 
 def _units_within(row: Mapping[str, Any]) -> dict[str, Any]:
@@ -285,7 +452,7 @@ def _key(name: object) -> str:
 
 
 def _words(text: str) -> list[str]:
-    return [each.lower() for each in _PARTS.findall(plain_text(text[:_LONGEST]))]
+    return [each.lower() for each in parts_of(text)]
 
 
 @lru_cache(4096)
@@ -296,7 +463,7 @@ def _besides_unit(key: str) -> tuple[str, ...] | None:
         return None
     named = [each for each in words if each not in _UNITS]
     rest = [each for each in named if each not in _ASIDE]
-    own = set().union(*_ALIASES.values())
+    own = set().union(*USUAL.values())
     if rest and not ({*rest} & own or (len(rest) == 1 and words[-1] in _UNITS)):
         return None  # unitsPerRotation
     return ("_".join(named),) if rest else ()
@@ -315,8 +482,9 @@ def _segments(text: str) -> list[str]:
 
 
 def _cells(text: str) -> list[str]:
-    parts = re.split(r"[,;|\t]", text)
-    return [each.strip() for each in parts] if len(parts) > 1 else text.split()
+    parts = _DIVIDED.split(text)
+    parts = parts if len(parts) > 1 else text.split()
+    return [each.strip() for each in (parts if len(parts) > 1 else text.split("/"))]
 
 
 def _text(value: Any) -> str:  # noqa: ANN401 - whatever a file holds

@@ -7,7 +7,7 @@ import io
 import re
 from collections.abc import Callable, Mapping, Sequence
 from csv import reader as csv_reader
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
@@ -30,6 +30,7 @@ _DELIMITERS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "blanks"}
 _BLANKS = re.compile(r"\s+(?![\[(])(?![^\[(]*[\])])")  # except before and within brackets
 _NUMBER = re.compile(r"[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?")
 GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}([.,'’ \xa0\u202f])\d{3}(?:\1\d{3})*(?:(?!\1)[.,]\d+)?")
+_UNGROUPED = re.compile(r"[+-]?\d{1,3}")
 _FORM = r"[+-]?(?:\d*|[1-9]\d{{0,2}}(?:\{}\d{{3}})+)(?:\{}\d*)?(?:[eE][+-]?\d+)?"
 _CUT = re.compile(r"(?<![\d.])[+-]?\d{1,3},0\d+(?:\.\d+)?(?![\d.])")  # no number begins with 0
 _GROUPS = re.compile(r"\d(?:[.,]\d{3}[.,]\d|['’ \xa0\u202f]\d{3})")
@@ -55,6 +56,8 @@ class TextColumns:
     split: Callable[[str], list[str]] | None = None  # a line into its cells
     lines: Sequence[int] = ()  # (n,) number of each row's line, from 1 on
     reading: FileReading = AS_WRITTEN
+    grouped: Mapping[int, str] = field(default_factory=dict)  # numbers that may be 1,000 as large
+    notes: Sequence[tuple[int | None, str, str]] = ()  # column or None, text and its place
 
 
 class _Line(NamedTuple):
@@ -118,6 +121,7 @@ def table_of_text(path: Path, text: str, encoding: str, delimiters: str = ";\t, 
         lines=[line.number for line in rows],
         remarks=remarks,
         split=partial(_cells, delimiter=delimiter),
+        grouped={} if group or decimal == "," else _grouped(rows, delimiter),
         reading=FileReading(layout=layout, cut_lines=int(cut)),
     )
 
@@ -142,6 +146,24 @@ def _marks(rows: list[_Line], delimiter: str) -> tuple[str, str]:
     marked = (text for text in texts if "," in text or "." in text)
     numbers = (cell for text in marked for cell in _cells(text, delimiter) if is_number(cell))
     return "", next((mark for cell in numbers for mark in cell if mark in ",."), ".")
+
+
+def _grouped(rows: list[_Line], delimiter: str) -> dict[int, str]:
+    """Return the first number with a point in each column where all may group thousands so."""
+    found: dict[int, str] = {}
+    if delimiter == ";":
+        for few in (rows[:_SAMPLE], rows):
+            columns = zip(*(_cells(line.text, delimiter) for line in few), strict=False)
+            every = [[cell for cell in column if is_number(cell)] for column in columns]
+            points = [[cell for cell in cells if not _UNGROUPED.fullmatch(cell)] for cells in every]
+            found = {
+                k: own[0]
+                for k, own in enumerate(points)
+                if own and all(map(GROUPED.fullmatch, own))
+            }
+            if not found:
+                break
+    return found
 
 
 def _decoded(path: Path) -> tuple[str, str]:

@@ -22,6 +22,7 @@ from butterfly.logs.unit_words import (
     QUANTITIES,
     counts_without_turn,
     factor_of,
+    mentions,
     plain_text,
     quantity_of,
     units_meant,
@@ -46,9 +47,13 @@ UNITS = {
 """Units, each with its factor, of the sampled columns and of a log's ``omega``, added mass and arm
 (an amplitude has the unit of the input). A slide's angle is a length."""
 
+DATES = "dates"
+"""Source of the unit of a clock of dates, which no other source can change."""
+
 ASSUMED, GIVEN = "assumed", "given"
 """Source of a unit that is not in the file: the default, or an option or the manifest."""
 
+_KIND_OF = {"share": "duty", "force": "torque"}  # of an input, by its quantity
 _TURNABLE = ("input", "angle", "velocity", "setpoint")
 _BRACKETS = re.compile(r"[\[({]([^\[\](){}]*)(?:[\])}]|$)")
 _SILENT = re.compile(
@@ -63,7 +68,7 @@ class Said(Enum):
 
     AS_UNIT = "its place is one of units: an unknown word is an error"
     AS_VALUE = "a known unit is one, and other words are none"
-    IN_PROSE = "the same, but for a single letter, which is none unless it is the project's own"
+    IN_PROSE = "a known unit that fits is one, a single letter only if it is the project's own"
 
 
 @dataclass(frozen=True)
@@ -130,6 +135,33 @@ class Heading:
     said: tuple[Words, ...] = ()  # of its unit
     shared: tuple[Words, ...] = ()  # the same, of several columns: of those that it fits
     scale: tuple[float, float] = (1.0, 0.0)  # factor and offset that make its numbers values
+    mentioned: tuple[Words, ...] = ()  # units in the file that nothing says to be of a column
+
+
+@dataclass(frozen=True)
+class Unread:
+    """Another unit in a file than the one that its input was taken in, and what may be right."""
+
+    taken: str
+    unit: str
+    place: str
+    kind: str = ""  # of the input, if the unit is of another quantity
+
+    @property
+    def text(self) -> str:
+        """What was taken, and what the file says."""
+        taken = taken_text(self.taken, silent=False)
+        return f"{taken}, but the file says {self.unit} ({self.place})"
+
+    @property
+    def cure(self) -> str:
+        """How to say what is right."""
+        units = f"units: {{input: {self.unit}}} in the manifest"
+        if self.kind:
+            how = f"--input {self.kind}, and --units input={self.unit}"
+            return f"Set {how}; or input: {self.kind}, {units}. If {self.taken} is right, say so."
+        right = f"If {self.taken} is right, say so: --units input={self.taken}."
+        return f"Set --units input={self.unit}, or {units}. {right}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,11 +173,27 @@ class ColumnReading:
     unit: str
     said: str  # source of the unit: "name", another place in the file, `GIVEN` or `ASSUMED`
     factor: float  # to the project's own unit, negative if negated
+    unread: Unread | None = None  # of an assumed unit of the input
 
     @property
     def own(self) -> bool:
         """Whether the file gives a unit other than the project's own."""
         return self.said not in {ASSUMED, GIVEN} and (abs(self.factor) != 1 or "epoch" in self.unit)
+
+    @property
+    def assumed(self) -> bool:
+        """Whether nobody says the unit."""
+        return self.said == ASSUMED
+
+    @property
+    def taken(self) -> str:
+        """What an assumed unit of the input was taken for."""
+        return self.unread.text if self.unread else taken_text(self.unit)
+
+    @property
+    def other(self) -> str:
+        """Another unit than the assumed one: that which the file mentions, or an example."""
+        return self.unread.unit if self.unread else f"m{self.unit}" if self.unit in "VA" else "..."
 
     @property
     def text(self) -> str:
@@ -172,10 +220,40 @@ def read_unit(
         unit, said = _unit_and_place(source, field, heading, given, fitting)
         factor = factor_of(unit)
     factor = units.factor(field, factor)
+    unread = _unread(heading, unit, fitting) if (field, said) == ("input", ASSUMED) else None
     if heading.scale != (1.0, 0.0):
         said += ", scale_factor {:g} and add_offset {:g}".format(*heading.scale)
     name, number = heading.name, heading.number
-    return ColumnReading(name=name, number=number, unit=unit, said=said, factor=factor)
+    return ColumnReading(
+        name=name, number=number, unit=unit, said=said, factor=factor, unread=unread
+    )
+
+
+def _kind_of(unit: str) -> str:
+    """Return the kind of input that has a unit; "" if none has."""
+    quantity = quantity_of(unit)
+    return _KIND_OF.get(quantity, quantity) if quantity in _HOLDS["input"] else ""
+
+
+def taken_text(unit: str, *, silent: bool = True) -> str:
+    """Say what the input was taken in, where its file is ``silent`` or says something else."""
+    return f"input taken in {unit}" + ": the file does not say" * silent
+
+
+def _unread(heading: Heading, taken: str, fitting: Sequence[str]) -> Unread | None:
+    """Return the first unit of an input, other than the taken one, that the file mentions.
+
+    One in prose counts if it is of a ``fitting`` quantity.
+    """
+    for words in heading.mentioned:
+        for unit in units_spelt("input", words.text):
+            quantity, own = quantity_of(unit), quantity_of(taken)
+            kinds = fitting if words.how is Said.IN_PROSE else _HOLDS["input"]
+            if quantity in kinds and (quantity, factor_of(unit)) != (own, factor_of(taken)):
+                return Unread(
+                    taken, unit, words.place, "" if quantity in fitting else _kind_of(unit)
+                )
+    return None
 
 
 def apportioned(
@@ -211,9 +289,11 @@ def _unit_and_place(
             continue
         if len(named) == 1 and fit:
             known.setdefault(named[0], words.place)
-        elif len(named) == 1 and (sure or given is None):
+        elif len(named) == 1 and (sure or (given is None and words.how is Said.AS_VALUE)):
             expected = f"a unit of {' or '.join(fitting)}: {', '.join(fits)}, or a factor"
             what = f"the unit {named[0]} of {field} ({words.place})"
+            kind = _kind_of(named[0]) if field == "input" else ""
+            expected += f"; or --input {kind}" if kind else ""
             raise InputError(source, where, what, f"{expected} ({option})")
         elif given is None and not words.silent and (sure or len(named) > 1):
             expected = " or ".join(named) or f"one of {', '.join(fits)}, or a factor"
@@ -224,7 +304,8 @@ def _unit_and_place(
         known.setdefault(given, GIVEN)
     if len({factor_of(unit) for unit in known}) > 1:
         both = " and ".join(f"{unit} ({place})" for unit, place in known.items())
-        factor = factor_of(given or next(iter(known)))
+        dated = next((unit for unit, place in known.items() if place == DATES), None)
+        factor = factor_of(dated or given or next(iter(known)))
         expected = f"one unit, or a factor, which overrides both: --units {field}={factor:.9g}"
         raise InputError(source, where, f"the units {both} of {field}", expected)
     return next(iter(known.items()), (fits[0], ASSUMED))
@@ -264,7 +345,9 @@ def _in_name(field: str, name: str, fitting: Sequence[str]) -> list[Words]:
     """Return the unit in a column's name: in brackets, or at its end."""
     texts = words_in(name)
     if texts:
-        return [Words(text, _NAME) for text in [t for t in texts if units_spelt(field, t)] or texts]
+        known = [text for text in texts if units_spelt(field, text)]
+        known = known or [each.text for text in texts for each in mentions(text) if each.sure]
+        return [Words(text, _NAME) for text in known or texts]
     bare = without_unit(name)
     for start, words in _endings(bare):
         before, named = bare[:start], units_spelt(field, words)
@@ -275,7 +358,9 @@ def _in_name(field: str, name: str, fitting: Sequence[str]) -> list[Words]:
         apart = before.rstrip(" ")[-1:] in {"/", ":", "="} or (
             before.endswith(" ") and _QUANTITY.fullmatch(before.strip()) is not None
         )
-        if len(words) == 1 and words.isalpha():
+        if len(words) == 1 and units_spelt(field, before[-1:] + words) not in ([], named):
+            said = False  # umV
+        elif len(words) == 1 and words.isalpha():
             of_quantity = _QUANTITY.search(before) or re.fullmatch(r"[a-z][ _]", before)
             said = bool(before) and (fits or apart or bool(words in _LETTERS and of_quantity))
         elif words.lower() in _NOT_IN_NAMES:
@@ -287,7 +372,9 @@ def _in_name(field: str, name: str, fitting: Sequence[str]) -> list[Words]:
             return [Words(words, _NAME, how) if len(named) > 1 else Words(named[0], _NAME, how)]
         if before and counts_without_turn(words):
             return [Words(words, _NAME)]
-    return []
+    within = mentions(re.sub(r"[./-]|(?<=[a-zA-Z])(?=[A-Z][a-z])", " ", bare))
+    sure = [each.text for each in within if each.sure and each.words]
+    return [Words(each, _NAME, Said.AS_VALUE) for each in sure[:1]]
 
 
 def _endings(name: str) -> Iterable[tuple[int, str]]:

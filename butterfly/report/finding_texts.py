@@ -12,6 +12,7 @@ from butterfly.identification.inference.blocks import Condition
 from butterfly.identification.inference.estimate import OF_VERDICT, Estimate
 from butterfly.identification.repeatability import contradiction_text
 from butterfly.identification.unit_errors import unit_error_text
+from butterfly.logs.units import Unread, taken_text
 from butterfly.model.terms import TERMS
 from butterfly.progress import stopped_text
 from butterfly.report.agreement_texts import contrast_text
@@ -212,6 +213,11 @@ def _torque_driven(finding: Finding, values: Values) -> str:
     )
 
 
+def _unit_unread(taken: str, unit: str, place: str, kind: str = "") -> str:
+    unread = Unread(taken, unit, place, kind)
+    return f"I{unread.text[1:]}. {unread.cure}"
+
+
 def _not_estimated(finding: Finding, values: Values) -> str:
     gain = f" p4 = {values['p4']:.4g}, which fits the logs best" if "p4" in values else ""
     used = f"; simulations use{gain}" if gain else ""
@@ -381,6 +387,8 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     FindingKind.MISFIT: "The error is {number:.3g} times the sensor noise.",
     FindingKind.NO_MISFIT: "Sensor noise explains the error ({number:.2f} times).",
     FindingKind.MISSING_TERM: _missing_term,
+    FindingKind.UNIT_UNREAD: lambda finding, _: _unit_unread(*finding.parameters[1:]),
+    FindingKind.UNIT_ASSUMED: lambda finding, _: f"I{taken_text(finding.parameters[1])[1:]}.",
     FindingKind.RESTS_ON: lambda finding, _: (
         "The logs cannot show errors of "
         f"{_both([_RESTS_ON[name] for name in finding.parameters])}. A spring "

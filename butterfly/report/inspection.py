@@ -94,6 +94,7 @@ class Inspection(Answer):
                 conditions_text([each.condition for each in seen]),
                 *forecast_sentences(forecasts),
                 *hints(seen),
+                *_taken(seen),
                 *more,
             ),
             content={
@@ -260,6 +261,12 @@ def hints(seen: Iterable[Inspected]) -> list[str]:
             if remark.hint and each.name not in names.setdefault(remark.hint, []):
                 names[remark.hint].append(each.name)
     return [f"{listed(logs, 3)}: {hint}" for hint, logs in names.items()]
+
+
+def _taken(seen: Iterable[Inspected]) -> list[str]:
+    """Say what inputs were taken in whose files do not say it."""
+    assumed = [r.text for each in seen for r in each.remarks if r.condition is Level.GOOD]
+    return [f"{text[:1].upper()}{text[1:]}." for text in dict.fromkeys(assumed)]
 
 
 def _inspected(manifest: Manifest, entry: LogEntry) -> Inspected:

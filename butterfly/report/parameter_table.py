@@ -63,7 +63,7 @@ def badge_of(row: Parameter) -> Marked:
     if row.claim == "not-from-zero":
         return Marked("may be 0", level=Level.CARE)
     half, size = or_nan(row.farther), abs(row.value)
-    if half <= PRECISE * size:
+    if half <= PRECISE * size and row.claim != "unit-unread":
         return Marked("good", level=Level.GOOD)
     if CLEARLY * half <= size:
         return Marked("care", level=Level.CARE)

@@ -123,7 +123,7 @@ def test_columns_of_usual_words_are_taken_and_not_asked_for(butterfly, loose, mo
     monkeypatch.setattr(manifest_draft, "read_entry", read)
     _, out, _ = butterfly("manifest", loose, "--units", "time=ms,angle=deg,mass=g")
     assert "- columns" not in out
-    assert read.call_count == 1
+    assert read.call_count == 2  # for the columns, and for the unit of the input
     text = (loose / "manifest.yaml").read_text(encoding="utf-8")
     assert "# - {file: ..., added_mass: (g), arm: (m)}\n" in text
     assert "omega" not in text + out

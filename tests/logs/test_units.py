@@ -21,7 +21,7 @@ WRITTEN = {  # SI brochure, 9th edition: prefixes (table 7) and units outside th
     | {"days": 86400},
     "input": {**VOLTS, "A": 1, "mA": 0.001, "MA": 1e6, "Nm": 1, "mNm": 0.001, "Ncm": 0.01}
     | {"uA": 0.000001, "kA": 1000, "uNm": 0.000001, "kNm": 1000, "kN": 1000}
-    | {"kgf cm": 0.0980665, "MNm": 1e6, "N": 1, "mN": 0.001, "MN": 1e6, "%": 0.01},
+    | {"kgf cm": 0.0980665, "MNm": 1e6, "N": 1, "mN": 0.001, "MN": 1e6, "duty": 1, "%": 0.01},
     "angle": TURNS,
     "velocity": SPEEDS,
     "setpoint": TURNS | SPEEDS,

@@ -45,6 +45,8 @@ KINDS = [kind for kind in FindingKind if kind not in _SLIPS | _OF_MODEL]
 _CONCERNED = {
     FindingKind.CONTRADICTED: ("inertia",),
     FindingKind.RESTS_ON: ("mass_scale", "time_scale"),
+    FindingKind.UNIT_ASSUMED: ("p4", "V"),
+    FindingKind.UNIT_UNREAD: ("p4", "V", "mV", "comment: 'input in mV'", ""),
 }
 _NUMBERS = {FindingKind.POOR_FIT: (40.0, float("-inf"))}
 

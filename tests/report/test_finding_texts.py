@@ -57,6 +57,10 @@ NUMBERS = {
 }
 OF_BODY = {FindingKind.CONTRADICTED: ("viscous_friction", "inertia")}
 """Physical parameters instead of the model's."""
+OF_UNITS = {
+    FindingKind.UNIT_ASSUMED: ("p4", "V"),
+    FindingKind.UNIT_UNREAD: ("p4", "V", "mA", "comment: 'in mA'", "current"),
+}
 OF_SCALES = {FindingKind.RESTS_ON: ("mass_scale", "arm")}
 """What values rest on instead."""
 OF_LOGS = {
@@ -96,13 +100,14 @@ def test_every_kind_of_finding_has_its_own_sentence_with_its_number_and_paramete
     sentences = set()
     for kind in PLAIN:
         number, shown = NUMBERS.get(kind, (None, ""))
-        names = OF_BODY.get(kind, OF_SCALES.get(kind, ("p2", "tilt")))
+        names = OF_BODY.get(kind, OF_SCALES.get(kind, OF_UNITS.get(kind, ("p2", "tilt"))))
         text = finding_text(Finding(kind, names, number=number, logs=_logs_of(kind)), VALUES)
         assert re.fullmatch(r"\S.*\.", text)
         assert shown in text, kind
         assert ("first" in text) is (kind in OF_LOGS)
         named = () if kind in NAMELESS else names
         named = ("masses", "arm") if kind in OF_SCALES else named
+        named = OF_UNITS[kind][1:] if kind in OF_UNITS else named
         assert all(name in text for name in named), kind
         sentences.add(text)
     assert len(sentences) == len(PLAIN)

@@ -21,6 +21,7 @@ from butterfly.identification.inference.identifiability import precision
 from butterfly.identification.levels import PRECISE, SPREADS
 from butterfly.identification.parameter import Parameter, meaning_of, or_none, unit_of
 from butterfly.logs.log import InputKind, Log
+from butterfly.logs.units import taken_text
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import TERMS, lower_bounds
@@ -29,6 +30,7 @@ from butterfly.verdict import Level
 OF_VERDICT = ("p1", "p4")
 """Parameters of the scale, whose half-widths decide the verdict."""
 
+_OF_UNIT = {FindingKind.UNIT_ASSUMED, FindingKind.UNIT_UNREAD}
 _LARGEST = float(np.finfo(float).max) ** 0.25  # of any number: squares of such are numbers too
 _FINDINGS = TypeAdapter(tuple[Finding, ...])
 _CONTRASTS = TypeAdapter(tuple[Contrast, ...])
@@ -139,6 +141,12 @@ class Estimate:
         if self.ratios and not term.of_gain:
             unit = f"{unit}/({unit_of('p1', self.input_kind, self.joint)})"
         meaning = meaning_of(name, self.joint)
+        for each in self.findings:
+            if each.parameters[:1] == (name,) and each.kind in _OF_UNIT:
+                silent = each.kind is FindingKind.UNIT_ASSUMED
+                meaning += f"; {taken_text(each.parameters[1], silent=silent)}"
+                doubted = each.doubts and numbers["claim"] == "precise"
+                numbers |= {"claim": "unit-unread"} if doubted else {}
         true = None if truth is None else float(truth[name])
         return Parameter(name=name, meaning=meaning, unit=unit, true=true, **numbers)
 
