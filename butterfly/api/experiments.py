@@ -11,6 +11,7 @@ from types import MappingProxyType
 from typing import Any, ClassVar, Literal, Self
 
 from butterfly.api.identification import Identification
+from butterfly.api.saved import read_saved
 from butterfly.api.sources import Named
 from butterfly.arguments import checked
 from butterfly.errors import ButterflyError, InputError
@@ -279,7 +280,7 @@ def run(
         if kept is not None and kept.status == REFUSED:
             raise ButterflyError(kept.reason)
         if kept is not None and kept.status == OK:
-            content = json.loads((folder / RESULT).read_text(encoding="utf-8"))
+            content = read_saved(folder / RESULT)
             note = "This run was already done; --force repeats it."
             return Run.from_dict(content, note=note, reports=_reports(folder, kept))
         with call(folder=folder):

@@ -54,7 +54,7 @@ def load(path: str | PathLike[str], *, root: str | PathLike[str] | None = None) 
         If the file is damaged, from a newer butterfly, or not a saved result.
     """
     file = Path(path)
-    content = _content(file)
+    content = read_saved(file)
     schema = content.get("schema")
     if not isinstance(schema, str) or schema not in _KINDS:
         expected = "a saved result (--save, or its method save; the JSON of a report is not one)"
@@ -83,7 +83,8 @@ def load(path: str | PathLike[str], *, root: str | PathLike[str] | None = None) 
     return result
 
 
-def _content(file: Path) -> dict[str, Any]:
+def read_saved(file: Path) -> dict[str, Any]:
+    """Return the content of a saved result; InputError if it is none, or damaged."""
     with whole(file, "a saved result"):
         text = read_file(file, "a saved result").decode()
         content = json.loads(text)

@@ -33,7 +33,14 @@ from butterfly.files import (
 )
 from butterfly.identification.data import DataSet, read_data_set
 from butterfly.logs.log import InputKind, Intersample
-from butterfly.logs.manifest import MANIFEST_NAME, LogEntry, Manifest, manifest_text, read_manifest
+from butterfly.logs.manifest import (
+    MANIFEST_NAME,
+    LogEntry,
+    Manifest,
+    manifest_text,
+    own_units,
+    read_manifest,
+)
 from butterfly.logs.parquet import parquet_bytes
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Prior, plain
@@ -278,6 +285,7 @@ class Folder:
             description="made by a campaign",
             root=str(self.path),
             input=journal.input_kind,
+            units=own_units(journal.input_kind),
             intersample=Intersample.ZERO_ORDER_HOLD,
             sign=1 if journal.contact.polarity > 0 else -1,
             known=journal.known,

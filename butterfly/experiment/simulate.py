@@ -13,7 +13,14 @@ from butterfly.files import write_file
 from butterfly.identification.data import DataSet
 from butterfly.identification.servo_drive import driven
 from butterfly.logs.log import InputKind, Intersample, Log
-from butterfly.logs.manifest import MANIFEST_NAME, LogEntry, Manifest, manifest_text, write_manifest
+from butterfly.logs.manifest import (
+    MANIFEST_NAME,
+    LogEntry,
+    Manifest,
+    manifest_text,
+    own_units,
+    write_manifest,
+)
 from butterfly.logs.mat import write_mat
 from butterfly.logs.parquet import parquet_bytes
 from butterfly.model.prior import Prior
@@ -102,6 +109,7 @@ def _manifest(experiment: Experiment, entries: list[LogEntry]) -> Manifest:
         description=experiment.description,
         input=InputKind.SETPOINT if loop else experiment.input_kind,
         loop=loop,
+        units={} if loop else own_units(experiment.input_kind),
         shape="butterfly" if experiment.plant.robot.shape is Shape.BUTTERFLY else "bar",
         intersample=Intersample.ZERO_ORDER_HOLD,
         arm=next((entry.arm for entry in entries if entry.arm), None),

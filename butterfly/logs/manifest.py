@@ -71,6 +71,9 @@ Size = Annotated[float, Field(ge=0)] | _Known
 """The same, not negative."""
 
 
+_OF_MOTORS = (InputKind.VOLTAGE, InputKind.CURRENT, InputKind.DUTY)
+
+
 class Recordings(StrEnum):
     """Where a file is split into several logs."""
 
@@ -410,6 +413,12 @@ def require_columns(path: Path, manifest: Manifest) -> None:
             which = f"one of the columns of {entry.file}, by name or by number from 0"
             expected = f"{which}: {', '.join(map(repr, names))}" if names else which
             raise InputError(path, f"columns.{field}", "nothing", expected)
+
+
+def own_units(kind: InputKind) -> dict[str, str | float]:
+    """Return the unit of a hinge's input as this program records it, for ``units``."""
+    torque = {InputKind.TORQUE: "Nm"} | {each: each.unit for each in _OF_MOTORS}
+    return {"input": torque[kind]} if kind in torque else {}
 
 
 def manifest_text(manifest: Manifest) -> str:

@@ -18,7 +18,7 @@ from butterfly.errors import InputError, size_text
 from butterfly.files import most_in, require_file, whole
 from butterfly.logs.components import components
 from butterfly.logs.formats import ColumnMap, chosen_columns
-from butterfly.logs.log import InputKind, Log
+from butterfly.logs.log import Log
 from butterfly.logs.said import Sayings
 from butterfly.logs.text_table import is_number_type
 from butterfly.logs.units import Units
@@ -165,23 +165,8 @@ def _is_clock(kind: pa.DataType) -> bool:
 
 
 def parquet_bytes(log: Log) -> bytes:
-    """Return the content of the Parquet file of a log, which says the unit of its input."""
-    buffer, table = io.BytesIO(), pa.table(log.columns())
-    if unit := _unit_of_input(log):
-        told = [
-            field.with_metadata({"unit": unit}) if field.name == "input" else field
-            for field in table.schema
-        ]
-        table = table.cast(pa.schema(told))
+    """Return the content of the Parquet file of a log."""
+    buffer = io.BytesIO()
     how = {"compression": "zstd", "write_page_checksum": True}
-    parquet.write_table(table, buffer, **how)
+    parquet.write_table(pa.table(log.columns()), buffer, **how)
     return buffer.getvalue()
-
-
-def _unit_of_input(log: Log) -> str:
-    """Return the unit of a log's input; "" of a torque, whose scale nobody may know."""
-    if log.input_kind is InputKind.SETPOINT:
-        of_speed = log.servo is not None and log.servo.of_speed
-        return log.added_mass.joint.way + "/s" * of_speed
-    unit = log.input_kind.unit
-    return "" if unit == "unit" else unit
