@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+import yaml
 
 from butterfly.api.sources import manifest_of, read
 from butterfly.errors import InputError
@@ -112,10 +113,12 @@ def test_what_is_told_of_columns_units_and_repairs_goes_before_what_a_manifest_s
     quick_data, tmp_path
 ):
     folder = shutil.copytree(quick_data, tmp_path / "data")
-    text = (folder / "manifest.yaml").read_text()
-    (folder / "manifest.yaml").write_text(text + "units: {time: ms, angle: deg}\n")
+    told = yaml.safe_load((folder / "manifest.yaml").read_text())
+    assert told["units"] == {"input": "V"}
+    told["units"] |= {"time": "ms", "angle": "deg"}
+    (folder / "manifest.yaml").write_text(yaml.safe_dump(told))
     manifest = manifest_of(folder, units={"angle": "-rad"}, repair=["unwrap"], columns={"time": 0})
-    assert manifest.units == {"time": "ms", "angle": "-rad"}
+    assert manifest.units == {"input": "V", "time": "ms", "angle": "-rad"}
     assert manifest.repair == {"duplicate", "unwrap"}
     assert manifest.columns == {"time": 0}
     one = manifest_of(folder / manifest.logs[0].file, units={"angle": "rad"})
