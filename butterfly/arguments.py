@@ -41,7 +41,9 @@ def _is_whole(value: object) -> bool:
     )
 
 
-def _each(holds: Callable[[Any], bool]) -> Callable[[Any], bool]:
+def _list_of(holds: Callable[[Any], bool]) -> Callable[[Any], bool]:
+    """Return whether a value is several of what ``holds``."""
+
     def of_all(value: Any) -> bool:  # noqa: ANN401 - whatever was given
         several = isinstance(value, Collection) and not isinstance(value, str | bytes)
         return several and all(holds(each) for each in value)
@@ -50,7 +52,7 @@ def _each(holds: Callable[[Any], bool]) -> Callable[[Any], bool]:
 
 
 _PATH = _Kind(_is_path, "a path: a text or a pathlib.Path")
-_TEXTS = _Kind(_each(lambda each: isinstance(each, str)), "a list of texts, such as ['a', 'b']")
+_TEXTS = _Kind(_list_of(lambda each: isinstance(each, str)), "a list of texts, such as ['a', 'b']")
 _KINDS = {
     "Named": _PATH,
     "str | PathLike[str]": _PATH,
@@ -60,7 +62,7 @@ _KINDS = {
     "float | str": _Kind(lambda value: isinstance(value, str) or _is_number(value), "a number"),
     "Sequence[str]": _TEXTS,
     "Collection[str]": _TEXTS,
-    "Sequence[float]": _Kind(_each(_is_number), "a list of numbers, such as [0, 0.1]"),
+    "Sequence[float]": _Kind(_list_of(_is_number), "a list of numbers, such as [0, 0.1]"),
     "Track": _Kind(callable, "a function of an iterable and a description, which returns it"),
     "Carry": _Kind(callable, "a function of an added mass"),
 }

@@ -347,8 +347,9 @@ class _Campaign:
         if self._sound is None:
             return None
         loaded, stiffness = self._sound.parameters.with_added_mass(mass), None
-        brakes = loaded.p4 if self._is_known(mass) else 0.0
-        if brakes and not self._bench.is_loaded_anew:
+        is_known = self._is_known(mass)
+        brake = self._bench.braking * loaded.p4 / loaded.p1 if is_known else 0.0
+        if is_known and not self._bench.is_loaded_anew:
             stiffness = max(loaded.p3, 0.0) / loaded.p1
         runs = self._folder.journal.steps
         names = [log_name(k) for k, step in enumerate(runs) if step.added_mass == mass]
@@ -358,7 +359,7 @@ class _Campaign:
         return Expected(
             resonance=self._resonance(mass),
             friction=least_friction(self._sound.estimate, mass),
-            brake=_BRAKES * self._bench.braking * brakes / loaded.p1,
+            brake=_BRAKES * brake,
             stiffness=stiffness,
             hanging=near[-1] if near else home,
             delay=max(loaded.delay, 0.0),
@@ -386,7 +387,7 @@ class _Campaign:
         alone = math.sqrt(max(more[1] / more[0], 0.0)) if more[0] > 0 else math.inf
         known = self._is_known(mass)
         estimate, p3 = self._sound.estimate, self._sound.parameters.p3
-        lower = dict(zip(estimate.names, estimate.lower.tolist(), strict=True)).get("p3", p3)
+        lower, _ = estimate.limits_of("p3", p3)
         least = replace(estimate.parameters, p3=max(lower, p3 / 2))  # as little as holds it back
         resonance = resonance_frequency(least.with_added_mass(mass if known else last))
         return resonance if known else max(resonance, alone)

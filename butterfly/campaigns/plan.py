@@ -102,20 +102,19 @@ def validation(
     return _signal("multisine", what, mass, duration_of(estimate.parameters, mass, limits), signal)
 
 
-def _stiffness(loaded: LumpedParameters, limits: Limits) -> float:
-    """Return what holds a joint, in the unit of p3: gravity, or a share of the largest command."""
-    return max(loaded.p3, _HOLDS * abs(loaded.p4) * limits.command / limits.angle)
+def _held(loaded: LumpedParameters, limits: Limits) -> float:
+    """Return the stiffness in the unit of p3 by which a share of the largest command holds it."""
+    return _HOLDS * abs(loaded.p4) * limits.command / limits.angle
 
 
 def _pace(loaded: LumpedParameters, limits: Limits) -> float:
     """Return the frequency in rad/s that runs are planned about: the resonance, if it has one."""
-    resonance = resonance_frequency(loaded)
-    return max(resonance, math.sqrt(_stiffness(replace(loaded, p3=0.0), limits) / loaded.p1))
+    return max(resonance_frequency(loaded), math.sqrt(_held(loaded, limits) / loaded.p1))
 
 
 def least_friction(estimate: Estimate, mass: AddedMass) -> float:
     """Return the friction in rad/s^2 that stops a joint for certain: half of what is certain."""
-    lower = dict(zip(estimate.names, estimate.lower.tolist(), strict=True)).get("coulomb", 0.0)
+    lower, _ = estimate.limits_of("coulomb", 0.0)
     return float(max(lower, 0.0) / 2 / estimate.parameters.with_added_mass(mass).p1)
 
 
@@ -160,8 +159,8 @@ def candidates(
 
 
 def _static(loaded: LumpedParameters, angle: float, limits: Limits) -> float:
-    """Return the command that holds an angle in rad."""
-    return _stiffness(loaded, limits) * angle / abs(loaded.p4)
+    """Return the command that holds an angle in rad, or swings so far if gravity does not hold."""
+    return max(loaded.p3, _held(loaded, limits)) * angle / abs(loaded.p4)
 
 
 def played(

@@ -39,12 +39,10 @@ class Rests:
         if model is None:
             return
         estimate = model.estimate
-        most = dict(zip(estimate.names, estimate.upper.tolist(), strict=True))
-        least = dict(zip(estimate.names, estimate.lower.tolist(), strict=True))
-        loaded = replace(
-            estimate.parameters, p3=least.get("p3", estimate.parameters.p3)
-        ).with_added_mass(mass)
-        width = 2 * most.get("coulomb", loaded.coulomb) / loaded.p3 if loaded.p3 > 0 else math.inf
+        least, _ = estimate.limits_of("p3", estimate.parameters.p3)
+        loaded = replace(estimate.parameters, p3=least).with_added_mass(mass)
+        _, most = estimate.limits_of("coulomb", loaded.coulomb)
+        width = 2 * most / loaded.p3 if loaded.p3 > 0 else math.inf
         if abs(rest - first) > _SLIPS * width + ENOUGH:
             raise SafetyStop(
                 f"the joint rests {abs(rest - first):.3g} rad from where it rested first, and "

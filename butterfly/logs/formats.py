@@ -236,14 +236,14 @@ def log_of_table(
     places, unasked = chosen_columns(properties["source"], names, columns, properties)
     single = {field: parts[names[k]] for field, k in places.items() if k >= len(found)}
     arrays = {f: single[f].of(found) if f in single else found[names[k]] for f, k in places.items()}
-    sayings = _said(properties["source"], table, found, names)
+    sayings = _sayings_of(properties["source"], table, found, names)
     sayings.metadata(said or {})
     headings = sayings.headings(places)
     headings |= {field: replace(headings[field], number=None) for field in single}
     return Log.of_columns(arrays, headings, units, unasked=unasked, **properties)
 
 
-def _said(
+def _sayings_of(
     source: object, table: Table, columns: Mapping[str, Any], names: Sequence[str]
 ) -> Sayings:
     """Return what a table says in its attributes, those of its columns, and their types."""

@@ -71,9 +71,6 @@ Size = Annotated[float, Field(ge=0)] | _Known
 """The same, not negative."""
 
 
-_OF_MOTORS = (InputKind.VOLTAGE, InputKind.CURRENT, InputKind.DUTY)
-
-
 class Recordings(StrEnum):
     """Where a file is split into several logs."""
 
@@ -417,8 +414,9 @@ def require_columns(path: Path, manifest: Manifest) -> None:
 
 def own_units(kind: InputKind) -> dict[str, str | float]:
     """Return the unit of a hinge's input as this program records it, for ``units``."""
-    torque = {InputKind.TORQUE: "Nm"} | {each: each.unit for each in _OF_MOTORS}
-    return {"input": torque[kind]} if kind in torque else {}
+    units = {each: each.unit for each in (InputKind.VOLTAGE, InputKind.CURRENT, InputKind.DUTY)}
+    units[InputKind.TORQUE] = "Nm"
+    return {"input": units[kind]} if kind in units else {}
 
 
 def manifest_text(manifest: Manifest) -> str:

@@ -41,7 +41,7 @@ def read_parquet(path: Path, columns: ColumnMap | None, units: Units, about: dic
         for field in unasked:
             if not is_number_type(leaves[places[field]].kind):
                 del places[field]
-        sayings = _said(path, schema, names)
+        sayings = _sayings_of(path, schema, names)
         for name, text in _texts(file).items():
             sayings.cell(name, text)
         headings = sayings.headings(places)
@@ -61,7 +61,7 @@ def read_parquet(path: Path, columns: ColumnMap | None, units: Units, about: dic
     return Log.of_columns(arrays, headings, units, unasked=unasked, **about)
 
 
-def _said(path: Path, schema: pa.Schema, names: Sequence[str]) -> Sayings:
+def _sayings_of(path: Path, schema: pa.Schema, names: Sequence[str]) -> Sayings:
     """Return what the metadata of a schema and of its columns say, and the types of clocks."""
     sayings = Sayings(path, names)
     for k, field in enumerate(schema):

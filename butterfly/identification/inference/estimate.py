@@ -79,6 +79,13 @@ class Estimate:
         """The n values by name."""
         return dict(zip(self.names, self.values.tolist(), strict=True))
 
+    def limits_of(self, name: str, otherwise: float) -> tuple[float, float]:
+        """Return the limits of a parameter by name; ``otherwise`` twice if it was not fitted."""
+        if name not in self.names:
+            return otherwise, otherwise
+        k = self.names.index(name)
+        return float(self.lower[k]), float(self.upper[k])
+
     @property
     def parameters(self) -> LumpedParameters:
         """The estimate as parameters of the model."""
