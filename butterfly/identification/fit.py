@@ -31,6 +31,7 @@ from butterfly.progress import current_search
 _NORMAL = 1 / float(ndtri(0.75))  # standard deviation over median absolute deviation
 _LAST = 1e-4  # share of the cost that an unverified last step may be predicted to take off
 _REMAINDER = 0.1  # share of one residual's mean cost that it may leave
+_TOWARDS = 0.9  # of the way to an origin that a step may take
 _POOR, _GOOD, _BETTER = 0.25, 0.75, 1.33  # shares of the predicted decrease
 
 
@@ -300,12 +301,15 @@ class Box(NamedTuple):
 
     lower: Samples  # (n,) lower bounds
     share: Samples | float = np.inf  # (n,) largest relative change in one step
+    # (n,) which a value never reaches, so that a step takes it at most `_TOWARDS` of the way there
+    origin: Samples | float = -np.inf
 
     def about(self, values: Samples, most: Samples | float) -> tuple[Samples, Samples]:
         """Return the (n,) lower and upper limits of a step from values, at most ``most``."""
         with np.errstate(invalid="ignore"):
             room = np.fmin(most, self.share * abs(values))
-        return np.maximum(self.lower - values, -room), np.broadcast_to(room, values.shape)
+        least = np.maximum(self.lower - values, -_TOWARDS * (values - self.origin))
+        return np.maximum(least, -room), np.broadcast_to(room, values.shape)
 
 
 def minimise(

@@ -154,8 +154,15 @@ class Problem:
 
     @property
     def box(self) -> Box:
-        """Bounds, and step limits of `FOLLOWERS`: without their term they are not identifiable."""
-        return Box(self.lower, np.where(np.isin(self.names, [*FOLLOWERS]), LOST, np.inf))
+        """Bounds, and limits of steps.
+
+        Those of `FOLLOWERS`, as without their term they are not identifiable, and that of p1, as no
+        linear equation knows that the inertia with an added mass is positive.
+        """
+        least = min(log.added_mass.inertia for log in self.logs)
+        names = np.array(self.names)
+        share = np.where(np.isin(names, [*FOLLOWERS]), LOST, np.inf)
+        return Box(self.lower, share, origin=np.where(names == "p1", -least, -np.inf))
 
     def equations(self, values: Samples, most: float = np.inf, *, slopes: bool = True) -> Equations:
         """Return errors over each log's rms motion about (n,) values, or (k, n), one row per log.

@@ -307,7 +307,7 @@ def rehearse() -> None:
     simulation = Simulation(log, robot)
     for each in (robot, replace(robot, base_compliance=1e-3)):
         simulation.linearised(("p1",), each, 0.0)
-    hold.mean(time, time, time, log.intersample)
-    hold.for_sums(time, time, time, log.intersample)
+    hold.mean(time, time, time, log.between_samples)
+    hold.for_sums(time, time, time, log.between_samples)
     polynomials.slope(time, 2, 2, 0.01)
     simulation.run(robot, 0.0).at(time)

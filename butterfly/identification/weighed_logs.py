@@ -127,6 +127,10 @@ class WeighedModel(FreeRunModel):
         """Return whitened equations of a problem in other terms about (n,) values."""
         return self._weighed(there, values).at
 
+    def simulated(self, there: Problem, values: Samples) -> Equations:
+        """Return the same without a prior."""
+        return replace(self.equations(there, values), prior=None)
+
     def _weighed(self, there: Problem, values: Samples) -> WeighedLogs:
         """Return the logs about (n,) values in other terms, with what each has of its own."""
         mine = self.end.weighed
