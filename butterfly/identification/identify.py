@@ -14,11 +14,11 @@ from types import MappingProxyType
 import numpy as np
 
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
-from butterfly.identification.between_samples import as_taken
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.residuals import Residuals, residuals_of
 from butterfly.identification.diagnostics.unit_error_search import find_slow_clock, find_unit_errors
 from butterfly.identification.estimators import Estimator, OutputError
+from butterfly.identification.estimators.between_samples import as_taken
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.free_run import FreeRun
 from butterfly.identification.identified import Identified

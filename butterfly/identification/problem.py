@@ -101,14 +101,8 @@ class Problem:
     ) -> Problem:
         """Return the problem of fitting logs in shared parameters, by name, and local unknowns."""
         start = replace(first.parameters, **known.fixed)
-        counted = [first_counted(log, options.window) for log in logs]
-        motion = tuple(_rms_motion(log, k) for log, k in zip(logs, counted, strict=True))
-        local_velocity = "velocity" in {*options.per_mass, *options.per_log}
-        how, most = {"velocity_known": local_velocity, "free": True}, options.horizon
-        simulations = tuple(
-            Simulation(log, start, k, segment_length(log, start, most, first=k, **how), warm=True)
-            for log, k in zip(logs, counted, strict=True)
-        )
+        simulations = simulations_of(logs, start, options)
+        motion = tuple(_rms_motion(each.log, each.first) for each in simulations)
         hangs = not known.weightless(log.added_mass for log in logs)
         keys_of = {
             (each.log.name, name): _local_key(name, each, logs, options, hangs=hangs)
@@ -248,6 +242,10 @@ class Problem:
                 break
         return replace(end, evaluations=evaluations)
 
+    def of_logs(self, logs: Sequence[Log]) -> Problem:
+        """Return the problem with other logs of the same motions."""
+        return replace(self, simulations=simulations_of(logs, self.start, self.options))
+
     def keeping(self, kept: NDArray[np.intp], initial: Samples) -> Problem:
         """Return the problem in the unknowns numbered ``kept``; the other terms are absent."""
         lost = np.delete(self.names, kept).tolist()
@@ -289,6 +287,19 @@ class Problem:
         bread = None if end.at.loss is Loss.LINEAR else end.at.bread
         found = replace(end.at.cells(self.names, self.lower, count), bread=bread)
         return found if end.converged else found.stopped(found.next_step)
+
+
+def simulations_of(
+    logs: Iterable[Log], start: LumpedParameters, options: ProblemOptions
+) -> tuple[Simulation, ...]:
+    """Return how logs are simulated in a fit, each from its first sample that counts."""
+    known, found = "velocity" in {*options.per_mass, *options.per_log}, list[Simulation]()
+    for log in logs:
+        k = first_counted(log, options.window)
+        most = options.horizon
+        length = segment_length(log, start, most, first=k, velocity_known=known, free=True)
+        found.append(Simulation(log, start, k, length, warm=True))
+    return tuple(found)
 
 
 def labels_of(keys: Iterable[Key]) -> tuple[str, ...]:

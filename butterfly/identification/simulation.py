@@ -71,7 +71,8 @@ class Simulation:
         warm: bool = False,
         longest: float = LONGEST_STEP,
     ) -> None:
-        self.log, self.fitted, self._warm = log, horizon is not None, warm
+        self.log, self.first, self._warm = log, first, warm
+        self.fitted = horizon is not None
         self._uncounted = 0  # segments before `first`
         if horizon is None:
             self.segments = [Segment(log, parameters, first, longest)]

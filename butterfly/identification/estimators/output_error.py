@@ -18,10 +18,14 @@ import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError, InputError, require_number
-from butterfly.identification.between_samples import Begun, held_or_straight
 from butterfly.identification.chosen_terms import Fitted, offered_rows, separable, stagewise_fit
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
+from butterfly.identification.estimators.between_samples import (
+    Begun,
+    held_or_straight,
+    with_lines,
+)
 from butterfly.identification.estimators.start import (
     ProblemOf,
     begun_anew,
@@ -233,7 +237,8 @@ class OutputError(Estimator):
             like_clock = Finding(FindingKind.LIKE_CLOCK, ("mass_inertia",), number=-share)
             findings = (*findings, like_clock)
         beyond = end.values + end.at.step(*problem.box.about(end.values, np.inf))
-        rivals = (*fitted.rivals, *clock, beyond[: problem.shared])
+        lines = with_lines(problem, fitted.end)
+        rivals = (*fitted.rivals, *clock, *lines, beyond[: problem.shared])
         found = SolvedFit(
             method="output error",
             equations=solved,
