@@ -39,6 +39,8 @@ from butterfly.model.parameters import AddedMass, value_if_absent
 from butterfly.model.prior import Prior
 from butterfly.model.terms import COMMON, OF_SERVO, RARE, TERMS, companions, offered
 
+_TRIAL = 2 * PASSES  # expansions of a fit with a row more, the first where one step leads
+
 _INDEPENDENT = 2 * FEW  # logs, from which on rare terms are tried
 
 
@@ -158,21 +160,22 @@ class FreeRunModel:
         """Fit with a row more; None if no joint has it, or it does not keep what it promised."""
         moved = {label: offer.values[label] for label in (*self.values, offer.name)}
         problem = self._with([offer.name], {**offer.nested.settings, **moved})
+        promised = offer.share * float(self.nested.equations.cost.sum()) / 2
+        enough = self.end.at.cost - LOST * promised
         try:
-            end = self.descended(problem)
-            if not end.converged and not end.too_stiff:
-                end = self.descended(problem, end.at, PASSES, SHOWS**2)
+            at = self.equations(problem, problem.initial)
+            if not at.cost <= enough:
+                return None
+            end = self.descended(problem, at, _TRIAL)
         except IdentifiabilityError:
             return None
         found = replace(self, problem=problem, end=end)
-        promised = offer.share * float(self.nested.equations.cost.sum()) / 2
-        kept = self.end.at.cost - end.at.cost >= LOST * promised
         values = dict(zip(problem.labels, end.values.tolist(), strict=True))
         least = dict(zip(problem.labels, problem.lower.tolist(), strict=True))
         free = all(values[n] > least[n] for n in (offer.name, "p1") if n in values)
         free &= all(values[name] <= TERMS[name].most for name in problem.labels if name in TERMS)
         possible = friction_brakes(values, self.masses)
-        if not (end.converged and kept and free and possible):
+        if not (end.converged and end.at.cost <= enough and free and possible):
             return None
         return None if conditioning_of(problem, end.at).singular else found
 
