@@ -24,7 +24,7 @@ from butterfly.identification.fit import Minimum
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.identifiability import is_driven
 from butterfly.identification.inference.stagewise import as_good
-from butterfly.identification.levels import PASSES, SHOWS
+from butterfly.identification.levels import PASSES, PRECISE, SHOWS
 from butterfly.identification.problem import Problem
 from butterfly.identification.servo_drive import driven
 from butterfly.logs.log import InputKind, Intersample, Log
@@ -53,7 +53,7 @@ def held_or_straight(logs: Sequence[Log], begun: Callable[[Sequence[Log]], Begun
 
     ``begun`` fits logs in the terms of their start. Lines are tried where held inputs come so late
     that no delay is left for the joint, and leave more than noise; else both follow the logs (see
-    `with_lines`). The fit has a finding of what was taken.
+    `unsaid`). The fit has a finding of what was taken.
     """
     lines = [straight(log) for log in logs]
     open_ = _opened(logs, lines)
@@ -87,28 +87,35 @@ def _taking(kind: FindingKind, begun: Begun, names: Sequence[str]) -> Begun:
     return begun[0], replace(begun[1], findings=(*begun[1].findings, taken))
 
 
-def with_lines(problem: Problem, end: Minimum) -> list[Samples]:
-    """Return (shared,) values of a fit of straight lines that follows logs as well; else none.
+def unsaid(problem: Problem, end: Minimum) -> list[Samples]:
+    """Return (shared,) values of fits that follow the logs as well, by what nobody says of them.
 
-    The delay stays that of held inputs.
+    These are straight lines between samples, and a loop whose clock is faster than assumed. The
+    delay stays that of held inputs.
     """
-    lines = [straight(log) for log in problem.logs]
-    if not _opened(problem.logs, lines) or out_of_time("inputs that are not held between samples"):
-        return []
-    there, begun, own = (
-        problem.of_logs(lines),
-        end.values.copy(),
-        np.array(problem.labels) == "delay",
-    )
-    begun[own] += _half_a_sample(lines)
-    try:
-        found = there.descend(there.equations(begun), PASSES, SHOWS)
-    except IdentifiabilityError:
-        return []
-    ends = ((there, found), (problem, end))
-    if not as_good(*(_errors(*each, len(begun)) for each in ends)):
-        return []
-    return [np.where(own, end.values, found.values)[: problem.shared]]
+    logs, found = problem.logs, list[Samples]()
+    lines, fast = [straight(log) for log in logs], [_faster(log) for log in logs]
+    for some, delay in ((lines, _half_a_sample(logs)), (fast, 0.0)):
+        told = any(new is not old for new, old in zip(some, logs, strict=True))
+        if not told or out_of_time("what nobody says of inputs"):
+            continue
+        there, own = problem.of_logs(some), np.array(problem.labels) == "delay"
+        begun = end.values + np.where(own, delay, 0.0)
+        try:
+            other = there.descend(there.equations(begun), PASSES, SHOWS)
+        except IdentifiabilityError:
+            continue
+        ends = ((there, other), (problem, end))
+        if as_good(*(_errors(*each, len(begun)) for each in ends)):
+            found.append(np.where(own, end.values, other.values)[: problem.shared])
+    return found
+
+
+def _faster(log: Log) -> Log:
+    """Return a log whose loop runs faster than assumed, if nobody says how fast it does."""
+    if log.servo is None or not log.closed or not log.servo.clock_assumed:
+        return log
+    return replace(log, servo=replace(log.servo, clock=log.servo.period * PRECISE))
 
 
 def _half_a_sample(logs: Sequence[Log]) -> float:

@@ -24,7 +24,7 @@ from butterfly.identification.estimators.base import Estimator, require_names, r
 from butterfly.identification.estimators.between_samples import (
     Begun,
     held_or_straight,
-    with_lines,
+    unsaid,
 )
 from butterfly.identification.estimators.start import (
     ProblemOf,
@@ -237,8 +237,8 @@ class OutputError(Estimator):
             like_clock = Finding(FindingKind.LIKE_CLOCK, ("mass_inertia",), number=-share)
             findings = (*findings, like_clock)
         beyond = end.values + end.at.step(*problem.box.about(end.values, np.inf))
-        lines = with_lines(problem, fitted.end)
-        rivals = (*fitted.rivals, *clock, *lines, beyond[: problem.shared])
+        others = unsaid(problem, fitted.end)
+        rivals = (*fitted.rivals, *clock, *others, beyond[: problem.shared])
         found = SolvedFit(
             method="output error",
             equations=solved,
