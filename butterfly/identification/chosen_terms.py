@@ -133,7 +133,7 @@ class FreeRunModel:
 
     def simulated(self, there: Problem, values: Samples) -> Equations:
         """Return the same without a prior, as rivals are compared by what their logs say."""
-        return there.equations(values).counting(there.options.loss)
+        return there.equations(values, self.end.at).counting(there.options.loss)
 
     def descended(
         self, there: Problem, at: Equations | None = None, most: int = MOST, enough: float = SHOWS
@@ -144,7 +144,7 @@ class FreeRunModel:
         expansions at its start.
         """
         if at is None:
-            at, most = there.equations(there.initial), most - 1
+            at, most = there.equations(there.initial, self.end.at), most - 1
         return there.descend(at, most, enough, most * at.steps)
 
     def _with(self, rows: Iterable[str], values: Mapping[str, float]) -> Problem:
@@ -252,7 +252,8 @@ def chosen_at_once(problem: Problem, end: Minimum, rows: Sequence[str]) -> tuple
         fewer = problem.without(lost)
         kept = np.isin(problem.labels, fewer.labels)
         problem = replace(fewer, initial=end.values[kept])
-        end, rows = problem.descend(), [name for name in rows if name not in lost]
+        end = problem.descend(problem.equations(problem.initial, end.at))
+        rows = [name for name in rows if name not in lost]
     model = LinearModel(
         models=(nested_about(problem, end.at, len(problem.keys)),),
         optional=tuple(rows),
@@ -266,7 +267,7 @@ def chosen_at_once(problem: Problem, end: Minimum, rows: Sequence[str]) -> tuple
     )
     begun = found.values if is_near(there, here, masses) else end.values
     fewer = problem.keeping(np.flatnonzero(found.kept), begun[found.kept])
-    return fewer, fewer.descend()
+    return fewer, fewer.descend(fewer.equations(fewer.initial, end.at))
 
 
 def conditioning_of(problem: Problem, at: Equations) -> Conditioning:
@@ -295,7 +296,7 @@ def separable(fitted: Fitted) -> Fitted:
         fitted = replace(
             fitted,
             problem=fewer,
-            end=fewer.descend(),
+            end=fewer.descend(fewer.equations(fewer.initial, fitted.end.at)),
             rivals=tuple(each[kept[kept < each.size]] for each in fitted.rivals),
             findings=(*fitted.findings, said),
             path=tuple(tuple(n for n in each if n not in lost) for each in fitted.path),

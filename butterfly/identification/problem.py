@@ -158,15 +158,24 @@ class Problem:
         share = np.where(np.isin(names, [*FOLLOWERS]), LOST, np.inf)
         return Box(self.lower, share, origin=np.where(names == "p1", -least, -np.inf))
 
-    def equations(self, values: Samples, most: float = np.inf, *, slopes: bool = True) -> Equations:
+    def equations(
+        self,
+        values: Samples,
+        near: Equations | None = None,
+        *,
+        most: float = np.inf,
+        slopes: bool = True,
+    ) -> Equations:
         """Return errors over each log's rms motion about (n,) values, or (k, n), one row per log.
 
-        A log's squares sum to their mean. Logs beyond a cost of ``most`` are not simulated.
+        A log's squares sum to their mean. Starts that are fitted are sought from those of equations
+        ``near``, which no other trial moves. Logs beyond a cost of ``most`` are not simulated.
         """
         search = current_search()
         search.simulations += 1
         of_logs = np.broadcast_to(values, (len(self.motion), len(self.keys)))
-        begins = [each.begins.copy() for each in self.simulations]
+        for number, each in enumerate(self.simulations):
+            each.begins = [*(near.begins[number] if near and near.begins else each.recorded)]
         simulated = partial(self._of_log, slopes=slopes)
         if self.options.workers == 1:
             found = _within(most, map(simulated, range(len(of_logs)), of_logs))
@@ -177,11 +186,14 @@ class Problem:
         spent = [each.spend() for each in self.simulations]
         steps = sum(spent[: len(found)])  # threads may have begun some of the others
         search.steps += steps
-        if len(found) < len(of_logs):  # the starts found in an incomplete pass are discarded
-            for each, before in zip(self.simulations, begins, strict=True):
-                each.begins = before
+        if len(found) < len(of_logs):
             found.append(_IMPOSSIBLE)
-        return Equations(values=of_logs[0], logs=tuple(found), steps=steps)
+        begins = tuple(tuple(each.begins) for each in self.simulations)
+        return Equations(values=of_logs[0], logs=tuple(found), steps=steps, begins=begins)
+
+    def stepped(self, values: Samples, at: Equations) -> Equations:
+        """Return the equations where a step leads from others, which a higher cost ends early."""
+        return self.equations(values, at, most=at.cost if at.loss is Loss.LINEAR else np.inf)
 
     @np.errstate(over="ignore", invalid="ignore")  # of a motion that diverges; per thread
     def _of_log(self, index: int, values: Samples, *, slopes: bool) -> LogEquations:
@@ -232,7 +244,7 @@ class Problem:
             at, rest = self.weighed(at), most - evaluations
             before, loss = at, self.options.loss
             end = minimise_robustly(
-                self.equations, at, self.box, loss, most=rest, enough=enough, steps=steps
+                self.stepped, at, self.box, loss, most=rest, enough=enough, steps=steps
             )
             evaluations += end.evaluations
             at = end.at

@@ -83,8 +83,10 @@ class Simulation:
             edges = [*before, *(first + k for k in after), log.time.size]
             self.segments = [Segment(log.piece(*ends), parameters) for ends in pairwise(edges)]
             self._uncounted = len(before)
-        self.begins = [each.log.initial_state for each in self.segments]
-        """Start of each segment, or of the search for it."""
+        self.recorded = tuple(each.log.initial_state for each in self.segments)
+        """Start of each segment as its samples show it."""
+        self.begins = [*self.recorded]
+        """The same, or where the search for it begins."""
 
     @property
     def step(self) -> float:
@@ -186,9 +188,9 @@ class Simulation:
     ) -> _Expansion:
         """Return the expansion about the best start of a segment."""
         segment = self.segments[number]
-        if not math.isfinite(at.cost):
-            at = self._expanded(number, by_start, zero, segment.log.initial_state)
         share, variance = 1.0, segment.log.rms_measured**2
+        if not at.cost <= variance:  # the last search led astray, for what no joint has
+            at = self._expanded(number, by_start, zero, segment.log.initial_state)
         for tries in range(MOST):
             hopeless = at.cost > variance or (self._warm and current_search().over)
             if at.settled or share < ROUNDING or (tries > _HOPEFUL and hopeless):

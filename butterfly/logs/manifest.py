@@ -337,7 +337,6 @@ class Manifest(StrictModel):
 
 _SELDOM = (
     *("shape", "sign", "loop", "encoder", "joint", "gravity", "known", "zeros", "units", "holdout"),
-    "intersample",
 )
 """Fields that are not written at their default."""
 

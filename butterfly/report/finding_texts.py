@@ -263,7 +263,7 @@ _RESTS_ON = {
     "angle_scale": "the encoder scale and centring (1 %, or 0.5° off centre, shifts p4 by 1 %)",
     "velocity_scale": "the velocity scale (1 % shifts p4 by 1 %)",
     "time_scale": "the clock (1 % shifts p1 by 2 %)",
-    "loop_clock": "the clock of the loop (1 ms is assumed, and .1 ms covered: say clock)",
+    "loop_clock": "the clock of the loop (1 ms is assumed, faster ones are covered)",
     "lag": "a filter of the logger or the hold between samples (both change the delay alone)",
 }
 

@@ -24,7 +24,7 @@ from butterfly.identification.fit import Minimum
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.identifiability import is_driven
 from butterfly.identification.inference.stagewise import as_good
-from butterfly.identification.levels import PASSES, PRECISE, SHOWS
+from butterfly.identification.levels import MATTERS, PASSES, SHOWS
 from butterfly.identification.problem import Problem
 from butterfly.identification.servo_drive import driven
 from butterfly.logs.log import InputKind, Intersample, Log
@@ -36,7 +36,8 @@ Begun = tuple[Problem, Fitted]
 
 def straight(log: Log) -> Log:
     """Return a log whose input goes straight from sample to sample, if nobody says what it does."""
-    if log.intersample is not None or not is_driven([log]):
+    computed = log.rebuilt and log.servo is None  # a drive: means over its steps
+    if log.intersample is not None or computed or not is_driven([log]):
         return log
     lines = replace(log, intersample=Intersample.FIRST_ORDER_HOLD)
     if not log.rebuilt:
@@ -102,11 +103,11 @@ def unsaid(problem: Problem, end: Minimum) -> list[Samples]:
         there, own = problem.of_logs(some), np.array(problem.labels) == "delay"
         begun = end.values + np.where(own, delay, 0.0)
         try:
-            other = there.descend(there.equations(begun), PASSES, SHOWS)
+            other = there.descend(there.equations(begun, end.at), PASSES, SHOWS)
         except IdentifiabilityError:
             continue
         ends = ((there, other), (problem, end))
-        if as_good(*(_errors(*each, len(begun)) for each in ends)):
+        if other.converged and as_good(*(_errors(*each, len(begun)) for each in ends)):
             found.append(np.where(own, end.values, other.values)[: problem.shared])
     return found
 
@@ -115,7 +116,7 @@ def _faster(log: Log) -> Log:
     """Return a log whose loop runs faster than assumed, if nobody says how fast it does."""
     if log.servo is None or not log.closed or not log.servo.clock_assumed:
         return log
-    return replace(log, servo=replace(log.servo, clock=log.servo.period * PRECISE))
+    return replace(log, servo=replace(log.servo, clock=log.servo.period * MATTERS))
 
 
 def _half_a_sample(logs: Sequence[Log]) -> float:

@@ -237,7 +237,8 @@ class OutputError(Estimator):
             like_clock = Finding(FindingKind.LIKE_CLOCK, ("mass_inertia",), number=-share)
             findings = (*findings, like_clock)
         beyond = end.values + end.at.step(*problem.box.about(end.values, np.inf))
-        others = unsaid(problem, fitted.end)
+        scattering = weighed is not None and bool(weighed.findings)  # which hides it
+        others = [] if scattering else unsaid(problem, fitted.end)
         rivals = (*fitted.rivals, *clock, *others, beyond[: problem.shared])
         found = SolvedFit(
             method="output error",

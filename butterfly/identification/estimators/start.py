@@ -197,7 +197,7 @@ def hanging(fitted: Fitted) -> Fitted:
         values[at[name]] *= -1
     home = float(np.median(problem.logs[0].angle))
     values[at["zero"]] = near(values[at["zero"]] + math.pi, home)
-    return replace(fitted, end=problem.descend(problem.equations(values)))
+    return replace(fitted, end=problem.descend(problem.equations(values, fitted.end.at)))
 
 
 def begun_anew(
@@ -264,7 +264,7 @@ def servo_start(
         begun = replace(start, parameters=replace(late, delay=0.0))
         problem = problem_of([driven_alone(log, late) for log in logs], begun, known)
         if ends:
-            end = problem.descend(problem.equations(ends[0][3].values), _PASSES)
+            end = problem.descend(problem.equations(ends[0][3].values, ends[0][3].at), _PASSES)
         else:
             end = problem.descend()
         ends.append((end.at.cost, delay, problem, end))
