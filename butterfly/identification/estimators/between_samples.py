@@ -24,7 +24,7 @@ from butterfly.identification.fit import Minimum
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.identifiability import is_driven
 from butterfly.identification.inference.stagewise import as_good
-from butterfly.identification.levels import MATTERS, PASSES, SHOWS
+from butterfly.identification.levels import MATERIAL, MATTERS, PASSES, SHOWS
 from butterfly.identification.problem import Problem
 from butterfly.identification.servo_drive import driven
 from butterfly.logs.log import InputKind, Intersample, Log
@@ -68,10 +68,10 @@ def held_or_straight(logs: Sequence[Log], begun: Callable[[Sequence[Log]], Begun
     if late.get("delay", 0.0) < _half_a_sample(logs) and not leaves_noise(first[1].end.at):
         with suppress(IdentifiabilityError):
             other, most = begun(lines), len(first[0].keys)
-            held, straight_on = (
-                _errors(each.problem, each.end, most) for _, each in (first, other)
-            )
-            if not as_good(held, straight_on):
+            ends = (first[1], other[1])
+            held, lined = (_errors(each.problem, each.end, most) for each in ends)
+            share = 1 - float(np.sum(lined**2) / np.sum(held**2))
+            if share > MATERIAL and not as_good(held, lined):
                 return _taking(FindingKind.STRAIGHT, other, open_)
     return _taking(FindingKind.HELD, first, open_)
 
