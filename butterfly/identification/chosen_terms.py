@@ -39,7 +39,7 @@ from butterfly.model.parameters import AddedMass, value_if_absent
 from butterfly.model.prior import Prior
 from butterfly.model.terms import COMMON, OF_SERVO, RARE, TERMS, companions, offered
 
-_TRIAL = 2 * PASSES  # expansions of a fit with a row more, the first where one step leads
+TRIAL = 2 * PASSES  # expansions of a fit with a row more, the first where one step leads
 
 _INDEPENDENT = 2 * FEW  # logs, from which on rare terms are tried
 
@@ -166,7 +166,7 @@ class FreeRunModel:
             at = self.equations(problem, problem.initial)
             if not at.cost <= enough:
                 return None
-            end = self.descended(problem, at, _TRIAL)
+            end = self.descended(problem, at, TRIAL)
         except IdentifiabilityError:
             return None
         found = replace(self, problem=problem, end=end)

@@ -16,7 +16,7 @@ import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError, IdentifiabilityError
-from butterfly.identification.chosen_terms import Fitted, chosen_at_once, offered_rows
+from butterfly.identification.chosen_terms import TRIAL, Fitted, chosen_at_once, offered_rows
 from butterfly.identification.data import DataSet
 from butterfly.identification.encoder_offset import near
 from butterfly.identification.estimators.base import Estimator, usable
@@ -213,11 +213,13 @@ def begun_anew(
         return fitted
     common = every.without([*rare])
     with suppress(IdentifiabilityError):
-        end = common.descend(enough=SHOWS)
-        names = [name for name in rows if name not in rare]
-        problem, end = chosen_at_once(common, end, names)
-        if end.at.cost < fitted.end.at.cost:
-            return replace(fitted, problem=problem, end=end)
+        at = common.equations(common.initial)
+        end = common.descend(at, TRIAL, SHOWS, TRIAL * at.steps)
+        if end.at.cost < LOST * fitted.end.at.cost:
+            names = [name for name in rows if name not in rare]
+            problem, end = chosen_at_once(common, end, names)
+            if end.at.cost < fitted.end.at.cost:
+                return replace(fitted, problem=problem, end=end)
     return fitted
 
 
