@@ -22,6 +22,7 @@ import numpy as np
 from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError, IdentifiabilityError
 from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.residuals import residuals_of
 from butterfly.identification.estimators import Estimator, OutputError, WeakForm
 from butterfly.identification.findings import Finding
 from butterfly.identification.inference.blocks import Condition
@@ -208,7 +209,8 @@ class _Search:
             late = out_of_time("the search for wrong units and masses")
             if late or (held and each.misfit > _AS_GOOD * held[0][0].misfit):
                 break
-            if (found := self._without(each)) is not None:
+            found = self._without(each)
+            if found is not None and (not each.log or self._others_fit(each.log)):
                 held.append((each, found))
         ways, before = sum(bool(each.mass) and not each.log for each, _ in held), self.estimate
         return [
@@ -254,6 +256,7 @@ class _Search:
             UnitError.SWAPPED: before is not None and before.level is not Level.WARNING,
             UnitError.COUNTS: any((log.angle % 1).any() for log in self.data.recorded),
             UnitError.SETPOINT: closed,
+            UnitError.SIGN: closed or "p4" not in self.data.known.fixed,  # which else takes it
             UnitError.GEAR: ratio is None and not (closed and swing > most),
         }
         blind = any(log.integrated for log in logs) and error.column in _OF_ANGLE
@@ -312,6 +315,16 @@ class _Search:
         possible = np.isfinite(found.values).all() and is_possible(found, undone.masses)
         alone = [k for k, log in enumerate(undone.logs) if log.name == trial.log]
         return found if possible and self._follows(undone, found, alone or undone.counted) else None
+
+    def _others_fit(self, name: str) -> bool:
+        """Return whether the same terms leave no more than noise of the logs without one."""
+        others = self.data.take([k for k, log in enumerate(self.data.logs) if log.name != name])
+        before, usable = self.estimate, offered(OutputError.method)
+        terms = None if before is None else tuple(n for n in before.names if n in usable)
+        try:
+            return not residuals_of(others, OutputError(terms=terms)(others)).beyond_sensors
+        except _FAILURES:
+            return False
 
     def _follows(self, data: DataSet, found: Estimate, logs: Sequence[int]) -> bool:
         """Return whether free runs of some logs leave clearly less of their motion than before."""

@@ -34,6 +34,7 @@ from butterfly.report.finding_texts import estimate_sentences
 from butterfly.verdict import Level
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, SWINGS, noisy, simulated, steady, wild
+from tests.independent.defects import draw as draw_bench
 from tests.independent.robots import draw
 from tests.independent.slips import CASES, NAMED, OF_SINES, ask, names_it
 
@@ -106,6 +107,17 @@ def test_every_mistake_is_recognised_and_named(drawn, kind, name):
     answer = ask(wrong, kind)
     assert answer.recognised
     assert names_it(name, logs, wrong, answer.text), answer.text
+
+
+def test_one_log_is_accused_only_if_the_others_fit_to_noise_without_it(tones):
+    """A dead zone of the drive that the fit lacks looked like another mass of one log."""
+    late = [
+        replace(each, input=np.interp(each.time - 0.05, each.time, each.input)) for each in tones
+    ]
+    (slip,), *_ = _named([*tones[:1], late[1], *tones[2:]], WeakForm())
+    assert (slip.parameters[0], slip.logs) == (UnitError.LATE, ("run 1",))
+    found = identify(DataSet.of(draw_bench("dead zone", 3, seed=77).logs), WeakForm()).estimate
+    assert [each.logs for each in found.findings if each.kind in NAMED] == []
 
 
 def test_a_slip_is_said_first_and_its_factor_with_it(tones):
