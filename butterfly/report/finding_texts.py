@@ -28,6 +28,8 @@ REMEDY = (
 """What helps where the encoder's zero is a guess."""
 
 _LEAST_MASSES = 3  # for leave-one-mass-out
+_UNEXPLAINED = 1.2  # times the sensor noise, below which nothing is left that a term may explain
+_LOOK = "Look at the residuals of each log."
 _IN_VERDICT = {
     *(FindingKind.FOLLOWED, FindingKind.MISFIT, FindingKind.NO_MISFIT, FindingKind.MISSING_TERM),
 }
@@ -155,9 +157,14 @@ def model_sentence(estimate: Estimate) -> str:
     if missing is not None:
         share_of_error = percent(_number(missing))
         text += f"; missing term: {missing.parameters[0]} ({share_of_error} of the residual)"
-    elif beyond and not (_doubts(estimate) or grave_notes(estimate)):
+    elif _is_unexplained(beyond) and not (_doubts(estimate) or grave_notes(estimate)):
         text += "; none of the optional terms explains it"
     return f"{text}."
+
+
+def _is_unexplained(misfit: Finding | None) -> bool:
+    """Whether clearly more than sensor noise is left."""
+    return misfit is not None and _number(misfit) >= _UNEXPLAINED
 
 
 def finding_text(finding: Finding, values: Values) -> str:
@@ -188,11 +195,27 @@ def _number(finding: Finding) -> float:
 
 
 def _poor_fit(finding: Finding, _: Values) -> str:
-    cure = "Check units, signs and masses, and look at the residuals."
     if not math.isfinite(_number(finding)):
-        return f"The simulation with these values diverges. {cure}"
+        return f"The simulation with these values diverges. {_LOOK}"
     fit = fit_text(_number(finding))
-    return f"The model does not follow the logs or their velocity: median FIT {fit} %. {cure}"
+    return (
+        f"The model does not follow the logs or their velocity: median FIT {fit} % beyond the "
+        f"sensor noise. {_LOOK}"
+    )
+
+
+def _prior_conflict(finding: Finding, _: Values) -> str:
+    name, *assumed = finding.parameters
+    far = f"by {_number(finding):.1f} standard errors"
+    if not assumed:
+        return (
+            f"The logs contradict the given {name} {far}. One of the two is wrong; the estimate is "
+            "a compromise."
+        )
+    return (
+        f"The logs contradict the assumed {name}, {assumed[0]} {TERMS[name].unit}, {far}; the "
+        f"estimate is a compromise. Give the {name} if you know it."
+    )
 
 
 def _few_masses(finding: Finding, _: Values) -> str:
@@ -263,7 +286,10 @@ _RESTS_ON = {
     "angle_scale": "the encoder scale and centring (1 %, or 0.5° off centre, shifts p4 by 1 %)",
     "velocity_scale": "the velocity scale (1 % shifts p4 by 1 %)",
     "time_scale": "the clock (1 % shifts p1 by 2 %)",
-    "lag": "a filter of the logger or the hold between samples (both change the delay alone)",
+    "lag": (
+        "a filter of the logger (10 ms shifts the delay by 10 ms, and at 10 rad/s p4 by 0.5 %) or "
+        "the hold between samples (it shifts the delay alone)"
+    ),
 }
 
 _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
@@ -273,11 +299,12 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     FindingKind.UNREPEATED: lambda finding, _: contradiction_text(finding),
     FindingKind.POOR_FIT: _poor_fit,
     FindingKind.NO_INERTIA: (
-        "No joint has these values: {names} gives an inertia of {number:.2g} kg m². Check units, "
-        "signs and the added masses."
+        "No joint has these values: {names} gives an inertia of {number:.2g} kg m². "
+        "`butterfly inspect` shows what these logs can tell."
     ),
     FindingKind.NEGATIVE: (
-        "No joint has these values: {names} cannot be negative. Check units, signs and timestamps."
+        "No joint has these values: {names} cannot be negative. Something besides the recorded "
+        f"input drives the joint, or the model lacks a term. {_LOOK}"
     ),
     FindingKind.EARLY: (
         "The delay is negative: the motion precedes its input. Check the timestamps."
@@ -292,16 +319,13 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     ),
     FindingKind.CONTRADICTED: (
         "The given motor and body data contradict these values: {combined} would be {number:.1f} "
-        "standard errors below 0. Check the given values, their units and the gear ratio."
+        "standard errors below 0. Check the given values and the gear ratio."
     ),
     FindingKind.KNOWN_CONFLICT: (
         "The added masses contradict the given {combined}: they suggest values about {size:.2g} % "
         "{larger}. One of the two is wrong."
     ),
-    FindingKind.PRIOR_CONFLICT: (
-        "The logs contradict the given {names} by {number:.1f} standard errors. One of the two is "
-        "wrong; the estimate is a compromise."
-    ),
+    FindingKind.PRIOR_CONFLICT: _prior_conflict,
     FindingKind.LEFT_OUT: (
         "{logs} {were} excluded: the joint turns over, rests elsewhere or never settles, and has "
         "no steady response to a sine. The methods weak-form and output-error use such logs."
@@ -347,8 +371,8 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     ),
     FindingKind.ON_BOUND: "{names} hit the bound: these data show no such effect.",
     FindingKind.PULLED: (
-        "{names} stopped at the bound, and the data would push it further: the model lacks a term, "
-        "or a sign, a mass or a timestamp is wrong."
+        "{names} stopped at the bound, and the data would push it further: the model lacks an "
+        f"effect that looks like it. {_LOOK}"
     ),
     FindingKind.FEW_MASSES: _few_masses,
     FindingKind.FEW_LOGS: (

@@ -18,6 +18,7 @@ from butterfly.identification.design import MOST_RUNS, OF_GOAL, Candidate, Plan
 from butterfly.identification.encoder_offset import EncoderOffset, OffsetKind, encoder_offsets
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identified import Identified
+from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.parameter import Parameter
 from butterfly.identification.validate import CrossValidation, Structure
 from butterfly.logs.log import Log
@@ -53,7 +54,6 @@ _HEADERS = {
 def summary(identification: Identified) -> list[str]:
     """Return the verdict, then all that was found, gravest first."""
     data, estimate = identification.data, identification.estimate
-    known = ", ".join(f"{name} = {value}" for name, value in estimate.given.values.items())
     conditions = [health.condition for health in data.health]
     worst = Level.worst(conditions)
     where = "" if worst is Level.GOOD else " `butterfly inspect` tells which, and why."
@@ -71,10 +71,24 @@ def summary(identification: Identified) -> list[str]:
         *held_out_sentences(identification.held_out),
         _basis(identification),
         *([means] if used != sound else []),
-        *([f"Given: {known}."] if known else []),
+        *_known(data, estimate),
         *minor_notes(estimate),
         *([] if unsound else [health]),
     ]
+
+
+def _known(data: DataSet, estimate: Estimate) -> list[str]:
+    """Say which values were given, which follow from these, and which are assumed and why."""
+    own, assumed = data.given.values, data.assumed
+    known = estimate.given.values
+    texts = {
+        "Given": [f"{name} = {value}" for name, value in own.items()],
+        "Follows from what was given": [
+            f"{name} = {value}" for name, value in known.items() if name not in {*own, *assumed}
+        ],
+        "Assumed": [f"{name} = 0 ({why})" for name, why in assumed.items() if name in known],
+    }
+    return [f"{what}: {', '.join(each)}." for what, each in texts.items() if each]
 
 
 def _basis(identification: Identified) -> str:
@@ -307,9 +321,12 @@ def medians_of(row: Mapping[str, Any]) -> dict[str, float]:
 
 
 def next_step(
-    found: Identified, words: Sequence[str], data: Sequence[Path], saved: Path | None = None
+    found: Identified, words: Sequence[str], data: Sequence[Path | str], saved: Path | None = None
 ) -> str:
-    """Return a command to paste: it mends units or the model, or saves the result or uses it."""
+    """Return a command to paste: it mends units or the model, or saves the result or uses it.
+
+    ``data``: paths, and options that say what is read, which other commands take too.
+    """
     verdict, missing = estimate_verdict(found.estimate), found.residuals.missing.terms
     if advice := _ADVICE.search(" ".join(verdict.lines)):
         return _again(words, advice[1], advice[2], merged=True)
