@@ -10,6 +10,7 @@ from butterfly.errors import UnusableError, listed
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.inference.blocks import Condition
 from butterfly.identification.inference.estimate import OF_VERDICT, Estimate
+from butterfly.identification.plausibility import BETTER_METHOD
 from butterfly.identification.repeatability import contradiction_text
 from butterfly.identification.unit_errors import unit_error_text
 from butterfly.logs.units import Unread, taken_text
@@ -157,14 +158,15 @@ def model_sentence(estimate: Estimate) -> str:
     if missing is not None:
         share_of_error = percent(_number(missing))
         text += f"; missing term: {missing.parameters[0]} ({share_of_error} of the residual)"
-    elif _is_unexplained(beyond) and not (_doubts(estimate) or grave_notes(estimate)):
+    elif _is_unexplained(beyond, estimate) and not (_doubts(estimate) or grave_notes(estimate)):
         text += "; none of the optional terms explains it"
     return f"{text}."
 
 
-def _is_unexplained(misfit: Finding | None) -> bool:
-    """Whether clearly more than sensor noise is left."""
-    return misfit is not None and _number(misfit) >= _UNEXPLAINED
+def _is_unexplained(misfit: Finding | None, estimate: Estimate) -> bool:
+    """Whether clearly more than sensor noise is left, about values that can be used."""
+    least = _UNEXPLAINED if estimate.level.usable else math.inf
+    return misfit is not None and _number(misfit) >= least
 
 
 def finding_text(finding: Finding, values: Values) -> str:
@@ -195,12 +197,13 @@ def _number(finding: Finding) -> float:
 
 
 def _poor_fit(finding: Finding, _: Values) -> str:
+    cure = " ".join(map(BETTER_METHOD.format, finding.parameters)) or _LOOK
     if not math.isfinite(_number(finding)):
-        return f"The simulation with these values diverges. {_LOOK}"
+        return f"The simulation with these values diverges. {cure}"
     fit = fit_text(_number(finding))
     return (
         f"The model does not follow the logs or their velocity: median FIT {fit} % beyond the "
-        f"sensor noise. {_LOOK}"
+        f"sensor noise. {cure}"
     )
 
 

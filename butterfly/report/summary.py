@@ -16,6 +16,7 @@ from butterfly.errors import InputError, listed
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import MOST_RUNS, OF_GOAL, Candidate, Plan
 from butterfly.identification.encoder_offset import EncoderOffset, OffsetKind, encoder_offsets
+from butterfly.identification.findings import FindingKind
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identified import Identified
 from butterfly.identification.inference.estimate import Estimate
@@ -330,14 +331,21 @@ def next_step(
     verdict, missing = estimate_verdict(found.estimate), found.residuals.missing.terms
     if advice := _ADVICE.search(" ".join(verdict.lines)):
         return _again(words, advice[1], advice[2], merged=True)
+    read = shlex.join(map(str, data))
     if verdict.level is Level.WARNING:
-        return f"butterfly inspect {shlex.join(map(str, data))}"
+        poor = (each for each in found.estimate.findings if each.kind is FindingKind.POOR_FIT)
+        better = next((each.parameters for each in poor), ())
+        return (
+            f"butterfly identify {read} --method {better[0]}"
+            if better
+            else f"butterfly inspect {read}"
+        )
     if missing:
         names = (n for n in found.estimate.names if n not in PARAMETERS and not TERMS[n].follows)
         terms = ",".join([*names, *missing])
         if found.made_by is None or {*missing} <= {*offered(found.made_by.method)}:
             return _again(words, "--terms", terms)
-        return f"butterfly identify {shlex.join(map(str, data))} --terms {terms}"
+        return f"butterfly identify {read} --terms {terms}"
     if saved is None:
         return _again(words, "--save", "joint.json")
     use = "validate" if verdict.level is Level.GOOD else "design"

@@ -10,8 +10,9 @@ import pytest
 from butterfly.identification import free_run
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import OutputError, WeakForm
+from butterfly.identification.findings import FindingKind
 from butterfly.identification.free_run import FitSummary, FreeRun, Setting, Simulations
-from butterfly.identification.identify import identify, judged
+from butterfly.identification.identify import identify, judge, judged
 from butterfly.identification.parameters_by_hand import best_gain, try_parameters
 from butterfly.identification.plausibility import LEAST_FIT
 from butterfly.identification.problem import Start
@@ -105,6 +106,19 @@ def test_a_noisy_velocity_refuses_no_joint_that_follows(noise):
     log, exact = _film(noise)
     run = FreeRun(log=log, simulated=exact.angle)
     assert run.velocity_fit < LEAST_FIT < 90 < run.followed
+
+
+def test_another_method_is_advised_only_if_it_was_tried_and_follows(data):
+    """Of the same wrong values, by logs of a joint and by logs of none."""
+    estimator = OutputError(terms=(), workers=1)
+    found = replace(estimator(data), values=np.array([1.0, 1.0, 0.05, 0.1, 0.0, 0.0]))
+    rng = np.random.default_rng(0)
+    wander = [
+        replace(log, angle=np.cumsum(rng.standard_normal(log.time.size))) for log in data.logs
+    ]
+    for logs, better in ((data.logs, ("weak-form",)), (wander, ())):
+        said = judge(DataSet.of(logs), estimator, found).findings
+        assert [each.parameters for each in said if each.kind is FindingKind.POOR_FIT] == [better]
 
 
 def test_a_simulation_that_is_rough_or_diverges_is_not_excused_as_noise():

@@ -228,6 +228,14 @@ def test_logs_that_tell_nothing_of_a_parameter_are_refused():
         conditioning_of(silent)
 
 
+def test_only_what_the_user_gave_is_called_given(slide):
+    said = summary(bf.identify(slide, PLAIN))
+    assert "Given: p4 = 3." in said
+    assert "Assumed: p3 = 0 (no gravity acts)." in said
+    both = bf.identify(slide.knowing(Prior.of({"p3": 0.0})), PLAIN)
+    assert "Given: p4 = 3, p3 = 0." in summary(both)
+
+
 def test_a_known_gain_of_the_wrong_sign_is_named(slide):
     told = slide.knowing(Prior.of({"p4": -3.0}))
     with pytest.raises(IdentifiabilityError, match=r"p4 = -3.*inertia would be -2"):

@@ -118,7 +118,8 @@ def test_every_kind_of_finding_has_its_own_sentence_with_its_number_and_paramete
     [FindingKind.POOR_FIT, FindingKind.NO_INERTIA, FindingKind.NEGATIVE, FindingKind.PULLED],
 )
 def test_units_signs_and_masses_are_named_only_where_one_was_found(kind):
-    said = finding_text(Finding(kind, ("p2",), number=-3.0), VALUES)
+    names = () if kind is FindingKind.POOR_FIT else ("p2",)
+    said = finding_text(Finding(kind, names, number=-3.0), VALUES)
     assert not re.search(r"\b(units?|signs?|mass(es)?|timestamps?)\b", said)
     assert re.search("residuals of each log|`butterfly inspect`", said)  # what to do instead
 
@@ -272,6 +273,8 @@ _CALL = "identify --units=time=ms,angle=rad a.csv"
         ((), ("spring",), None, "identify a.csv --terms spring"),
         ((), (), "my joint.json", "validate 'my joint.json'"),
         ((Finding(FindingKind.POOR_FIT, number=3.0),), (), None, "inspect a.csv"),
+        ((Finding(FindingKind.POOR_FIT, ("weak-form",), number=3.0),), (), None,
+         "identify a.csv --method weak-form"),
         ((unit_error(UnitError.DEGREES, 0.0175),), ("drag",), None,
          "identify --units time=ms,angle=deg a.csv --terms ''"),
     ],
