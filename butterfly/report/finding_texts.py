@@ -366,7 +366,7 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     ),
     FindingKind.OTHER_END: (
         "Another start led to a worse minimum ({number:.3g} times the squared error); the best fit "
-        "is given."
+        "is shown."
     ),
     FindingKind.COMBINATION: (
         "These logs hardly separate {combined} (condition number {rounded:.0f}): add a run that "
@@ -400,7 +400,7 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "These data cannot distinguish {names} from a clock error of {percent:+.2g} %."
     ),
     FindingKind.SIGN_UNKNOWN: (
-        "The sign of {names} is not identifiable from the motion; the magnitude is given."
+        "The sign of {names} is not identifiable from the motion; the magnitude is shown."
     ),
     FindingKind.TORQUE_DRIVEN: _torque_driven,
     FindingKind.NOT_ESTIMATED: _not_estimated,

@@ -22,7 +22,7 @@ from butterfly.identification.identified import Identified
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.parameter import Parameter
 from butterfly.identification.validate import CrossValidation, Structure
-from butterfly.logs.log import Log
+from butterfly.logs.log import InputKind, Log
 from butterfly.logs.thinning import thinned
 from butterfly.model.prior import Prior
 from butterfly.model.terms import PARAMETERS, TERMS, offered
@@ -111,12 +111,14 @@ def _fit(identification: Identified) -> str:
     measured = _MEASURED[tuple(sorted({log.measures for log in data.logs}))]
     worst = min(identification.fits, key=lambda name: identification.fits[name])
     looped = any(log.closed and log.servo for log in data.logs)
-    given = "set-point" if looped else "recorded input"
+    driven = data.input_kind is not InputKind.NONE
+    known = ["the set-point" if looped else "the recorded input"] if driven else []
+    source = " and ".join([*known, *_start(fit, data)]) or "the start"
     velocity = ""
     if measured == "angle" and math.isfinite(identification.velocity_fit.median):
         velocity = f"; velocity {fit_text(identification.velocity_fit.median)} %"
     return (
-        f"Given only the {given}{_start(fit, data)}, the model reproduces the measured {measured} "
+        f"From {source} alone, the model reproduces the measured {measured} "
         f"with a median FIT of {fit_text(fit.median)} % (mean {fit_text(fit.mean)} %, worst "
         f"{fit_text(fit.worst)} %, {worst}){velocity}."
     )
@@ -226,11 +228,12 @@ def _drive_alone(identification: Identified) -> list[str]:
     ]
 
 
-def _start(fit: FitSummary, data: DataSet) -> str:
-    if fit.horizon is None:
-        moving = any(log.initial_state.velocity for log in data.logs)
-        return " and a fitted initial state" if moving else ""
-    return f" and a fitted initial state every {fit.horizon:g} s"
+def _start(fit: FitSummary, data: DataSet) -> list[str]:
+    """Say which starts are fitted, if any."""
+    if fit.horizon is not None:
+        return [f"a fitted initial state every {fit.horizon:g} s"]
+    moving = any(log.initial_state.velocity for log in data.logs)
+    return ["a fitted initial state"] if moving else []
 
 
 def held_out_sentences(fits: Mapping[str, float]) -> list[str]:
