@@ -143,8 +143,13 @@ class _Fit(NamedTuple):
 
     @classmethod
     def of(cls, data: DataSet, zeros: Iterable[float] | None = None) -> _Fit:
-        """Return the fit of all of `_NAMES` but what is known exactly, about (k,) zeros in rad."""
-        known = data.known.within(_NAMES)
+        """Return the fit of all of `_NAMES` but what is known exactly, about (k,) zeros in rad.
+
+        What alone sets the scale counts as known exactly.
+        """
+        known, (first, *others) = data.known.within(_NAMES), data.masses
+        if not others and (scale := known.reference(first)):
+            known = known.holding(scale)
         own = map(data.zero_of, data.logs) if zeros is None else zeros
         windows = [_windows_of(*each) for each in zip(data.logs, own, strict=True)]
         about = About(
@@ -256,7 +261,7 @@ class _Search:
             UnitError.SWAPPED: before is not None and before.level is not Level.WARNING,
             UnitError.COUNTS: any((log.angle % 1).any() for log in self.data.recorded),
             UnitError.SETPOINT: closed,
-            UnitError.SIGN: closed or "p4" not in self.data.known.fixed,  # which else takes it
+            UnitError.SIGN: closed or "p4" not in self.data.known.parameters,  # else p4 takes it
             UnitError.GEAR: ratio is None and not (closed and swing > most),
         }
         blind = any(log.integrated for log in logs) and error.column in _OF_ANGLE
