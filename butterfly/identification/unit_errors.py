@@ -96,7 +96,7 @@ class UnitError(StrEnum):
     SIGN = (
         *("sign", "sign"),
         f"Input and angle look counted in opposite directions: with the input negated, {_AGREE}. "
-        + _advice("input", "-1"),
+        + _advice("input", "-{unit}"),
         (-1.0,),
     )
     PER_MINUTE = _unit("per-minute", "omega", "revolutions per minute", "rpm", "2 pi/60 (0.1047)")
@@ -192,6 +192,7 @@ def unit_error_text(finding: Finding) -> str:
         logs=logs,
         in_logs=f" in {logs}" if logs else "",
         right=f" ({more[0]})" if more else "",
+        unit=more[0] if more else "1",
         given=given,
         others="" if ways == "1" else f" This is one of {ways} explanations: weigh the masses.",
     )

@@ -314,7 +314,8 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     ),
     FindingKind.NEGATIVE_GAIN: (
         "{names} is negative: a positive input moves the joint in the negative direction. If angle "
-        "or input counts the other way, set sign: -1 in the manifest, or --units input=-1."
+        "or input counts the other way, set sign: -1 in the manifest, or negate its unit "
+        "(as in --units input=-V)."
     ),
     FindingKind.SOURCES_CONFLICT: (
         "The given {names} and the one that follows from the given motor and body data differ by "

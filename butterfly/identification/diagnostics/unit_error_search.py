@@ -106,6 +106,7 @@ class _Trial(NamedTuple):
     right: Callable[[Log], Log]  # returns a log as it is without the mistake
     log: str = ""  # name of the only one that it concerns
     mass: str = ""  # label of the mass that is mistaken
+    unit: str = ""  # of a column with the wrong sign, if its log says one
     misfit: float = math.inf  # share of the torques that the fit leaves; infinite if there is none
 
     def righted(self, log: Log) -> Log:
@@ -130,9 +131,9 @@ class _Trial(NamedTuple):
 
     def finding(self, ways: int = 1, *, moves: bool = True) -> Finding:
         """Return the finding of the mistake, one of so many ways to explain masses."""
-        masses = [self.mass, str(1 if self.log else ways)] if self.mass else []
+        more = [self.mass, str(1 if self.log else ways)] if self.mass else [self.unit]
         logs = [self.log] if self.log else []
-        return unit_error(self.error, self.number, *masses, logs=logs, moves=moves)
+        return unit_error(self.error, self.number, *filter(None, more), logs=logs, moves=moves)
 
 
 class _Fit(NamedTuple):
@@ -249,6 +250,9 @@ class _Search:
             for each in self._factors(error)
         ]
         found = min(trials, key=lambda each: each.misfit, default=None)
+        if error is UnitError.SIGN and found is not None:
+            read = self.data.recorded[0].reading.columns.get("input")
+            return found._replace(unit=read.unit.removeprefix("-") if read else "")
         stiffer = error is UnitError.SETPOINT and found is not None and found.number != 1
         return None if stiffer else found  # a spring is no set-point
 
