@@ -157,11 +157,11 @@ def test_a_trial_that_costs_too_much_stops_at_its_first_logs(data, monkeypatch, 
     whole = problem.equations(away)
     assert len(simulated) == count
     simulated.clear()
-    stopped = problem.equations(away, 0.01 * whole.cost)
+    stopped = problem.equations(away, most=0.01 * whole.cost)
     assert not stopped.is_finite
     assert len(simulated) < count
     anew = start.problem(data.logs, first)  # starts of logs are sought from the last ones
-    assert anew.equations(away, 2 * whole.cost).cost == whole.cost
+    assert anew.equations(away, most=2 * whole.cost).cost == whole.cost
 
 
 @pytest.mark.slow
@@ -170,7 +170,7 @@ def test_a_descent_goes_the_same_way_whether_dear_trials_stop_or_not(data, monke
     found = estimator(data)
     equations = Problem.equations
     monkeypatch.setattr(
-        Problem, "equations", lambda self, at, _=None, **how: equations(self, at, **how)
+        Problem, "equations", lambda self, at, near=None, **_: equations(self, at, near)
     )
     assert estimator(data).values.tolist() == found.values.tolist()
 

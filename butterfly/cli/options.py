@@ -68,7 +68,7 @@ _LOOP = _fact("loop", "With --input setpoint, such as law=dynamixel-x,kp=400.", 
 _KNOWN = _fact("known", "Such as p4=1,p3=0.05+-0.001,resistance=2.", metavar="PAIRS")
 _ZERO = _fact("zero", "Such as 0.1+-0.01.", metavar="rad", allow_leading_hyphen=True, **_DETAIL)
 _ROOT = Parameter(metavar="FOLDER", help="Folder of the logs, if not the manifest's.", **_DETAIL)
-_HOLD = _fact("intersample", "Default: zero_order_hold.", **_DETAIL)
+_HOLD = _fact("intersample", "Default: both are compared.", **_DETAIL)
 _GRAVITY = _fact("gravity", "Default: 9.81.", metavar="m/s²", **_DETAIL)
 _FROM = _fact("begin", name="--from", metavar="s", allow_leading_hyphen=True, **_DETAIL)
 _TO = _fact("end", name="--to", metavar="s", allow_leading_hyphen=True, **_DETAIL)

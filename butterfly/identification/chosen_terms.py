@@ -25,7 +25,9 @@ from butterfly.identification.inference.linear_terms import (
 from butterfly.identification.inference.stagewise import (
     ChosenTerms,
     Offer,
+    as_good,
     friction_brakes,
+    is_near,
     offers_in,
     stagewise,
 )
@@ -33,9 +35,11 @@ from butterfly.identification.inference.submodels import NEGLIGIBLE, Submodels, 
 from butterfly.identification.levels import FEW, LOST, MOST, PASSES, SHOWS
 from butterfly.identification.problem import Problem
 from butterfly.logs.log import InputKind, Log, slow_interval
-from butterfly.model.parameters import value_if_absent
+from butterfly.model.parameters import AddedMass, value_if_absent
 from butterfly.model.prior import Prior
 from butterfly.model.terms import COMMON, OF_SERVO, RARE, TERMS, companions, offered
+
+_TRIAL = 2 * PASSES  # expansions of a fit with a row more, the first where one step leads
 
 _INDEPENDENT = 2 * FEW  # logs, from which on rare terms are tried
 
@@ -79,10 +83,20 @@ class FreeRunModel:
         """The optional terms that it has."""
         return frozenset(self.problem.names).intersection(self.rows)
 
+    @property
+    def values(self) -> dict[str, float]:
+        """Its values by label."""
+        return dict(zip(self.problem.labels, self.end.values.tolist(), strict=True))
+
+    @property
+    def masses(self) -> list[AddedMass]:
+        """The added mass of each log."""
+        return [log.added_mass for log in self.problem.logs]
+
     @cached_property
     def nested(self) -> Submodels:
         """Its equations, and those of fits with fewer terms."""
-        return _nested(self.problem, self.end.at, len(self.every.keys))
+        return nested_about(self.problem, self.end.at, len(self.every.keys))
 
     @property
     def kept(self) -> NDArray[np.bool_]:
@@ -110,13 +124,16 @@ class FreeRunModel:
         if not at.is_finite:
             return []
         kept = np.isin(there.labels, self.problem.labels)
-        masses = [log.added_mass for log in there.logs]
-        nested = _nested(there, at, len(self.every.keys))
-        return offers_in(replace(nested, settings=dict(settings)), kept, rows, masses)
+        nested = nested_about(there, at, len(self.every.keys))
+        return offers_in(replace(nested, settings=dict(settings)), kept, rows, self.masses)
 
     def equations(self, there: Problem, values: Samples) -> Equations:
         """Return the equations of a problem in other terms about (n,) values."""
-        return there.weighed(there.equations(values).counting(there.options.loss))
+        return there.weighed(self.simulated(there, values))
+
+    def simulated(self, there: Problem, values: Samples) -> Equations:
+        """Return the same without a prior, as rivals are compared by what their logs say."""
+        return there.equations(values, self.end.at).counting(there.options.loss)
 
     def descended(
         self, there: Problem, at: Equations | None = None, most: int = MOST, enough: float = SHOWS
@@ -127,7 +144,7 @@ class FreeRunModel:
         expansions at its start.
         """
         if at is None:
-            at, most = there.equations(there.initial), most - 1
+            at, most = there.equations(there.initial, self.end.at), most - 1
         return there.descend(at, most, enough, most * at.steps)
 
     def _with(self, rows: Iterable[str], values: Mapping[str, float]) -> Problem:
@@ -141,24 +158,24 @@ class FreeRunModel:
 
     def adding(self, offer: Offer) -> Self | None:
         """Fit with a row more; None if no joint has it, or it does not keep what it promised."""
-        here = dict(zip(self.problem.labels, self.end.values.tolist(), strict=True))
-        moved = {label: offer.values[label] for label in (*here, offer.name)}
+        moved = {label: offer.values[label] for label in (*self.values, offer.name)}
         problem = self._with([offer.name], {**offer.nested.settings, **moved})
+        promised = offer.share * float(self.nested.equations.cost.sum()) / 2
+        enough = self.end.at.cost - LOST * promised
         try:
-            end = self.descended(problem)
-            if not end.converged and not end.too_stiff:
-                end = self.descended(problem, end.at, PASSES, SHOWS**2)
+            at = self.equations(problem, problem.initial)
+            if not at.cost <= enough:
+                return None
+            end = self.descended(problem, at, _TRIAL)
         except IdentifiabilityError:
             return None
         found = replace(self, problem=problem, end=end)
-        promised = offer.share * float(self.nested.equations.cost.sum()) / 2
-        kept = self.end.at.cost - end.at.cost >= LOST * promised
         values = dict(zip(problem.labels, end.values.tolist(), strict=True))
         least = dict(zip(problem.labels, problem.lower.tolist(), strict=True))
         free = all(values[n] > least[n] for n in (offer.name, "p1") if n in values)
         free &= all(values[name] <= TERMS[name].most for name in problem.labels if name in TERMS)
-        possible = friction_brakes(values, [log.added_mass for log in problem.logs])
-        if not (end.converged and kept and free and possible):
+        possible = friction_brakes(values, self.masses)
+        if not (end.converged and end.at.cost <= enough and free and possible):
             return None
         return None if conditioning_of(problem, end.at).singular else found
 
@@ -167,14 +184,30 @@ class FreeRunModel:
         problem = self.problem.without({name})
         kept = np.isin(self.problem.labels, problem.labels)
         values = self.nested.fitted(kept[np.newaxis])[0][kept]
-        for begun in (values, self.end.values[kept]):
-            there = self.equations(problem, begun) if np.isfinite(begun).all() else None
-            if there is not None and there.is_finite:
-                break
+        promised = dict(zip(problem.labels, values.tolist(), strict=True))
+        there = None
+        if is_near(promised, self.values, self.masses):
+            there = self.equations(problem, values)
+        if there is None or not there.is_finite:
+            there = self.equations(problem, self.end.values[kept])
         return replace(self, problem=problem, end=self.descended(problem, there))
 
+    def confirms(self, rival: Mapping[str, float]) -> bool:
+        """Whether a rival, simulated once, follows the logs as well as the fit."""
+        if not is_near(rival, self.values, self.masses):
+            return False
+        there = self._with(rival, rival)
+        try:
+            at = self.simulated(there, there.initial)
+        except IdentifiabilityError:
+            return False
+        if not at.is_finite:
+            return False
+        its = nested_about(there, at, len(self.every.keys)).equations.cost
+        return as_good(np.sqrt(its), np.sqrt(self.nested.equations.cost))
 
-def _nested(problem: Problem, at: Equations, most: int) -> Submodels:
+
+def nested_about(problem: Problem, at: Equations, most: int) -> Submodels:
     """Return fits with fewer terms, about equations in cells for ``most`` unknowns."""
     count = independent_cells_of(len(at.logs), most)
     cells = at.cells(problem.labels, problem.lower, count)
@@ -211,15 +244,30 @@ def fitted_of(found: ChosenTerms[Any], end: Minimum, before: Fitted) -> Fitted:
 
 def chosen_at_once(problem: Problem, end: Minimum, rows: Sequence[str]) -> tuple[Problem, Minimum]:
     """Take away terms of a fit that do not help, on its equations alone; fit the others."""
+    masses = [log.added_mass for log in problem.logs]
+    values = dict(zip(problem.names, end.values.tolist(), strict=True))
+    least = dict(zip(problem.names, problem.lower.tolist(), strict=True))
+    if lost := {name for name in rows if name in values and values[name] <= least[name]}:
+        # about the bound of a term the equations of what only it identifies are empty
+        fewer = problem.without(lost)
+        kept = np.isin(problem.labels, fewer.labels)
+        problem = replace(fewer, initial=end.values[kept])
+        end = problem.descend(problem.equations(problem.initial, end.at))
+        rows = [name for name in rows if name not in lost]
     model = LinearModel(
-        models=(_nested(problem, end.at, len(problem.keys)),),
+        models=(nested_about(problem, end.at, len(problem.keys)),),
         optional=tuple(rows),
         terms=frozenset(rows),
-        masses=[log.added_mass for log in problem.logs],
+        masses=masses,
     )
     found = stagewise(model, rows, ()).model
-    fewer = problem.keeping(np.flatnonzero(found.kept), found.values[found.kept])
-    return fewer, fewer.descend()
+    names = found.nested.names
+    here, there = (
+        dict(zip(names, each.tolist(), strict=True)) for each in (end.values, found.values)
+    )
+    begun = found.values if is_near(there, here, masses) else end.values
+    fewer = problem.keeping(np.flatnonzero(found.kept), begun[found.kept])
+    return fewer, fewer.descend(fewer.equations(fewer.initial, end.at))
 
 
 def conditioning_of(problem: Problem, at: Equations) -> Conditioning:
@@ -248,7 +296,7 @@ def separable(fitted: Fitted) -> Fitted:
         fitted = replace(
             fitted,
             problem=fewer,
-            end=fewer.descend(),
+            end=fewer.descend(fewer.equations(fewer.initial, fitted.end.at)),
             rivals=tuple(each[kept[kept < each.size]] for each in fitted.rivals),
             findings=(*fitted.findings, said),
             path=tuple(tuple(n for n in each if n not in lost) for each in fitted.path),

@@ -301,12 +301,12 @@ class DataSet:
             test_logs=self.test_logs and self.test_logs.with_zero(zero),
         )
 
-    def corrected(self, correct: Callable[[Log], Log], finding: Finding) -> DataSet:
+    def corrected(self, correct: Callable[[Log], Log], finding: Finding | None = None) -> DataSet:
         """Return the data set with every log corrected, held-out ones too, with its finding."""
-        logs = tuple(map(correct, self.logs))
+        logs, said = tuple(map(correct, self.logs)), finding or self.correction
         held = self.test_logs and self.test_logs.corrected(correct, finding)
         points = _responses(logs, untracked)
-        return replace(self, logs=logs, points=points, test_logs=held, correction=finding)
+        return replace(self, logs=logs, points=points, test_logs=held, correction=said)
 
     @property
     def whole(self) -> DataSet:

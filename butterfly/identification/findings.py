@@ -43,6 +43,7 @@ class FindingKind(StrEnum):
     CLOCK = "clock"  # share by which the inputs' sines run faster than their omega
     CLOCK_SET = "clock-set"  # the same where all timestamps were multiplied by 1 more than it
     OMEGA_SET = "omega-set"  # or every omega
+    STRAIGHT = "straight"  # logs whose input goes straight between samples, as nobody says
     LIKE_CLOCK = "like-clock"  # the same, of a clock error that looks like a term
     TORQUE_DRIVEN = "torque-driven"  # largest resistance in Ohm that the damping allows
     REST_DIFFERS = "rest-apart"  # rad between the rest angles with different masses
@@ -73,6 +74,7 @@ class FindingKind(StrEnum):
     RATIOS = "ratios"
     PLANT = "plant"  # share by which the simulator's own error moves the value that it hits most
     UNIT_ASSUMED = "unit-assumed"  # p4, and the unit that the input was taken in
+    HELD = "held"  # logs whose input was held between samples, as nobody says
     RESTS_ON = "rests-on"  # scales that no log can show, given without an uncertainty
 
 

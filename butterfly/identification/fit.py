@@ -24,7 +24,16 @@ from butterfly.arrays import Samples, unit_diagonal
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.inference.blocks import CELLS
 from butterfly.identification.inference.equations import CellEquations, compressed
-from butterfly.identification.levels import MATTERS, MOST, ROUNDING, SHOWS, SPREADS, WEIGHED
+from butterfly.identification.levels import (
+    MATTERS,
+    MOST,
+    PRECISE,
+    ROUNDING,
+    SHOWS,
+    SPREADS,
+    WEIGHED,
+)
+from butterfly.logs.log import InitialState
 from butterfly.model.prior import Penalty
 from butterfly.progress import current_search
 
@@ -137,6 +146,7 @@ class Equations:
     loss: Loss = Loss.LINEAR  # loss, scale: of the residuals
     scale: float = 1.0
     steps: int = 0  # that their simulations took
+    begins: tuple[tuple[InitialState, ...], ...] = ()  # of each log's segments, as they were found
 
     def counting(self, loss: Loss) -> Equations:
         """Return the equations with a loss, scaled by the scatter of the residuals."""
@@ -291,8 +301,8 @@ class Minimum:
         return self.at.values
 
 
-Expand = Callable[[Samples, float], Equations]
-"""From (n,) values, and the cost above which it may stop early, to the equations about them."""
+Expand = Callable[[Samples, Equations], Equations]
+"""From (n,) values, and the equations that a step leads from, to the equations about them."""
 
 
 class Box(NamedTuple):
@@ -300,12 +310,15 @@ class Box(NamedTuple):
 
     lower: Samples  # (n,) lower bounds
     share: Samples | float = np.inf  # (n,) largest relative change in one step
+    # (n,) which a value never reaches, so that a step takes it at most nine tenths of the way
+    origin: Samples | float = -np.inf
 
     def about(self, values: Samples, most: Samples | float) -> tuple[Samples, Samples]:
         """Return the (n,) lower and upper limits of a step from values, at most ``most``."""
         with np.errstate(invalid="ignore"):
             room = np.fmin(most, self.share * abs(values))
-        return np.maximum(self.lower - values, -room), np.broadcast_to(room, values.shape)
+        least = np.maximum(self.lower - values, -(1 - PRECISE) * (values - self.origin))
+        return np.maximum(least, -room), np.broadcast_to(room, values.shape)
 
 
 def minimise(
@@ -346,7 +359,7 @@ def minimise(
             return Minimum(at=end, converged=True, evaluations=evaluations)
         if (within and of_whole <= enough * at.cost) or (not within and radius < ROUNDING):
             break
-        tried = replace(expand(there, at.cost), prior=at.prior)
+        tried = replace(expand(there, at), prior=at.prior)
         evaluations += 1
         taken += tried.steps
         predicted, longest = at.decrease(step), longest / bends
@@ -392,8 +405,8 @@ def minimise_robustly(
             return unweighted
         at, spent = unweighted.at.counting(loss), unweighted.evaluations
 
-    def counted(values: Samples, _: float) -> Equations:
-        return replace(expand(values, np.inf), loss=loss, scale=at.scale)
+    def counted(values: Samples, here: Equations) -> Equations:
+        return replace(expand(values, here), loss=loss, scale=at.scale)
 
     found = minimise(counted, at, box, MOST, enough, steps=steps)
     return replace(found, evaluations=spent + found.evaluations)

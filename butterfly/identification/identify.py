@@ -19,6 +19,7 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.residuals import Residuals, residuals_of
 from butterfly.identification.diagnostics.unit_error_search import find_slow_clock, find_unit_errors
 from butterfly.identification.estimators import Estimator, OutputError, WeakForm
+from butterfly.identification.estimators.between_samples import as_taken
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.free_run import FreeRun
 from butterfly.identification.identified import Identified
@@ -163,13 +164,13 @@ def fitted(data: DataSet, estimator: Estimator) -> tuple[DataSet, Estimate]:
     """
     share = clock_error(data.sines)
     if not share:
-        return data, estimated(data, estimator)
+        return as_taken(data, estimated(data, estimator))
     slow, wrong = [Finding(kind, ("p1",), number=share) for kind in _CORRECTED]
     either = [
         data.corrected(lambda log: log.timed(1 + share), slow),
         data.corrected(lambda log: log.tuned(1 + share), wrong),
     ]
-    found = [(each, estimated(each, estimator)) for each in either]
+    found = [as_taken(each, estimated(each, estimator)) for each in either]
     fits = (each.simulations.fits(estimate, each.counted) for each, estimate in found)
     left = [np.mean((1 - each / 100) ** 2) for each in fits]  # of the squared motion
     near = [each for each, error in zip(found, left, strict=True) if LOST * error <= min(left)]

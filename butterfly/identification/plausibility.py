@@ -134,6 +134,9 @@ def judge_basis(estimate: Estimate, data: DataSet) -> list[Finding]:
         and "angle_scale" not in data.known.values,
         "time_scale": True,
         LAG: "delay" in estimate.names,
+        "loop_clock": any(
+            log.closed and log.servo is not None and log.servo.clock_assumed for log in data.logs
+        ),
     }
     rests = tuple(
         name for name, is_open in open_.items() if is_open and name not in data.known.values

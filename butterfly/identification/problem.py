@@ -101,14 +101,8 @@ class Problem:
     ) -> Problem:
         """Return the problem of fitting logs in shared parameters, by name, and local unknowns."""
         start = replace(first.parameters, **known.fixed)
-        counted = [first_counted(log, options.window) for log in logs]
-        motion = tuple(_rms_motion(log, k) for log, k in zip(logs, counted, strict=True))
-        local_velocity = "velocity" in {*options.per_mass, *options.per_log}
-        how, most = {"velocity_known": local_velocity, "free": True}, options.horizon
-        simulations = tuple(
-            Simulation(log, start, k, segment_length(log, start, most, first=k, **how), warm=True)
-            for log, k in zip(logs, counted, strict=True)
-        )
+        simulations = simulations_of(logs, start, options)
+        motion = tuple(_rms_motion(each.log, each.first) for each in simulations)
         hangs = not known.weightless(log.added_mass for log in logs)
         keys_of = {
             (each.log.name, name): _local_key(name, each, logs, options, hangs=hangs)
@@ -154,18 +148,34 @@ class Problem:
 
     @property
     def box(self) -> Box:
-        """Bounds, and step limits of `FOLLOWERS`: without their term they are not identifiable."""
-        return Box(self.lower, np.where(np.isin(self.names, [*FOLLOWERS]), LOST, np.inf))
+        """Bounds, and limits of steps.
 
-    def equations(self, values: Samples, most: float = np.inf, *, slopes: bool = True) -> Equations:
+        Those of `FOLLOWERS`, as without their term they are not identifiable, and that of p1, as no
+        linear equation knows that the inertia with an added mass is positive.
+        """
+        least = min(log.added_mass.inertia for log in self.logs)
+        names = np.array(self.names)
+        share = np.where(np.isin(names, [*FOLLOWERS]), LOST, np.inf)
+        return Box(self.lower, share, origin=np.where(names == "p1", -least, -np.inf))
+
+    def equations(
+        self,
+        values: Samples,
+        near: Equations | None = None,
+        *,
+        most: float = np.inf,
+        slopes: bool = True,
+    ) -> Equations:
         """Return errors over each log's rms motion about (n,) values, or (k, n), one row per log.
 
-        A log's squares sum to their mean. Logs beyond a cost of ``most`` are not simulated.
+        A log's squares sum to their mean. Starts that are fitted are sought from those of equations
+        ``near``, which no other trial moves. Logs beyond a cost of ``most`` are not simulated.
         """
         search = current_search()
         search.simulations += 1
         of_logs = np.broadcast_to(values, (len(self.motion), len(self.keys)))
-        begins = [each.begins.copy() for each in self.simulations]
+        for number, each in enumerate(self.simulations):
+            each.begins = [*(near.begins[number] if near and near.begins else each.recorded)]
         simulated = partial(self._of_log, slopes=slopes)
         if self.options.workers == 1:
             found = _within(most, map(simulated, range(len(of_logs)), of_logs))
@@ -176,11 +186,14 @@ class Problem:
         spent = [each.spend() for each in self.simulations]
         steps = sum(spent[: len(found)])  # threads may have begun some of the others
         search.steps += steps
-        if len(found) < len(of_logs):  # the starts found in an incomplete pass are discarded
-            for each, before in zip(self.simulations, begins, strict=True):
-                each.begins = before
+        if len(found) < len(of_logs):
             found.append(_IMPOSSIBLE)
-        return Equations(values=of_logs[0], logs=tuple(found), steps=steps)
+        begins = tuple(tuple(each.begins) for each in self.simulations)
+        return Equations(values=of_logs[0], logs=tuple(found), steps=steps, begins=begins)
+
+    def stepped(self, values: Samples, at: Equations) -> Equations:
+        """Return the equations where a step leads from others, which a higher cost ends early."""
+        return self.equations(values, at, most=at.cost if at.loss is Loss.LINEAR else np.inf)
 
     @np.errstate(over="ignore", invalid="ignore")  # of a motion that diverges; per thread
     def _of_log(self, index: int, values: Samples, *, slopes: bool) -> LogEquations:
@@ -231,7 +244,7 @@ class Problem:
             at, rest = self.weighed(at), most - evaluations
             before, loss = at, self.options.loss
             end = minimise_robustly(
-                self.equations, at, self.box, loss, most=rest, enough=enough, steps=steps
+                self.stepped, at, self.box, loss, most=rest, enough=enough, steps=steps
             )
             evaluations += end.evaluations
             at = end.at
@@ -240,6 +253,10 @@ class Problem:
             if not end.converged or self.weighed(at).prior_weighs_as(before):
                 break
         return replace(end, evaluations=evaluations)
+
+    def of_logs(self, logs: Sequence[Log]) -> Problem:
+        """Return the problem with other logs of the same motions."""
+        return replace(self, simulations=simulations_of(logs, self.start, self.options))
 
     def keeping(self, kept: NDArray[np.intp], initial: Samples) -> Problem:
         """Return the problem in the unknowns numbered ``kept``; the other terms are absent."""
@@ -282,6 +299,19 @@ class Problem:
         bread = None if end.at.loss is Loss.LINEAR else end.at.bread
         found = replace(end.at.cells(self.names, self.lower, count), bread=bread)
         return found if end.converged else found.stopped(found.next_step)
+
+
+def simulations_of(
+    logs: Iterable[Log], start: LumpedParameters, options: ProblemOptions
+) -> tuple[Simulation, ...]:
+    """Return how logs are simulated in a fit, each from its first sample that counts."""
+    known, found = "velocity" in {*options.per_mass, *options.per_log}, list[Simulation]()
+    for log in logs:
+        k = first_counted(log, options.window)
+        most = options.horizon
+        length = segment_length(log, start, most, first=k, velocity_known=known, free=True)
+        found.append(Simulation(log, start, k, length, warm=True))
+    return tuple(found)
 
 
 def labels_of(keys: Iterable[Key]) -> tuple[str, ...]:

@@ -150,7 +150,7 @@ class Segment:
         delivered = joint.drive.delivered(commands)
         parts = [self._parabolas(joint, time, delivered)]
         if count >= _DELAYS:
-            held = self.log.intersample is Intersample.ZERO_ORDER_HOLD
+            held = self.log.between_samples is Intersample.ZERO_ORDER_HOLD
             steps = np.diff(delivered, prepend=0.0 if held else delivered[0])
             slow = np.cumsum(steps * self.log.is_slow(limit))  # of steps while the clock is slow
             slopes = (joint.slope(name, commands) for name in DRIVE[: count - _DELAYS])
@@ -160,7 +160,7 @@ class Segment:
 
     def _parabolas(self, joint: LumpedParameters, time: Samples, inputs: Samples) -> Samples:
         """(2, n - 1, 3) late inputs and their derivatives by the delay (see `hold.parabolas`)."""
-        return hold.parabolas(time, inputs, self.grid - joint.delay, self.log.intersample)
+        return hold.parabolas(time, inputs, self.grid - joint.delay, self.log.between_samples)
 
 
 def most_steps(log: Log, parameters: LumpedParameters, step: float) -> int:

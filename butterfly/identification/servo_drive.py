@@ -54,7 +54,7 @@ def loop_on_grid(  # noqa: PLR0917 - a servo, and where it is looked at
     late_grid, limited = grid - parameters.delay, None  # torque off and on is delayed as set-points
     if servo is not None and servo.kick < math.inf and not slews:
         time, goals = log.goal
-        moved = hold.parabolas(time, _limited(goals, servo.kick), late_grid, log.intersample)
+        moved = hold.parabolas(time, _limited(goals, servo.kick), late_grid, log.between_samples)
         limited = moved[0] @ hold.SIMPSON, moved[1] @ hold.SIMPSON
     enabled = None if log.enabled is None else _on_grid(log, "enabled", late_grid)
     return Loop.of(
@@ -70,7 +70,7 @@ def loop_on_grid(  # noqa: PLR0917 - a servo, and where it is looked at
 
 def _on_grid(log: Log, name: str, grid: Samples) -> Samples:
     """(n - 1,) means of a column that is held from stamp to stamp."""
-    return hold.mean(*log.held(name), grid, log.intersample)
+    return hold.mean(*log.held(name), grid, log.between_samples)
 
 
 def _supply(log: Log, servo: ServoLoop | None, grid: Samples | None) -> Samples | None:
@@ -152,15 +152,15 @@ def _limited(goals: Samples, most: float) -> Samples:
 def _late(log: Log, name: str, delay: float) -> Samples:
     """(n,) values of a column delayed in s: means over the steps of a hold."""
     time, column = log.held(name)
-    if log.intersample is Intersample.FIRST_ORDER_HOLD:
+    if log.between_samples is Intersample.FIRST_ORDER_HOLD:
         return np.interp(log.time - delay, time, column)
     edges = np.append(log.time, log.time[-1] + log.mean_step)
-    return hold.mean(time, column, edges - delay, log.intersample)
+    return hold.mean(time, column, edges - delay, log.between_samples)
 
 
 def _sampled(log: Log, servo: ServoLoop, column: Samples) -> Samples:
     """(n,) means, over the step after each sample, of a column as the firmware samples it."""
-    if log.intersample is Intersample.FIRST_ORDER_HOLD:
+    if log.between_samples is Intersample.FIRST_ORDER_HOLD:
         return column
     share = max(1.0 - servo.period / log.mean_step, 0.0) / 2  # it holds a sample for a period
     return column + share * np.append(np.diff(column), 0.0)

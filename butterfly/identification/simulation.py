@@ -71,7 +71,8 @@ class Simulation:
         warm: bool = False,
         longest: float = LONGEST_STEP,
     ) -> None:
-        self.log, self.fitted, self._warm = log, horizon is not None, warm
+        self.log, self.first, self._warm = log, first, warm
+        self.fitted = horizon is not None
         self._uncounted = 0  # segments before `first`
         if horizon is None:
             self.segments = [Segment(log, parameters, first, longest)]
@@ -82,8 +83,10 @@ class Simulation:
             edges = [*before, *(first + k for k in after), log.time.size]
             self.segments = [Segment(log.piece(*ends), parameters) for ends in pairwise(edges)]
             self._uncounted = len(before)
-        self.begins = [each.log.initial_state for each in self.segments]
-        """Start of each segment, or of the search for it."""
+        self.recorded = tuple(each.log.initial_state for each in self.segments)
+        """Start of each segment as its samples show it."""
+        self.begins = [*self.recorded]
+        """The same, or where the search for it begins."""
 
     @property
     def step(self) -> float:
@@ -185,9 +188,9 @@ class Simulation:
     ) -> _Expansion:
         """Return the expansion about the best start of a segment."""
         segment = self.segments[number]
-        if not math.isfinite(at.cost):
-            at = self._expanded(number, by_start, zero, segment.log.initial_state)
         share, variance = 1.0, segment.log.rms_measured**2
+        if not at.cost <= variance:  # the last search led astray, for what no joint has
+            at = self._expanded(number, by_start, zero, segment.log.initial_state)
         for tries in range(MOST):
             hopeless = at.cost > variance or (self._warm and current_search().over)
             if at.settled or share < ROUNDING or (tries > _HOPEFUL and hopeless):
@@ -307,7 +310,7 @@ def rehearse() -> None:
     simulation = Simulation(log, robot)
     for each in (robot, replace(robot, base_compliance=1e-3)):
         simulation.linearised(("p1",), each, 0.0)
-    hold.mean(time, time, time, log.intersample)
-    hold.for_sums(time, time, time, log.intersample)
+    hold.mean(time, time, time, log.between_samples)
+    hold.for_sums(time, time, time, log.between_samples)
     polynomials.slope(time, 2, 2, 0.01)
     simulation.run(robot, 0.0).at(time)

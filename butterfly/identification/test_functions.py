@@ -204,7 +204,7 @@ class Averaging:
     def _driven(self, motion: Motion, delay: float, drive: DriveTerms) -> Motion:
         log = self._log
         inputs = drive.delivered(log.input)
-        delivered = hold.for_sums(log.time, inputs, self._grid - delay, log.intersample)
+        delivered = hold.for_sums(log.time, inputs, self._grid - delay, log.between_samples)
         p = self._settings
         if not (p.geared and isinstance(p, LumpedParameters)):
             return motion._replace(input=delivered)

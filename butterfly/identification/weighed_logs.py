@@ -33,6 +33,7 @@ class WeighedLogs:
     values: Samples
     own: Samples  # (k, n) what each log is simulated with besides
     logs: LogRows
+    about: Equations  # not weighed
     fixed: Scatter | None = None  # if it is not the likeliest
 
     @classmethod
@@ -52,14 +53,20 @@ class WeighedLogs:
         logs = LogRows.of(rows, like.logs.left if like else ())
         moved = np.zeros((len(at.logs), values.size)) if own is None else own
         fixed = like.scatter if like else None
-        return cls(problem=problem, values=values, own=moved, logs=logs.moved(-moved), fixed=fixed)
+        logs = logs.moved(-moved)
+        return cls(problem=problem, values=values, own=moved, logs=logs, about=at, fixed=fixed)
 
     @classmethod
     def simulated(
-        cls, problem: Problem, values: Samples, own: Samples, like: WeighedLogs | None
+        cls,
+        problem: Problem,
+        values: Samples,
+        own: Samples,
+        near: WeighedLogs,
+        like: WeighedLogs | None,
     ) -> WeighedLogs:
         """Simulate and weigh logs about values and (k, n) that each has of its own (see `of`)."""
-        at = problem.equations(values + own)
+        at = problem.equations(values + own, near.about)
         if not at.is_finite:
             raise IdentifiabilityError("a simulation of weighed logs diverges")
         return cls.of(problem, at, values, own, like)
@@ -84,7 +91,7 @@ class WeighedLogs:
         moved = self.scatter.random_effects(self.logs.moved(self.step), self._spread)
         moved = np.maximum(moved, self.problem.lower - values)
         like = self if self.fixed else None
-        return WeighedLogs.simulated(self.problem, values, moved, like)
+        return WeighedLogs.simulated(self.problem, values, moved, self, like)
 
     def ended(self, *, converged: bool = True) -> WeighedMinimum:
         """Return the end of that step."""
@@ -127,12 +134,16 @@ class WeighedModel(FreeRunModel):
         """Return whitened equations of a problem in other terms about (n,) values."""
         return self._weighed(there, values).at
 
+    def simulated(self, there: Problem, values: Samples) -> Equations:
+        """Return the same without a prior."""
+        return replace(self.equations(there, values), prior=None)
+
     def _weighed(self, there: Problem, values: Samples) -> WeighedLogs:
         """Return the logs about (n,) values in other terms, with what each has of its own."""
         mine = self.end.weighed
         own = there.values_from(mine.problem, mine.own, np.zeros(values.size))
         own = np.maximum(own, there.lower - values)
-        return WeighedLogs.simulated(there, values, own, mine)
+        return WeighedLogs.simulated(there, values, own, mine, mine)
 
     def descended(
         self, there: Problem, at: Equations | None = None, most: int = MOST, enough: float = MATTERS
@@ -171,7 +182,8 @@ def stagewise_weighed(
         problem, end = found.model.problem, found.model.end
         if problem is fitted.problem:
             return fitted_of(found, fitted.end, fitted), weighed
-        again, at = replace(end.weighed, fixed=None).next, problem.equations(end.values)
+        again = replace(end.weighed, fixed=None).next
+        at = problem.equations(end.values, end.weighed.about)
     except IdentifiabilityError:  # no joint swings as these would have it
         return fitted, weighed
     if not at.is_finite:
@@ -185,6 +197,7 @@ def weighed_end(found: WeighedLogs | None, end: Minimum) -> Minimum | None:
         return None
     values = np.maximum(found.values + found.step, found.problem.lower)
     promised = replace(end.at, prior=None).moved(values - end.values).cost
-    if not LOST * found.problem.equations(values, slopes=False).cost <= promised:
+    at = found.problem.equations(values, found.about, slopes=False)
+    if not LOST * at.cost <= promised:
         return None
     return replace(end, at=replace(found.at.moved(found.step), values=values))

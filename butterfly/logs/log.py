@@ -162,7 +162,8 @@ class Log:
     servo
         The loop that is simulated from the setpoint; None if the input drives the joint.
     input_kind, intersample
-        What the command means, and how it is held between timestamps.
+        What the command means, and what it does between timestamps: zero_order_hold or
+        first_order_hold; None if nobody knows, so that a fit by output error compares both.
     added_mass
         Mass added to the joint.
     excitation
@@ -197,7 +198,7 @@ class Log:
     enabled: Samples | None = None
     servo: ServoLoop | None = None
     input_kind: InputKind = InputKind.VOLTAGE
-    intersample: Intersample = Intersample.ZERO_ORDER_HOLD
+    intersample: Intersample | None = None
     added_mass: AddedMass = NO_ADDED_MASS
     excitation: Sine | None = None
     zero: Known | None = None
@@ -339,6 +340,11 @@ class Log:
             found["time"] = interval_reading(log.source, interval, found.get("time"), log.time)
         return log
 
+    @property
+    def between_samples(self) -> Intersample:
+        """What the input does between timestamps: it is held, unless something else is known."""
+        return self.intersample or Intersample.ZERO_ORDER_HOLD
+
     def quantities(self, name: str) -> tuple[str, ...]:
         """Return the quantities that a sampled column may hold, the project's own unit first."""
         turns = self.added_mass.joint is JointKind.HINGE
@@ -393,8 +399,10 @@ class Log:
         except (TypeError, ValueError):
             raise InputError(self.source, name, "values that are not numbers", "numbers") from None
 
-    def _choice(self, name: str, kind: type[StrEnum]) -> StrEnum:
+    def _choice(self, name: str, kind: type[StrEnum]) -> StrEnum | None:
         value, known = getattr(self, name), [str(each) for each in kind]
+        if value is None and name == "intersample":
+            return None
         if value not in known:
             raise InputError(self.source, name, value, nearest(str(value), known))
         return kind(value)

@@ -185,8 +185,9 @@ class Manifest(StrictModel):
     (see ``loop``), or ``none`` if the joint swings freely."""
     loop: Annotated[LoopFacts, _Rule.ADDS] = Field(default={})
     """Control loop of a servo: its ``law`` and gains. See `butterfly.model.servo`."""
-    intersample: Annotated[Intersample, _Rule.FILLS] = Intersample.ZERO_ORDER_HOLD
-    """Input between its samples."""
+    intersample: Annotated[Intersample | None, _Rule.FILLS] = None
+    """Input between its samples: ``zero_order_hold`` (held until the next) or ``first_order_hold``
+    (straight lines). If nobody says, both are compared, and what no log can tell counts as held."""
     sign: Literal[1, -1] = 1
     """-1 if a positive command turns towards negative angles: the input is negated."""
     arm: Annotated[Size | None, _Rule.FILLS] = None

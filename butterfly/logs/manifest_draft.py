@@ -34,9 +34,6 @@ _QUESTIONS = {
     "input": "what does the input command: voltage, torque, current, duty, or the setpoint of a "
     "servo (which needs its loop)?",
     "loop": "which law does the servo have, with which gains, as {law: dynamixel-x, kp: 400}?",
-    "intersample": "zero_order_hold if the command is held until the next row, first_order_hold if "
-    "it was sampled from a continuous signal; a wrong choice shifts only the delay by half a "
-    "sample. The files do not say.",
     "columns": "which column holds the {}, by name or number from 0? ",
     "logs": "which mass was added in each log (added_mass in kg, arm in m)?",
 }

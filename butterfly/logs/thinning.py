@@ -33,7 +33,7 @@ def thinned(log: Log, enough: int = ENOUGH) -> Log:
         return log
     share = np.full(block, 1 / block)
     columns = {name: _blocks(values, block) @ share for name, values in log.columns().items()}
-    if log.intersample is Intersample.ZERO_ORDER_HOLD:
+    if log.between_samples is Intersample.ZERO_ORDER_HOLD:
         columns["input"] = _held(log, block)
     kept = _without_gap(log.time, block)  # without an incomplete stretch at the end
     means: dict[str, Any] = {name: values[kept] for name, values in columns.items()}

@@ -41,7 +41,7 @@ def joined(log: Log) -> tuple[Log, str]:
     if rows.sum() < MIN_SAMPLES:
         found = f"{rows.sum()} rows with the {log.measures} after the first input"
         raise InputError(log.source, "input", found, f"at least {MIN_SAMPLES}")
-    straight = log.intersample is Intersample.FIRST_ORDER_HOLD
+    straight = log.between_samples is Intersample.FIRST_ORDER_HOLD
     joint: dict[str, Any] = {name: each[rows] for name, each in columns.items()}
     for name in sparse:
         every = log.command if name == "input" else (log.time, columns[name])

@@ -222,6 +222,11 @@ class ServoLoop:
         return self.rule.clock if self.clock is None else self.clock
 
     @property
+    def clock_assumed(self) -> bool:
+        """Whether nobody says how fast the firmware is: neither its owner nor its maker."""
+        return self.clock is None and not self.rule.source
+
+    @property
     def uncertain(self) -> dict[str, Known]:
         """Priors of the gains to identify, as factors on the given values."""
         found = {}

@@ -215,7 +215,7 @@ def replay_input(
     numbers = np.concatenate([[0], np.cumsum(counts)])
     instants = np.interp(np.arange(numbers[-1] + 1), numbers, log.time)
     inputs = drive.delivered(log.command[1])
-    means = hold.mean(log.arrivals(*slow), inputs, instants - delay, log.intersample)
+    means = hold.mean(log.arrivals(*slow), inputs, instants - delay, log.between_samples)
     angles: Samples = joint.follow(means, np.diff(instants))[numbers]
     _require_motion(angles, log)
     return angles

@@ -289,6 +289,7 @@ _RESTS_ON = {
     "angle_scale": "the encoder scale and centring (1 %, or 0.5° off centre, shifts p4 by 1 %)",
     "velocity_scale": "the velocity scale (1 % shifts p4 by 1 %)",
     "time_scale": "the clock (1 % shifts p1 by 2 %)",
+    "loop_clock": "the clock of the loop (1 ms is assumed, faster ones are covered)",
     "lag": (
         "a filter of the logger (10 ms shifts the delay by 10 ms, and at 10 rad/s p4 by 0.5 %) or "
         "the hold between samples (it shifts the delay alone)"
@@ -397,6 +398,11 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "The recorded sines are {size:.2g} % {faster} than the given omega. A wrong omega explains "
         "this best: it was corrected. Check omega."
     ),
+    FindingKind.STRAIGHT: (
+        "Nobody says what the input does between its samples: straight lines follow the logs "
+        "better than held values, and were taken. If that is right, set intersample: "
+        "first_order_hold in the manifest."
+    ),
     FindingKind.LIKE_CLOCK: (
         "These data cannot distinguish {names} from a clock error of {percent:+.2g} %."
     ),
@@ -417,6 +423,10 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     FindingKind.MISSING_TERM: _missing_term,
     FindingKind.UNIT_UNREAD: lambda finding, _: _unit_unread(*finding.parameters[1:]),
     FindingKind.UNIT_ASSUMED: lambda finding, _: f"I{taken_text(finding.parameters[1])[1:]}.",
+    FindingKind.HELD: (
+        "Nobody says what the input does between its samples: it was held, as straight lines "
+        "follow the logs no better. With these the {names} would be half a sample longer."
+    ),
     FindingKind.RESTS_ON: lambda finding, _: (
         "The logs cannot show errors of "
         f"{_both([_RESTS_ON[name] for name in finding.parameters])}. A spring "

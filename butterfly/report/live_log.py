@@ -88,7 +88,7 @@ class LiveLog:
         count = max(int(span / step + _ROUNDING), 1) + 1
         spare = min(math.ceil(reach / step), _MOST_SPARE) + _SPARE
         edges = log.time[0] + step * np.arange(-spare, count + spare)
-        means = hold.mean(*log.command, edges - setting.parameters.delay, log.intersample)
+        means = hold.mean(*log.command, edges - setting.parameters.delay, log.between_samples)
         instants = log.time[0] + step * np.arange(count)
         return cls(
             simulation=simulation,

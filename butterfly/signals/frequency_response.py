@@ -156,7 +156,7 @@ def _delivered(log: Log, omega: float, time: Samples) -> complex:
     periods = round((log.time[-1] - time[0]) * omega / (2 * math.pi))
     span = 2 * math.pi / omega * periods
     edges = np.linspace(log.time[-1] - span, log.time[-1], periods * _CELLS + 1)
-    means = hold.mean(log.time, log.input, edges, log.intersample)
+    means = hold.mean(log.time, log.input, edges, log.between_samples)
     turned = np.exp(-0.5j * omega * (edges[1:] + edges[:-1])) / np.sinc(1 / _CELLS)
     samples = np.histogram(time, edges[::_CELLS])[0]
     return complex(2 * (means * turned).reshape(-1, _CELLS).mean(axis=1) @ samples / samples.sum())

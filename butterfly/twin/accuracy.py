@@ -59,7 +59,7 @@ class Case:
         earlier = math.ceil(max(p.delay, 0.0) / step) + _EARLIER
         edges = np.concatenate([instants[0] - step * np.arange(earlier, 0, -1), instants])
         stamps, commands = log.command
-        means = hold.mean(stamps, p.drive.delivered(commands), edges, log.intersample)
+        means = hold.mean(stamps, p.drive.delivered(commands), edges, log.between_samples)
         return cls(
             name=log.name,
             twin=carrying,

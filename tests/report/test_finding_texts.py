@@ -64,6 +64,7 @@ OF_UNITS = {
 OF_SCALES = {FindingKind.RESTS_ON: ("mass_scale", "arm")}
 """What values rest on instead."""
 OF_LOGS = {
+    FindingKind.STRAIGHT,  # whose sentence has a word of a manifest
     FindingKind.UNREPEATED,
     FindingKind.LEFT_OUT,
     FindingKind.UNPREDICTABLE,
@@ -75,7 +76,7 @@ NAMELESS = OF_LOGS | {
     *(FindingKind.TORQUE_DRIVEN, FindingKind.NO_UNCERTAINTY),
     *(FindingKind.ABSOLUTE, FindingKind.RATIOS, FindingKind.FOLLOWED, FindingKind.EARLY),
     *(FindingKind.MISFIT, FindingKind.NO_MISFIT),
-    *(FindingKind.CLOCK_SET, FindingKind.OMEGA_SET),
+    *(FindingKind.CLOCK_SET, FindingKind.OMEGA_SET, FindingKind.STRAIGHT),
 }
 SLIPS = {FindingKind.UNIT_ERROR, FindingKind.SUSPECTED, FindingKind.ASKED}
 PLAIN = [kind for kind in FindingKind if kind not in SLIPS]

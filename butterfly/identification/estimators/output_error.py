@@ -21,8 +21,14 @@ from butterfly.errors import IdentifiabilityError, InputError, require_number
 from butterfly.identification.chosen_terms import Fitted, offered_rows, separable, stagewise_fit
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
+from butterfly.identification.estimators.between_samples import (
+    Begun,
+    held_or_straight,
+    unsaid,
+)
 from butterfly.identification.estimators.start import (
     ProblemOf,
+    begun_anew,
     hanging,
     lowest_end,
     servo_start,
@@ -191,18 +197,26 @@ class OutputError(Estimator):
     ) -> tuple[Fitted, WeighedLogs | None]:
         """Start, fit, choose from rows of the table of terms (some of them rare), weigh logs."""
         absent = {*self._rows(logs, known)[0]} - {*rows[0]} if self.terms is None else set[str]()
-        if any(log.closed for log in logs):
-            asked = self.terms, self.fixed
-            first = [servo_start(self._over, asked, logs, first[0], known), *first]
-        every = [self.problem(logs, each, known).without(absent) for each in first]
-        bare = [each.without([n for n in rows[0] if not getattr(each.start, n)]) for each in every]
-        # a fit that is but the first need not be exact
-        fitted = hanging(lowest_end(bare, SHOWS if rows[0] else ROUNDING))
+
+        def begun(logs: Sequence[Log]) -> Begun:
+            """Fit logs in the terms of their start."""
+            begins = [*first]
+            if any(log.closed for log in logs):
+                asked = self.terms, self.fixed
+                begins = [servo_start(self._over, asked, logs, first[0], known), *first]
+            every = [self.problem(logs, each, known).without(absent) for each in begins]
+            no_terms = ([n for n in rows[0] if not getattr(each.start, n)] for each in every)
+            bare = [each.without(names) for each, names in zip(every, no_terms, strict=True)]
+            # a fit that is but the first need not be exact
+            fitted = hanging(lowest_end(bare, SHOWS if rows[0] else ROUNDING))
+            return every[0], begun_anew(every[0], fitted, *rows)
+
+        every, fitted = held_or_straight(logs, begun)
         choosing = bool(rows[0]) and not out_of_time("the selection of terms")
-        fitted = separable(stagewise_fit(every[0], fitted, *rows) if choosing else fitted)
+        fitted = separable(stagewise_fit(every, fitted, *rows) if choosing else fitted)
         weighed = weighed_from(fitted.problem, fitted.end)
         if choosing and weighed and weighed.findings:
-            return stagewise_weighed(every[0], fitted, weighed, *rows)
+            return stagewise_weighed(every, fitted, weighed, *rows)
         return fitted, weighed
 
     def _over(self, terms: Iterable[str], fixed: Iterable[str], horizon: float) -> ProblemOf:
@@ -222,8 +236,10 @@ class OutputError(Estimator):
             share = float(solved.values[solved.names.index("mass_inertia")]) / 2
             like_clock = Finding(FindingKind.LIKE_CLOCK, ("mass_inertia",), number=-share)
             findings = (*findings, like_clock)
-        beyond = solved.values + solved.next_step
-        rivals = (*fitted.rivals, *clock, beyond[: problem.shared])
+        beyond = end.values + end.at.step(*problem.box.about(end.values, np.inf))
+        scattering = weighed is not None and bool(weighed.findings)  # which hides it
+        others = [] if scattering else unsaid(problem, fitted.end)
+        rivals = (*fitted.rivals, *clock, *others, beyond[: problem.shared])
         found = SolvedFit(
             method="output error",
             equations=solved,

@@ -8,7 +8,7 @@ where it stops, and descents from far end at other stops.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -26,7 +26,7 @@ from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Equations, Minimum
 from butterfly.identification.inference.equations import scaled_least_squares
 from butterfly.identification.inference.estimate import Estimate
-from butterfly.identification.levels import MATTERS, MOST, ROUNDING, SPREADS
+from butterfly.identification.levels import LOST, MATTERS, MOST, ROUNDING, SHOWS, SPREADS
 from butterfly.identification.problem import Problem, Start
 from butterfly.identification.sensor_errors import roughness
 from butterfly.identification.servo_drive import driven_alone
@@ -168,7 +168,7 @@ def lowest_end(problems: Sequence[Problem], enough: float = ROUNDING) -> Fitted:
     begun.sort(key=lambda each: each[1].cost if each[1].is_finite else math.inf)
     problem, end = begun[0][0], begun[0][0].descend(begun[0][1], enough=enough)
     costs = [end.at.cost] if end.converged else []
-    for other, at in [] if end.converged and _leaves_noise(end.at) else begun[1:]:
+    for other, at in [] if end.converged and leaves_noise(end.at) else begun[1:]:
         if not at.is_finite or out_of_time("fits from other initial guesses"):
             break
         with suppress(IdentifiabilityError):
@@ -197,10 +197,31 @@ def hanging(fitted: Fitted) -> Fitted:
         values[at[name]] *= -1
     home = float(np.median(problem.logs[0].angle))
     values[at["zero"]] = near(values[at["zero"]] + math.pi, home)
-    return replace(fitted, end=problem.descend(problem.equations(values)))
+    return replace(fitted, end=problem.descend(problem.equations(values, fitted.end.at)))
 
 
-def _leaves_noise(at: Equations) -> bool:
+def begun_anew(
+    every: Problem, fitted: Fitted, rows: Sequence[str], rare: Collection[str]
+) -> Fitted:
+    """Return a fit that begins with all common terms, idle ones taken away, if the first is poor.
+
+    Where few terms follow no log, their values are those of no joint, about which others can
+    neither be found nor refused; the closed form has values for all.
+    """
+    poor = 2 * fitted.end.at.cost > LOST**2 * len(fitted.problem.motion)
+    if not (rows and poor) or out_of_time("a fit that begins with all common terms"):
+        return fitted
+    common = every.without([*rare])
+    with suppress(IdentifiabilityError):
+        end = common.descend(enough=SHOWS)
+        names = [name for name in rows if name not in rare]
+        problem, end = chosen_at_once(common, end, names)
+        if end.at.cost < fitted.end.at.cost:
+            return replace(fitted, problem=problem, end=end)
+    return fitted
+
+
+def leaves_noise(at: Equations) -> bool:
     """Whether errors are a small share of the motion, and white by their second differences."""
     noise = sum(0.5 * log.residuals.size * roughness(log.residuals) / 6 for log in at.logs)
     return 2 * at.cost <= len(at.logs) * MATTERS**2 and at.cost <= _ELSEWHERE * noise
@@ -243,7 +264,7 @@ def servo_start(
         begun = replace(start, parameters=replace(late, delay=0.0))
         problem = problem_of([driven_alone(log, late) for log in logs], begun, known)
         if ends:
-            end = problem.descend(problem.equations(ends[0][3].values), _PASSES)
+            end = problem.descend(problem.equations(ends[0][3].values, ends[0][3].at), _PASSES)
         else:
             end = problem.descend()
         ends.append((end.at.cost, delay, problem, end))

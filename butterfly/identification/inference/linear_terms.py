@@ -15,7 +15,7 @@ from butterfly.errors import IdentifiabilityError
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.inference.equations import CellEquations
 from butterfly.identification.inference.identifiability import Conditioning
-from butterfly.identification.inference.stagewise import Offer, offers_in, stagewise
+from butterfly.identification.inference.stagewise import Offer, is_near, offers_in, stagewise
 from butterfly.identification.inference.submodels import NEGLIGIBLE, Submodels, submodels_of
 from butterfly.identification.levels import FEW
 from butterfly.model.parameters import AddedMass
@@ -168,6 +168,11 @@ class LinearModel:
     def without(self, name: str) -> LinearModel:
         """Return the fit without a term."""
         return replace(self, terms=self.terms - {name})
+
+    def confirms(self, rival: Mapping[str, float]) -> bool:
+        """Whether a rival is one: its equations are linear, so that all they promise holds."""
+        here = dict(zip(self.nested.names, self.values.tolist(), strict=True))
+        return is_near(rival, here, self.masses)
 
     @property
     def determined(self) -> bool:

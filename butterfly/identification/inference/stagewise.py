@@ -23,7 +23,7 @@ from butterfly.arrays import Samples, standard_error
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.inference.agreement import score_of
 from butterfly.identification.inference.submodels import Submodels
-from butterfly.identification.levels import ACCUSED, CONFIDENCE, MATERIAL, MATTERS
+from butterfly.identification.levels import ACCUSED, CONFIDENCE, MATERIAL, MATTERS, PRECISE
 from butterfly.model.parameters import AddedMass, value_if_absent
 from butterfly.model.terms import companions, is_simulated_with
 from butterfly.progress import out_of_time
@@ -72,7 +72,7 @@ class Offer:
         names = np.array(self.nested.names)
         other = self.kept & ~np.isin(names, [term, *companions({term})]) | (names == self.name)
         values = self.nested.fitted(np.array([self.kept, other]))
-        if not _as_good(*np.sqrt(self.nested.costs(values))[::-1]):
+        if not as_good(*np.sqrt(self.nested.costs(values))[::-1]):
             return None
         return dict(zip(self.nested.names, values[1].tolist(), strict=True))
 
@@ -105,6 +105,9 @@ class Model(Protocol):
     def without(self, name: str) -> Self:
         """Fit without a term."""
 
+    def confirms(self, rival: Mapping[str, float]) -> bool:
+        """Whether the rival values, by label, that its equations promise are as good as its own."""
+
 
 M = TypeVar("M", bound=Model)
 
@@ -129,8 +132,9 @@ class ChosenTerms(Generic[M]):
 
     def rival_values(self) -> list[Mapping[str, float]]:
         """Return the values, by label, of fits that predict as well, and of those with rivals."""
-        swapped = [row.swapped(taken) for row, taken in self.ties]
-        return [*(each for each in swapped if each), *(each.values for each in self.rivals)]
+        swapped = (row.swapped(taken) for row, taken in self.ties)
+        offered = [*(each for each in swapped if each), *(each.values for each in self.rivals)]
+        return [each for each in offered if self.model.confirms(each)]
 
 
 def stagewise(model: M, rows: Sequence[str], rare: Collection[str]) -> ChosenTerms[M]:
@@ -232,7 +236,7 @@ def _best(
         if fits:
             errors = {name: np.sqrt(fit.nested.equations.cost) for name, fit in fits.items()}
             lowest = min(errors, key=lambda name: float(np.sum(errors[name] ** 2)))
-            alike = [name for name in fits if _as_good(errors[name], errors[lowest])]
+            alike = [name for name in fits if as_good(errors[name], errors[lowest])]
             taken = first.name if first.name in alike else lowest
             ties.extend((name, taken) for name in alike if name != taken)
             return fits[taken]
@@ -240,10 +244,25 @@ def _best(
     return None
 
 
-def _as_good(errors: Samples, least: Samples) -> bool:
+def as_good(errors: Samples, least: Samples) -> bool:
     """Whether (k,) errors of cells exceed others by no more than a standard error."""
     worse = errors - least
     return bool(worse.mean() <= standard_error(worse))
+
+
+def is_near(
+    values: Mapping[str, float], fitted: Mapping[str, float], masses: Iterable[AddedMass]
+) -> bool:
+    """Whether linear equations about a fit may be believed so far that they are simulated.
+
+    The values, by label, are finite, and the least inertia with an added mass is within ten times
+    that of the fit, whose cost is the lowest that was simulated.
+    """
+    if not np.isfinite([*values.values()]).all():
+        return False
+    carried = min((mass.inertia for mass in masses), default=0.0)
+    here, there = (each.get("p1", 0.0) + carried for each in (fitted, values))
+    return "p1" not in fitted or PRECISE * here <= there <= here / PRECISE
 
 
 def _holm(offers: Sequence[Offer]) -> dict[str, float]:

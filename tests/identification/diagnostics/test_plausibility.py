@@ -110,7 +110,8 @@ def test_a_median_that_does_not_follow_is_said(fits, found):
 def _basis(known, *, integrated=False, **masses):
     """Return what values rest on, with what is known and an added mass of some uncertainty."""
     load = AddedMass(mass=0.05, arm=0.1, **masses)
-    logs = [SimpleNamespace(integrated=integrated, added_mass=m) for m in (NO_ADDED_MASS, load)]
+    about = {"integrated": integrated, "closed": False}
+    logs = [SimpleNamespace(added_mass=m, **about) for m in (NO_ADDED_MASS, load)]
     data = SimpleNamespace(known=Prior.of(known), logs=logs)
     found = plausibility.judge_basis(SimpleNamespace(names=("p1", "p4", "delay")), data)
     return found[0].parameters if found else ()
