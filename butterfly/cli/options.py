@@ -111,6 +111,18 @@ class Facts:
         said |= {"from": said.pop("begin", None), "to": said.pop("end", None)}
         return {name: value for name, value in said.items() if value is not None}
 
+    def words(self) -> list[str]:
+        """Return the given options as words of a command line."""
+        names, found = {"begin": "from", "end": "to"}, list[str]()
+        for each in fields(self):
+            value, option = getattr(self, each.name), f"--{names.get(each.name, each.name)}"
+            if value is True:
+                found.append(option)
+            elif value != each.default:
+                several = value if isinstance(value, tuple) else (value,)
+                found += [word for one in several for word in (option, str(one))]
+        return found
+
 
 @Parameter(name="*", group=THE_DATA)
 @dataclass(frozen=True, kw_only=True)

@@ -89,7 +89,7 @@ def _identify(
     found = ask(data=logs, against=others)
     ended = show(found, **vars(page), save=save)
     if not asked.silent:  # whole, however long: to be pasted
-        put(f"Next: {next_step(found, asked.words, paths, save)}")
+        put(f"Next: {next_step(found, asked.words, [*paths, *facts.words()], save)}")
     return ended
 
 

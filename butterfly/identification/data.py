@@ -122,7 +122,7 @@ class DataSet:
             raise InputError(
                 name, "input", " and ".join(kinds), "the same kind of input in all logs"
             )
-        given = _of_logs(logs) | known
+        given = _of_loops(logs) | known
         return cls(
             name=name,
             description=description,
@@ -134,6 +134,13 @@ class DataSet:
             health=tuple(health for _, health in examined),
             points=_responses(logs, track),
         )
+
+    @property
+    def assumed(self) -> dict[str, str]:
+        """Why each parameter is taken to be 0 that logs imply and nobody gave, by its name."""
+        return {
+            name: why for name, why in _absent(self.logs).items() if name not in self.given.values
+        }
 
     @property
     def about(self) -> dict[str, Any]:
@@ -343,22 +350,26 @@ class DataSet:
         return replace(self, manifest=manifest, test_logs=None, **some)
 
 
-def _of_logs(logs: Sequence[Log]) -> Prior:
-    """Return what logs imply: p3 = 0 without gravity, delay = 0 and p4 = 0 without input."""
+def _absent(logs: Sequence[Log]) -> dict[str, str]:
+    """Return why logs show none of some parameters, by name."""
     absent = {
-        "p3": not logs[0].added_mass.gravity,
-        "spring": any(log.integrated for log in logs),
-        "delay": not is_driven(logs),
-        "p4": all(log.input_kind is InputKind.NONE for log in logs),
+        "p3": ("no gravity acts", not logs[0].added_mass.gravity),
+        "spring": ("a log has only a velocity", any(log.integrated for log in logs)),
+        "delay": ("nothing drives", not is_driven(logs)),
+        "p4": ("no input", all(log.input_kind is InputKind.NONE for log in logs)),
     }
-    zero = Known(value=0.0)
-    gains = {name: each for log in logs if log.servo for name, each in log.servo.uncertain.items()}
-    return Prior({name: zero for name, holds in absent.items() if holds} | gains)
+    return {name: why for name, (why, holds) in absent.items() if holds}
+
+
+def _of_loops(logs: Sequence[Log]) -> Prior:
+    """Return the gains of servo loops that were given with an uncertainty."""
+    loops = [log.servo.uncertain for log in logs if log.servo]
+    return Prior({name: each for loop in loops for name, each in loop.items()})
 
 
 def _implied(given: Prior, logs: Sequence[Log]) -> Prior:
-    """Return the given prior with the parameters that follow from it for the joint of some logs."""
-    first = logs[0]
+    """Return the given prior with the parameters that follow from it and some logs."""
+    given, first = Prior(dict.fromkeys(_absent(logs), Known(value=0.0))) | given, logs[0]
     moment = given.parameters.get("p3")
     if moment is not None and moment != Known(value=0.0) and not first.added_mass.gravity:
         raise InputError("known", "p3", moment, "0, as no gravity acts on this joint")

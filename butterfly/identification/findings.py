@@ -24,7 +24,8 @@ class FindingKind(StrEnum):
     # share by which p4/p1 of the second of two logs of one mass is larger; their names, then which
     # of both moves like which log of another mass
     UNREPEATED = "unrepeated"
-    POOR_FIT = "poor-fit"  # median FIT in per cent, too low for a model that follows
+    # median FIT in per cent beyond noise, too low for a model that follows; a method that does
+    POOR_FIT = "poor-fit"
     NO_INERTIA = "no-inertia"  # p1 with the least added inertia
     NEGATIVE = "negative"  # parameters that cannot be negative
     SEARCH_STOPPED = "search-stopped"  # seconds; the parameters name what was skipped

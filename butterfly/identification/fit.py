@@ -342,7 +342,7 @@ def minimise(
     if not at.is_finite:
         raise IdentifiabilityError(
             "the simulation diverges at the initial parameters of the fit, so they are not those "
-            "of a joint: try --method weak-form, which needs no simulation"
+            "of a joint"
         )
     size, evaluations, taken = np.sqrt(np.diag(at.curvature)), 0, 0
     unit = np.where(size > 0, 1 / np.where(size > 0, size, 1.0), np.maximum(abs(at.values), SHOWS))

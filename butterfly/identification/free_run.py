@@ -12,7 +12,9 @@ import numpy as np
 from butterfly.arrays import Samples
 from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.inference.estimate import Estimate
+from butterfly.identification.levels import LOST
 from butterfly.identification.segment import LONGEST_STEP, grid_step
+from butterfly.identification.sensor_errors import roughness
 from butterfly.identification.simulation import Simulation, segment_length
 from butterfly.identification.test_functions import HALF_WIDTH, VELOCITY_SHARE
 from butterfly.logs.log import Log
@@ -54,6 +56,35 @@ class FreeRun:
         """FIT in per cent of the velocity: that of a growing angle hardly depends on inertia."""
         if self.log.integrated:
             return self.fit
+        error, motion, _ = self._velocity
+        return fit_of(error, motion)
+
+    @cached_property
+    def followed(self) -> float:
+        """How well the log is followed: the lower FIT in per cent beyond noise (see `fit_of`).
+
+        It is that of angle or velocity; of the angle where noise alone loses the velocity.
+        """
+        angle = fit_of(self.rms, self.log.rms_measured, self.noise)
+        if self.log.integrated:
+            return angle
+        error, motion, noise = self._velocity
+        return angle if noise > LOST * motion else min(angle, fit_of(error, motion, noise))
+
+    @cached_property
+    def noise(self) -> float:
+        """White noise of the readings in rad or rad/s, by what neighbours have not in common.
+
+        Errors of the model are smooth, and so is most of the motion: the lower of both is taken.
+        """
+        readings = (self.log.measured, self.log.measured - self.simulated)
+        with np.errstate(over="ignore", invalid="ignore"):
+            rough = np.array([roughness(each) for each in readings])
+        return math.sqrt(float(np.nanmin(rough)) / 6)
+
+    @cached_property
+    def _velocity(self) -> tuple[float, float, float]:
+        """Rms error, motion and noise of the velocity in rad/s, by local slopes of the angle."""
         grid = uniform_grid(self.log.time)
         step = float(grid[1] - grid[0])
         half = min(max(round(_WINDOW / step), 2), (grid.size - 1) // 2)
@@ -62,12 +93,11 @@ class FreeRun:
             measured, error = (
                 slope(resample(self.log.time, each, grid), half, 2, step) for each in angles
             )
-            return fit_of(float(np.sqrt(np.mean(error**2))), float(np.std(measured)))
-
-    @property
-    def followed(self) -> float:
-        """How well the log is followed: the lower FIT in per cent, of angle or velocity."""
-        return min(self.fit, self.velocity_fit)
+            rms = float(np.sqrt(np.mean(error**2)))
+        impulse = np.zeros(6 * half + 1)
+        impulse[3 * half] = 1.0
+        by_noise = float(np.linalg.norm(slope(impulse, half, 2, step)))  # of noise of 1 rad
+        return rms, float(np.std(measured)), by_noise * self.noise
 
     @cached_property
     def rms(self) -> float:
@@ -212,9 +242,15 @@ class Simulations:
         return latest[1]
 
 
-def fit_of(error: float, motion: float) -> float:
-    """Return FIT in per cent of rms error and motion; -inf of no motion or a diverging one."""
-    return 100 * (1 - error / motion) if motion and math.isfinite(error) else -math.inf
+def fit_of(error: float, motion: float, noise: float = 0.0) -> float:
+    """Return FIT in per cent of rms error and motion; -inf of no motion or a diverging one.
+
+    With the rms noise that is in both it is FIT beyond noise: of the motion and error less that.
+    """
+    if not (math.isfinite(error) and motion > noise):
+        return -math.inf
+    left, moved = (math.sqrt(max(each**2 - noise**2, 0.0)) for each in (error, motion))
+    return 100 * (1 - left / moved)
 
 
 def horizon_of(

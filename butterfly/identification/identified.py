@@ -47,7 +47,7 @@ class Identified:
     """FIT in per cent of the free run of each log, by its name."""
 
     velocity_fits: dict[str, float] = field(default_factory=dict)
-    """The same of its velocity; the lower of the two is how well a log is followed."""
+    """The same of its velocity."""
 
     held_out: dict[str, float] = field(default_factory=dict)
     """FIT in per cent of each that was held out."""

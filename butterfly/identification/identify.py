@@ -13,11 +13,12 @@ from types import MappingProxyType
 
 import numpy as np
 
+from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.residuals import Residuals, residuals_of
 from butterfly.identification.diagnostics.unit_error_search import find_slow_clock, find_unit_errors
-from butterfly.identification.estimators import Estimator, OutputError
+from butterfly.identification.estimators import Estimator, OutputError, WeakForm
 from butterfly.identification.estimators.between_samples import as_taken
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.free_run import FreeRun
@@ -26,6 +27,8 @@ from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.levels import LOST
 from butterfly.identification.parameters_by_hand import try_parameters
 from butterfly.identification.plausibility import (
+    BETTER_METHOD,
+    is_possible,
     judge_basis,
     judge_fit,
     judge_input,
@@ -99,7 +102,7 @@ def judge(
     judged_so_far = contrasted.holding(residuals.missing.rival).with_findings(
         *judge_physics(found, data.masses),
         *([data.correction] if data.correction else []),
-        *judge_fit(data.simulations.followed(found, followed)),
+        *_poor_fit(data, estimator, data.simulations.followed(found, followed)),
         *residuals.findings,
         *judge_input(found, data.input_kind),
         *judge_units(data),
@@ -118,6 +121,27 @@ def judge(
     seconds = None if search.exhausted or math.isinf(search.seconds) else search.seconds
     stopped = Finding(FindingKind.SEARCH_STOPPED, tuple(search.left_out), number=seconds)
     return sure.with_findings(stopped)
+
+
+def _poor_fit(data: DataSet, estimator: Estimator, fits: Samples) -> list[Finding]:
+    """Return the finding of (n,) poor FITs, with a method that does better, or none."""
+    return [replace(each, parameters=_better_method(data, estimator)) for each in judge_fit(fits)]
+
+
+def _better_method(data: DataSet, estimator: Estimator) -> tuple[str, ...]:
+    """Return the name of the closed form if its free runs follow logs that an estimator's do not.
+
+    It is tried before it is advised.
+    """
+    closed_form = WeakForm()
+    if estimator.method == closed_form.method:
+        return ()
+    try:
+        found = closed_form(data)
+        follows = not judge_fit(data.simulations.followed(found, data.counted))
+    except (ButterflyError, np.linalg.LinAlgError, ArithmeticError):
+        return ()
+    return (closed_form.method,) if follows and is_possible(found, data.masses) else ()
 
 
 def _unrepeated(data: DataSet, found: Estimate) -> list[Finding]:
@@ -178,7 +202,11 @@ def estimated(data: DataSet, estimator: Estimator) -> Estimate:
         refusal: ButterflyError = IdentifiabilityError(unsolved)
         if isinstance(error, ButterflyError):
             refusal = error
-        raise with_unit_errors(refusal, find_unit_errors(data, estimator)) from None
+        errors = find_unit_errors(data, estimator)
+        better = [] if errors else _better_method(data, estimator)
+        if better and isinstance(refusal, IdentifiabilityError):
+            refusal = IdentifiabilityError(f"{refusal}. {BETTER_METHOD.format(*better)}")
+        raise with_unit_errors(refusal, errors) from None
     return found
 
 

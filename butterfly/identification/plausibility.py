@@ -23,6 +23,9 @@ from butterfly.model.terms import TERMS
 LEAST_FIT = 100 * (1 - LOST)
 """Median FIT in per cent below which parameters are not those of the robot."""
 
+BETTER_METHOD = "The method {0} finds a joint that follows these logs: --method {0}."
+"""What is said where another method does."""
+
 _EARLY = 1e-4  # s, by which stamps of input and angle may differ
 _OF_LEVEL = {"coulomb": 1.0, "stribeck": 1.0}
 

@@ -93,6 +93,12 @@ class UnitError(StrEnum):
         "--columns.",
         (1.0,),
     )
+    SIGN = (
+        *("sign", "sign"),
+        f"Input and angle look counted in opposite directions: with the input negated, {_AGREE}. "
+        + _advice("input", "-{unit}"),
+        (-1.0,),
+    )
     PER_MINUTE = _unit("per-minute", "omega", "revolutions per minute", "rpm", "2 pi/60 (0.1047)")
     HERTZ = _unit("hertz", "omega", "Hz", "Hz", "2 pi")
     OMEGA = (
@@ -159,6 +165,7 @@ RIGHT: dict[str, Callable[[float, Log], Log]] = {
         log, input=np.interp(log.time + early, log.time, log.input), lead=None
     ),
     "input": lambda share, log: replace(log, input=log.input - share * log.angle, lead=None),
+    "sign": lambda factor, log: replace(log, input=factor * log.input, lead=None),
     "time": lambda factor, log: replace(log, time=factor * log.time, lead=None),
 }
 """Functions that correct a column of a log, by a factor or another number."""
@@ -185,6 +192,7 @@ def unit_error_text(finding: Finding) -> str:
         logs=logs,
         in_logs=f" in {logs}" if logs else "",
         right=f" ({more[0]})" if more else "",
+        unit=more[0] if more else "1",
         given=given,
         others="" if ways == "1" else f" This is one of {ways} explanations: weigh the masses.",
     )

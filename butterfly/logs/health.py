@@ -277,7 +277,12 @@ def _refuse_unless_allowed(
     if repair is Repair.NON_FINITE:
         field = next(name for name, column in columns.items() if not np.isfinite(column[first]))
     value = f"{columns[field][first]} at sample {first} ({int(faulty.sum())} such samples)"
-    hint = f"{expected} (to drop them: --repair {repair}, or the manifest's key repair)"
+    try:
+        examine(log, frozenset(Repair))
+    except InputError as error:
+        hint = f"{expected}; without these samples, {error.field} is {error.value}"
+    else:
+        hint = f"{expected} (to drop them: --repair {repair}, or the manifest's key repair)"
     raise InputError(log.source, field, value, hint)
 
 

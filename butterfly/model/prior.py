@@ -82,6 +82,8 @@ class Known:
         return 2 * math.log1p(square) if self.heavy else square
 
     def __str__(self) -> str:
+        if self.heavy:
+            return f"{self.value:g} to about {self.value + self.uncertainty:g}"
         return f"{self.value:g}" if self.fixed else f"{self.value:g} ± {self.uncertainty:g}"
 
 

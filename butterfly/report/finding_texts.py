@@ -10,6 +10,7 @@ from butterfly.errors import UnusableError, listed
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.inference.blocks import Condition
 from butterfly.identification.inference.estimate import OF_VERDICT, Estimate
+from butterfly.identification.plausibility import BETTER_METHOD
 from butterfly.identification.repeatability import contradiction_text
 from butterfly.identification.unit_errors import unit_error_text
 from butterfly.logs.units import Unread, taken_text
@@ -28,6 +29,8 @@ REMEDY = (
 """What helps where the encoder's zero is a guess."""
 
 _LEAST_MASSES = 3  # for leave-one-mass-out
+_UNEXPLAINED = 1.2  # times the sensor noise, below which nothing is left that a term may explain
+_LOOK = "Look at the residuals of each log."
 _IN_VERDICT = {
     *(FindingKind.FOLLOWED, FindingKind.MISFIT, FindingKind.NO_MISFIT, FindingKind.MISSING_TERM),
 }
@@ -155,9 +158,15 @@ def model_sentence(estimate: Estimate) -> str:
     if missing is not None:
         share_of_error = percent(_number(missing))
         text += f"; missing term: {missing.parameters[0]} ({share_of_error} of the residual)"
-    elif beyond and not (_doubts(estimate) or grave_notes(estimate)):
+    elif _is_unexplained(beyond, estimate) and not (_doubts(estimate) or grave_notes(estimate)):
         text += "; none of the optional terms explains it"
     return f"{text}."
+
+
+def _is_unexplained(misfit: Finding | None, estimate: Estimate) -> bool:
+    """Whether clearly more than sensor noise is left, about values that can be used."""
+    least = _UNEXPLAINED if estimate.level.usable else math.inf
+    return misfit is not None and _number(misfit) >= least
 
 
 def finding_text(finding: Finding, values: Values) -> str:
@@ -188,11 +197,28 @@ def _number(finding: Finding) -> float:
 
 
 def _poor_fit(finding: Finding, _: Values) -> str:
-    cure = "Check units, signs and masses, and look at the residuals."
+    cure = " ".join(map(BETTER_METHOD.format, finding.parameters)) or _LOOK
     if not math.isfinite(_number(finding)):
         return f"The simulation with these values diverges. {cure}"
     fit = fit_text(_number(finding))
-    return f"The model does not follow the logs or their velocity: median FIT {fit} %. {cure}"
+    return (
+        f"The model does not follow the logs or their velocity: median FIT {fit} % beyond the "
+        f"sensor noise. {cure}"
+    )
+
+
+def _prior_conflict(finding: Finding, _: Values) -> str:
+    name, *assumed = finding.parameters
+    far = f"by {_number(finding):.1f} standard errors"
+    if not assumed:
+        return (
+            f"The logs contradict the given {name} {far}. One of the two is wrong; the estimate is "
+            "a compromise."
+        )
+    return (
+        f"The logs contradict the assumed {name}, {assumed[0]} {TERMS[name].unit}, {far}; the "
+        f"estimate is a compromise. Give the {name} if you know it."
+    )
 
 
 def _few_masses(finding: Finding, _: Values) -> str:
@@ -264,7 +290,10 @@ _RESTS_ON = {
     "velocity_scale": "the velocity scale (1 % shifts p4 by 1 %)",
     "time_scale": "the clock (1 % shifts p1 by 2 %)",
     "loop_clock": "the clock of the loop (1 ms is assumed, faster ones are covered)",
-    "lag": "a filter of the logger or the hold between samples (both change the delay alone)",
+    "lag": (
+        "a filter of the logger (10 ms shifts the delay by 10 ms, and at 10 rad/s p4 by 0.5 %) or "
+        "the hold between samples (it shifts the delay alone)"
+    ),
 }
 
 _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
@@ -274,18 +303,20 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     FindingKind.UNREPEATED: lambda finding, _: contradiction_text(finding),
     FindingKind.POOR_FIT: _poor_fit,
     FindingKind.NO_INERTIA: (
-        "No joint has these values: {names} gives an inertia of {number:.2g} kg m². Check units, "
-        "signs and the added masses."
+        "No joint has these values: {names} gives an inertia of {number:.2g} kg m². "
+        "`butterfly inspect` shows what these logs can tell."
     ),
     FindingKind.NEGATIVE: (
-        "No joint has these values: {names} cannot be negative. Check units, signs and timestamps."
+        "No joint has these values: {names} cannot be negative. Something besides the recorded "
+        f"input drives the joint, or the model lacks a term. {_LOOK}"
     ),
     FindingKind.EARLY: (
         "The delay is negative: the motion precedes its input. Check the timestamps."
     ),
     FindingKind.NEGATIVE_GAIN: (
         "{names} is negative: a positive input moves the joint in the negative direction. If angle "
-        "or input counts the other way, set sign: -1 in the manifest, or --units input=-1."
+        "or input counts the other way, set sign: -1 in the manifest, or negate its unit "
+        "(as in --units input=-V)."
     ),
     FindingKind.SOURCES_CONFLICT: (
         "The given {names} and the one that follows from the given motor and body data differ by "
@@ -293,16 +324,13 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     ),
     FindingKind.CONTRADICTED: (
         "The given motor and body data contradict these values: {combined} would be {number:.1f} "
-        "standard errors below 0. Check the given values, their units and the gear ratio."
+        "standard errors below 0. Check the given values and the gear ratio."
     ),
     FindingKind.KNOWN_CONFLICT: (
         "The added masses contradict the given {combined}: they suggest values about {size:.2g} % "
         "{larger}. One of the two is wrong."
     ),
-    FindingKind.PRIOR_CONFLICT: (
-        "The logs contradict the given {names} by {number:.1f} standard errors. One of the two is "
-        "wrong; the estimate is a compromise."
-    ),
+    FindingKind.PRIOR_CONFLICT: _prior_conflict,
     FindingKind.LEFT_OUT: (
         "{logs} {were} excluded: the joint turns over, rests elsewhere or never settles, and has "
         "no steady response to a sine. The methods weak-form and output-error use such logs."
@@ -340,7 +368,7 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     ),
     FindingKind.OTHER_END: (
         "Another start led to a worse minimum ({number:.3g} times the squared error); the best fit "
-        "is given."
+        "is shown."
     ),
     FindingKind.COMBINATION: (
         "These logs hardly separate {combined} (condition number {rounded:.0f}): add a run that "
@@ -348,8 +376,8 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     ),
     FindingKind.ON_BOUND: "{names} hit the bound: these data show no such effect.",
     FindingKind.PULLED: (
-        "{names} stopped at the bound, and the data would push it further: the model lacks a term, "
-        "or a sign, a mass or a timestamp is wrong."
+        "{names} stopped at the bound, and the data would push it further: the model lacks an "
+        f"effect that looks like it. {_LOOK}"
     ),
     FindingKind.FEW_MASSES: _few_masses,
     FindingKind.FEW_LOGS: (
@@ -379,7 +407,7 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "These data cannot distinguish {names} from a clock error of {percent:+.2g} %."
     ),
     FindingKind.SIGN_UNKNOWN: (
-        "The sign of {names} is not identifiable from the motion; the magnitude is given."
+        "The sign of {names} is not identifiable from the motion; the magnitude is shown."
     ),
     FindingKind.TORQUE_DRIVEN: _torque_driven,
     FindingKind.NOT_ESTIMATED: _not_estimated,

@@ -16,11 +16,13 @@ from butterfly.errors import InputError, listed
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import MOST_RUNS, OF_GOAL, Candidate, Plan
 from butterfly.identification.encoder_offset import EncoderOffset, OffsetKind, encoder_offsets
+from butterfly.identification.findings import FindingKind
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identified import Identified
+from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.parameter import Parameter
 from butterfly.identification.validate import CrossValidation, Structure
-from butterfly.logs.log import Log
+from butterfly.logs.log import InputKind, Log
 from butterfly.logs.thinning import thinned
 from butterfly.model.prior import Prior
 from butterfly.model.terms import PARAMETERS, TERMS, offered
@@ -53,7 +55,6 @@ _HEADERS = {
 def summary(identification: Identified) -> list[str]:
     """Return the verdict, then all that was found, gravest first."""
     data, estimate = identification.data, identification.estimate
-    known = ", ".join(f"{name} = {value}" for name, value in estimate.given.values.items())
     conditions = [health.condition for health in data.health]
     worst = Level.worst(conditions)
     where = "" if worst is Level.GOOD else " `butterfly inspect` tells which, and why."
@@ -71,10 +72,24 @@ def summary(identification: Identified) -> list[str]:
         *held_out_sentences(identification.held_out),
         _basis(identification),
         *([means] if used != sound else []),
-        *([f"Given: {known}."] if known else []),
+        *_known(data, estimate),
         *minor_notes(estimate),
         *([] if unsound else [health]),
     ]
+
+
+def _known(data: DataSet, estimate: Estimate) -> list[str]:
+    """Say which values were given, which follow from these, and which are assumed and why."""
+    own, assumed = data.given.values, data.assumed
+    known = estimate.given.values
+    texts = {
+        "Given": [f"{name} = {value}" for name, value in own.items()],
+        "Follows from what was given": [
+            f"{name} = {value}" for name, value in known.items() if name not in {*own, *assumed}
+        ],
+        "Assumed": [f"{name} = 0 ({why})" for name, why in assumed.items() if name in known],
+    }
+    return [f"{what}: {', '.join(each)}." for what, each in texts.items() if each]
 
 
 def _basis(identification: Identified) -> str:
@@ -96,12 +111,14 @@ def _fit(identification: Identified) -> str:
     measured = _MEASURED[tuple(sorted({log.measures for log in data.logs}))]
     worst = min(identification.fits, key=lambda name: identification.fits[name])
     looped = any(log.closed and log.servo for log in data.logs)
-    given = "set-point" if looped else "recorded input"
+    driven = data.input_kind is not InputKind.NONE
+    known = ["the set-point" if looped else "the recorded input"] if driven else []
+    source = " and ".join([*known, *_start(fit, data)]) or "the start"
     velocity = ""
     if measured == "angle" and math.isfinite(identification.velocity_fit.median):
         velocity = f"; velocity {fit_text(identification.velocity_fit.median)} %"
     return (
-        f"Given only the {given}{_start(fit, data)}, the model reproduces the measured {measured} "
+        f"From {source} alone, the model reproduces the measured {measured} "
         f"with a median FIT of {fit_text(fit.median)} % (mean {fit_text(fit.mean)} %, worst "
         f"{fit_text(fit.worst)} %, {worst}){velocity}."
     )
@@ -211,11 +228,12 @@ def _drive_alone(identification: Identified) -> list[str]:
     ]
 
 
-def _start(fit: FitSummary, data: DataSet) -> str:
-    if fit.horizon is None:
-        moving = any(log.initial_state.velocity for log in data.logs)
-        return " and a fitted initial state" if moving else ""
-    return f" and a fitted initial state every {fit.horizon:g} s"
+def _start(fit: FitSummary, data: DataSet) -> list[str]:
+    """Say which starts are fitted, if any."""
+    if fit.horizon is not None:
+        return [f"a fitted initial state every {fit.horizon:g} s"]
+    moving = any(log.initial_state.velocity for log in data.logs)
+    return ["a fitted initial state"] if moving else []
 
 
 def held_out_sentences(fits: Mapping[str, float]) -> list[str]:
@@ -307,20 +325,30 @@ def medians_of(row: Mapping[str, Any]) -> dict[str, float]:
 
 
 def next_step(
-    found: Identified, words: Sequence[str], data: Sequence[Path], saved: Path | None = None
+    found: Identified, words: Sequence[str], data: Sequence[Path | str], saved: Path | None = None
 ) -> str:
-    """Return a command to paste: it mends units or the model, or saves the result or uses it."""
+    """Return a command to paste: it mends units or the model, or saves the result or uses it.
+
+    ``data``: paths, and options that say what is read, which other commands take too.
+    """
     verdict, missing = estimate_verdict(found.estimate), found.residuals.missing.terms
     if advice := _ADVICE.search(" ".join(verdict.lines)):
         return _again(words, advice[1], advice[2], merged=True)
+    read = shlex.join(map(str, data))
     if verdict.level is Level.WARNING:
-        return f"butterfly inspect {shlex.join(map(str, data))}"
+        poor = (each for each in found.estimate.findings if each.kind is FindingKind.POOR_FIT)
+        better = next((each.parameters for each in poor), ())
+        return (
+            f"butterfly identify {read} --method {better[0]}"
+            if better
+            else f"butterfly inspect {read}"
+        )
     if missing:
         names = (n for n in found.estimate.names if n not in PARAMETERS and not TERMS[n].follows)
         terms = ",".join([*names, *missing])
         if found.made_by is None or {*missing} <= {*offered(found.made_by.method)}:
             return _again(words, "--terms", terms)
-        return f"butterfly identify {shlex.join(map(str, data))} --terms {terms}"
+        return f"butterfly identify {read} --terms {terms}"
     if saved is None:
         return _again(words, "--save", "joint.json")
     use = "validate" if verdict.level is Level.GOOD else "design"

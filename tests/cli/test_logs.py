@@ -3,6 +3,7 @@
 import hashlib
 import json
 import re
+import shlex
 from dataclasses import replace
 from unittest.mock import Mock
 
@@ -10,10 +11,12 @@ import numpy as np
 import pytest
 
 import butterfly as bf
+from butterfly.cli.output import ExitCode
 from butterfly.logs import manifest_draft, thesis_logs
 from butterfly.logs.csv import write_csv
 from butterfly.logs.manifest import read_manifest
 from tests.cli.one_line import assert_one_line_error, done
+from tests.verdicts import follow_nothing
 
 
 def test_of_several_logs_one_is_told_and_drawn_as_if_it_were_alone(butterfly, quick_data, tmp_path):
@@ -90,6 +93,24 @@ def test_a_folder_of_any_logs_is_told_the_worst_first_with_what_to_do(butterfly,
     assert "--repair unwrap" in out
     out = done(butterfly("inspect", loose, *COLUMNS, "--repair", "unwrap"))
     assert "by a turn, undone; the angle spans 2.5 turns" in " ".join(out.split())
+
+
+def test_the_command_that_is_advised_of_a_poor_model_reads_the_same_logs(
+    butterfly, quick_data, tmp_path, monkeypatch
+):
+    (folder := tmp_path / "named").mkdir()
+    manifest = read_manifest(quick_data / "manifest.yaml")
+    for number, log in enumerate(bf.read(quick_data).recorded):
+        table = np.column_stack([1e3 * log.time, log.input, np.degrees(log.angle)])
+        path = folder / f"{1e3 * log.added_mass.mass:g}g_{number}.txt"
+        np.savetxt(path, table, delimiter=";", header="t;volts;phi", comments="")
+    follow_nothing(monkeypatch)
+    facts = (*COLUMNS, "--arm", manifest.arm, "--repair", "backward", "--repair", "duplicate")
+    code, out, err = butterfly("identify", folder, *facts, "--terms", "", "--method", "weak-form")
+    assert (code, err) == (ExitCode.NOT_TO_BE_USED, "")
+    step = out.splitlines()[-1]
+    assert step.startswith(f"Next: butterfly inspect {folder} --columns time=t,")
+    done(butterfly(*shlex.split(step)[2:]))
 
 
 def test_logs_without_findings_are_listed_on_request_below_the_verdict_and_the_next_command(

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import yaml
 
+import butterfly as bf
 from butterfly.api.verbs import identify
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet, read_data_set
@@ -217,6 +218,20 @@ def test_a_weight_on_a_rod_is_the_one_that_its_drawings_show(strangers, tmp_path
     assert (p1, p3) == pytest.approx((PENDULUM["p1"][0], PENDULUM["p3"][0]), rel=0.02)
     assert p3 / p1 == pytest.approx(9.81 / 0.5, rel=0.03)  # a weight at 0.5 m, as it is drawn
     assert found.fit.median > 98.0
+
+
+def test_a_noisy_velocity_refuses_no_film_that_is_followed_to_its_noise():
+    """Twenty seconds of a slow swing at ten frames a second, in windows of its own time."""
+    path = Path(__file__).parents[3] / "shared/data/cases/fifth/slow_noisy_film/swing.csv"
+    if not path.is_file():
+        pytest.skip(f"the case is not there: {path}")
+    told = {"input": "none", "columns": {"time": "t", "angle": "angle"}, "known": {"p1": 1.0}}
+    found = identify(bf.read(path, **told), WeakForm(half_width=2.0))
+    (run,) = found.runs
+    assert run.velocity_fit < 50
+    assert run.followed > 80
+    assert found.estimate.parameters.p3 == pytest.approx(0.49, rel=0.03)
+    assert found.estimate.level.usable
 
 
 def test_a_start_is_known_no_better_than_one_sample_and_costs_no_precision():

@@ -10,9 +10,11 @@ import pytest
 from butterfly.identification import free_run
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import OutputError, WeakForm
+from butterfly.identification.findings import FindingKind
 from butterfly.identification.free_run import FitSummary, FreeRun, Setting, Simulations
-from butterfly.identification.identify import identify, judged
+from butterfly.identification.identify import identify, judge, judged
 from butterfly.identification.parameters_by_hand import best_gain, try_parameters
+from butterfly.identification.plausibility import LEAST_FIT
 from butterfly.identification.problem import Start
 from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import Log, Sine
@@ -75,7 +77,57 @@ def test_a_joint_that_goes_on_and_on_is_followed_as_far_as_its_velocity_is(sine_
         run = FreeRun(log=log, simulated=5 * time + 0.1 * share * np.sin(3 * time) + 0.2)
         assert run.fit > 99
         assert run.velocity_fit == pytest.approx(100 * (1 - abs(share - 1)), abs=0.1)
-        assert run.followed == min(run.fit, run.velocity_fit)
+        assert run.followed == pytest.approx(min(run.fit, run.velocity_fit), abs=1e-6)
+
+
+def _film(noise, seed=0):
+    """A slow free swing, ten frames a second, and the same without its noise."""
+    joint, time = Joint(inertia=1.0, viscous=0.17, gravity=0.5, gain=1.0), np.arange(0, 22, 0.1)
+    exact = driven(joint, time, np.zeros(time.size), 0.19)
+    shaken = noise * np.random.default_rng(seed).standard_normal(time.size)
+    return replace(exact, angle=exact.angle + shaken), exact
+
+
+@pytest.mark.parametrize("noise", [1e-4, 0.01, 0.03])
+def test_what_is_followed_is_what_noise_does_not_explain(noise):
+    """Free runs of a joint by another integrator, with right values, and with wrong ones."""
+    for seed in range(5):
+        log, exact = _film(noise, seed)
+        for more, follows in (({}, True), ({"p3": 1.0}, False), ({"p2": 2.0}, False)):
+            values = LumpedParameters(**{"p1": 1.0, "p2": 0.17, "p3": 0.5, "p4": 1.0} | more)
+            simulated = FreeRun.of(exact, Setting(parameters=values, zero=0.0)).simulated
+            run = FreeRun(log=log, simulated=simulated)
+            assert (run.followed > LEAST_FIT) is follows
+            assert run.noise == pytest.approx(noise, rel=0.2) or not follows
+
+
+@pytest.mark.parametrize("noise", [0.01, 0.03])
+def test_a_noisy_velocity_refuses_no_joint_that_follows(noise):
+    log, exact = _film(noise)
+    run = FreeRun(log=log, simulated=exact.angle)
+    assert run.velocity_fit < LEAST_FIT < 90 < run.followed
+
+
+def test_another_method_is_advised_only_if_it_was_tried_and_follows(data):
+    """Of the same wrong values, by logs of a joint and by logs of none."""
+    estimator = OutputError(terms=(), workers=1)
+    found = replace(estimator(data), values=np.array([1.0, 1.0, 0.05, 0.1, 0.0, 0.0]))
+    rng = np.random.default_rng(0)
+    wander = [
+        replace(log, angle=np.cumsum(rng.standard_normal(log.time.size))) for log in data.logs
+    ]
+    for logs, better in ((data.logs, ("weak-form",)), (wander, ())):
+        said = judge(DataSet.of(logs), estimator, found).findings
+        assert [each.parameters for each in said if each.kind is FindingKind.POOR_FIT] == [better]
+
+
+def test_a_simulation_that_is_rough_or_diverges_is_not_excused_as_noise():
+    log, exact = _film(1e-3)
+    zigzag = np.where(np.arange(log.time.size) % 2, 1.0, -1.0)
+    assert FreeRun(log=log, simulated=exact.angle + zigzag).followed < 0
+    with np.errstate(over="ignore"):
+        grown = np.exp(np.minimum(100 * log.time, 800.0))
+    assert FreeRun(log=log, simulated=grown).followed == -math.inf
 
 
 def test_the_velocity_and_zero_found_for_each_log_predict_it_by_one_simulation(data, runs):

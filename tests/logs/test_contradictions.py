@@ -98,3 +98,12 @@ def test_a_sound_log_has_no_contradiction(name):
 
 def test_the_real_logs_have_none(real_data):
     assert {health.contradiction for health in real_data.health} == {None}
+
+
+def test_units_are_blamed_for_a_speed_that_lasts_and_the_encoder_for_a_jump():
+    log = _log(_WAVES)
+    jump = np.where((log.time > 10.0) & (log.time < 10.1), 1e3 * log.angle + 50.0, log.angle)
+    for angle, blamed in ((1e6 * log.angle, "units"), (jump, "encoder")):
+        said, hint = find_contradiction(replace(log, angle=angle))
+        assert "faster than any joint" in said
+        assert blamed in hint

@@ -71,6 +71,19 @@ def test_a_value_that_is_no_number_is_refused_by_column_and_sample(sine_log, nam
     assert all(np.isfinite(values).all() for values in clean.columns().values())
 
 
+def test_a_repair_is_advised_only_if_it_leaves_a_log_that_can_be_used(sine_log):
+    angle = sine_log.angle.copy()
+    angle[70] = np.nan
+    with pytest.raises(InputError, match="to drop them: --repair non_finite"):
+        examine(replace(sine_log, angle=angle))
+    angle[:60], angle[60:] = 0.5, np.nan
+    with pytest.raises(
+        InputError, match=r"without these samples, angle is a constant 0\.5"
+    ) as said:
+        examine(replace(sine_log, angle=angle))
+    assert "--repair" not in str(said.value)
+
+
 def test_gaps_are_counted_and_measured(sine_log):
     keep = np.ones(sine_log.time.size, dtype=bool)
     keep[500:512] = keep[9000:9005] = False

@@ -115,6 +115,24 @@ def test_every_kind_of_finding_has_its_own_sentence_with_its_number_and_paramete
 
 
 @pytest.mark.parametrize(
+    "kind",
+    [FindingKind.POOR_FIT, FindingKind.NO_INERTIA, FindingKind.NEGATIVE, FindingKind.PULLED],
+)
+def test_units_signs_and_masses_are_named_only_where_one_was_found(kind):
+    names = () if kind is FindingKind.POOR_FIT else ("p2",)
+    said = finding_text(Finding(kind, names, number=-3.0), VALUES)
+    assert not re.search(r"\b(units?|signs?|mass(es)?|timestamps?)\b", said)
+    assert re.search("residuals of each log|`butterfly inspect`", said)  # what to do instead
+
+
+def test_what_the_program_assumed_is_not_called_given():
+    assumed = Finding(FindingKind.PRIOR_CONFLICT, ("delay", "0 to about 0.01"), number=4.0)
+    said = finding_text(assumed, VALUES)
+    assert "the assumed delay, 0 to about 0.01 s," in said
+    assert "given" not in said
+
+
+@pytest.mark.parametrize(
     ("reach", "level", "text"),
     [
         (0.05, Level.GOOD, "p1 ±5 %, p4 ±5 %; p2 ±5 %, coulomb ±5 %."),
@@ -160,6 +178,7 @@ _NUMBERS = {"least": 0.0, "largest": 1e-3, "first": 2e-3, "last": 2.2e-3}
 WITH_MASS = Contrast(parameter="p1", condition=Condition.MASS, share=0.4, chance=1e-3, **_NUMBERS)
 WITH_LOG = replace(WITH_MASS, parameter="p2", condition=Condition.LOG)
 _TIMES = "Model: error 1.2 % of the motion, 3.5 times the sensor noise"
+_OF_NOISE = "Model: error 1.2 % of the motion, 1.1 times the sensor noise"
 _LACKS = "drag or load (61 % of the residual)"
 _GROWS = (
     "p1 grows with the added mass, from 0.002 to 0.0022 kg m². Possible causes: the added mass's "
@@ -174,6 +193,7 @@ _SCATTER = "Scatter between logs: p2, coulomb by 21 %; p4 by 1.2 %."
         ([FOLLOWED], (), "Model: error 1.2 % of the motion.", []),
         ([FOLLOWED, Finding(FindingKind.NO_MISFIT, number=3.456)], (), f"{_TIMES}.", []),
         ([FOLLOWED, MISFIT], (), f"{_TIMES}; none of the optional terms explains it.", []),
+        ([FOLLOWED, replace(MISFIT, number=1.1)], (), f"{_OF_NOISE}.", []),
         ([FOLLOWED, MISFIT, LACKS], (), f"{_TIMES}; missing term: {_LACKS}.", []),
         ([FOLLOWED, MISFIT, *SCATTER], (), f"{_TIMES}.", [_SCATTER]),
         ([FOLLOWED, MISFIT, *SCATTER], (WITH_LOG,), f"{_TIMES}.", [_SCATTER]),
@@ -254,6 +274,8 @@ _CALL = "identify --units=time=ms,angle=rad a.csv"
         ((), ("spring",), None, "identify a.csv --terms spring"),
         ((), (), "my joint.json", "validate 'my joint.json'"),
         ((Finding(FindingKind.POOR_FIT, number=3.0),), (), None, "inspect a.csv"),
+        ((Finding(FindingKind.POOR_FIT, ("weak-form",), number=3.0),), (), None,
+         "identify a.csv --method weak-form"),
         ((unit_error(UnitError.DEGREES, 0.0175),), ("drag",), None,
          "identify --units time=ms,angle=deg a.csv --terms ''"),
     ],

@@ -22,6 +22,7 @@ import numpy as np
 from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError, IdentifiabilityError
 from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.residuals import residuals_of
 from butterfly.identification.estimators import Estimator, OutputError, WeakForm
 from butterfly.identification.findings import Finding
 from butterfly.identification.inference.blocks import Condition
@@ -105,6 +106,7 @@ class _Trial(NamedTuple):
     right: Callable[[Log], Log]  # returns a log as it is without the mistake
     log: str = ""  # name of the only one that it concerns
     mass: str = ""  # label of the mass that is mistaken
+    unit: str = ""  # of a column with the wrong sign, if its log says one
     misfit: float = math.inf  # share of the torques that the fit leaves; infinite if there is none
 
     def righted(self, log: Log) -> Log:
@@ -129,9 +131,9 @@ class _Trial(NamedTuple):
 
     def finding(self, ways: int = 1, *, moves: bool = True) -> Finding:
         """Return the finding of the mistake, one of so many ways to explain masses."""
-        masses = [self.mass, str(1 if self.log else ways)] if self.mass else []
+        more = [self.mass, str(1 if self.log else ways)] if self.mass else [self.unit]
         logs = [self.log] if self.log else []
-        return unit_error(self.error, self.number, *masses, logs=logs, moves=moves)
+        return unit_error(self.error, self.number, *filter(None, more), logs=logs, moves=moves)
 
 
 class _Fit(NamedTuple):
@@ -142,8 +144,13 @@ class _Fit(NamedTuple):
 
     @classmethod
     def of(cls, data: DataSet, zeros: Iterable[float] | None = None) -> _Fit:
-        """Return the fit of all of `_NAMES` but what is known exactly, about (k,) zeros in rad."""
-        known = data.known.within(_NAMES)
+        """Return the fit of all of `_NAMES` but what is known exactly, about (k,) zeros in rad.
+
+        What alone sets the scale counts as known exactly.
+        """
+        known, (first, *others) = data.known.within(_NAMES), data.masses
+        if not others and (scale := known.reference(first)):
+            known = known.holding(scale)
         own = map(data.zero_of, data.logs) if zeros is None else zeros
         windows = [_windows_of(*each) for each in zip(data.logs, own, strict=True)]
         about = About(
@@ -208,7 +215,8 @@ class _Search:
             late = out_of_time("the search for wrong units and masses")
             if late or (held and each.misfit > _AS_GOOD * held[0][0].misfit):
                 break
-            if (found := self._without(each)) is not None:
+            found = self._without(each)
+            if found is not None and (not each.log or self._others_fit(each.log)):
                 held.append((each, found))
         ways, before = sum(bool(each.mass) and not each.log for each, _ in held), self.estimate
         return [
@@ -242,6 +250,9 @@ class _Search:
             for each in self._factors(error)
         ]
         found = min(trials, key=lambda each: each.misfit, default=None)
+        if error is UnitError.SIGN and found is not None:
+            read = self.data.recorded[0].reading.columns.get("input")
+            return found._replace(unit=read.unit.removeprefix("-") if read else "")
         stiffer = error is UnitError.SETPOINT and found is not None and found.number != 1
         return None if stiffer else found  # a spring is no set-point
 
@@ -254,6 +265,7 @@ class _Search:
             UnitError.SWAPPED: before is not None and before.level is not Level.WARNING,
             UnitError.COUNTS: any((log.angle % 1).any() for log in self.data.recorded),
             UnitError.SETPOINT: closed,
+            UnitError.SIGN: closed or "p4" not in self.data.known.parameters,  # else p4 takes it
             UnitError.GEAR: ratio is None and not (closed and swing > most),
         }
         blind = any(log.integrated for log in logs) and error.column in _OF_ANGLE
@@ -312,6 +324,16 @@ class _Search:
         possible = np.isfinite(found.values).all() and is_possible(found, undone.masses)
         alone = [k for k, log in enumerate(undone.logs) if log.name == trial.log]
         return found if possible and self._follows(undone, found, alone or undone.counted) else None
+
+    def _others_fit(self, name: str) -> bool:
+        """Return whether the same terms leave no more than noise of the logs without one."""
+        others = self.data.take([k for k, log in enumerate(self.data.logs) if log.name != name])
+        before, usable = self.estimate, offered(OutputError.method)
+        terms = None if before is None else tuple(n for n in before.names if n in usable)
+        try:
+            return not residuals_of(others, OutputError(terms=terms)(others)).beyond_sensors
+        except _FAILURES:
+            return False
 
     def _follows(self, data: DataSet, found: Estimate, logs: Sequence[int]) -> bool:
         """Return whether free runs of some logs leave clearly less of their motion than before."""

@@ -284,9 +284,7 @@ class HarmonicBalanceFit:
             rest = regression.residuals(values).reshape(2, -1) / weights
             errors = np.hypot(*rest) / (slope * swing)
             if not np.isfinite(errors).all():
-                raise IdentifiabilityError(
-                    "no joint fits the steady responses of these logs: check their units"
-                )
+                raise IdentifiabilityError("no joint fits the steady responses of these logs")
             spread = _spread(errors, phasors.variance / swing**2, max(2 * swing.size - count, 1))
             weights = 1.0 / (slope * np.sqrt(phasors.variance + spread * swing**2))
             change = np.linalg.norm(regression.rows @ (unknowns - before))

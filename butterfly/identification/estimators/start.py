@@ -72,11 +72,11 @@ def starts(data: DataSet, terms: tuple[str, ...] | None) -> list[Start]:
 
 def _without_inertia(data: DataSet, inertia: float) -> ButterflyError:
     said = ", ".join(f"{name} = {value:g}" for name, value in data.known.fixed.items() if value)
-    told = f", the known values ({said})" if said else ""
+    told = f" and the known values ({said})" if said else ""
     return IdentifiabilityError(
-        f"no joint explains these angles with this input: its inertia would be {inertia:.3g}, "
-        f"which must be positive. Check the signs and units of input and angle{told}, that both "
-        "come from one recording, and that the input moves the joint"
+        f"no joint explains these angles with this input{told}: its inertia would be "
+        f"{inertia:.3g}, which must be positive. Check that both come from one recording, and that "
+        "nothing but the input moves the joint"
     )
 
 

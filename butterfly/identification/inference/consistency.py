@@ -15,7 +15,7 @@ from butterfly.identification.inference.equations import CellEquations
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, growth
 from butterfly.identification.levels import ACCUSED, CLEARLY, MATTERS
 from butterfly.model.parameters import AddedMass, rounded
-from butterfly.model.prior import LAG, Prior
+from butterfly.model.prior import LAG, NO_PRIOR, Prior
 from butterfly.model.terms import TERMS
 
 OF_SCALES: dict[str, dict[str, float]] = {
@@ -96,11 +96,14 @@ def _moves(added: AddedMass) -> list[tuple[tuple[str, float], float, float]]:
     ]
 
 
-def prior_contradictions(cells: CellEquations, covariance: Samples) -> list[Finding]:
+def prior_contradictions(
+    cells: CellEquations, covariance: Samples, known: Prior = NO_PRIOR
+) -> list[Finding]:
     """Return the priors that the logs contradict, by the (n, n) covariance of the estimate.
 
     The estimate less the prior has the variance C + s - 2 v N, with C that of the estimate, s that
-    of the prior, N the inverse of the normal equations and v the variance of a row.
+    of the prior, N the inverse of the normal equations and v the variance of a row. A finding on
+    what is assumed, a guess among the ``known``, says what that is.
     """
     prior, (rows, _) = cells.prior, cells.with_prior
     if prior is None:
@@ -115,7 +118,10 @@ def prior_contradictions(cells: CellEquations, covariance: Samples) -> list[Find
             continue  # the logs have no information on the parameter
         distance = float(abs(cells.values[k] - prior.mean[k]) / np.sqrt(variance))
         if distance > CLEARLY:
-            findings.append(Finding(FindingKind.PRIOR_CONFLICT, (cells.names[k],), number=distance))
+            own = known.values.get(cells.names[k])
+            assumed = [str(own)] if own is not None and own.heavy else []
+            names = (cells.names[k], *assumed)
+            findings.append(Finding(FindingKind.PRIOR_CONFLICT, names, number=distance))
     return findings
 
 

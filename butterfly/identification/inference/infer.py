@@ -136,7 +136,7 @@ def infer(solved: SolvedFit) -> Estimate:
         findings=(
             *conditioning.findings,
             *findings_of_bounds(fit, covariance),
-            *prior_contradictions(cells, covariance),
+            *prior_contradictions(cells, covariance, solved.known),
             *scale_errors(cells, carried, known),
             *few,
             *few_logs,

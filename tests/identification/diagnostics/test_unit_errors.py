@@ -34,6 +34,8 @@ from butterfly.report.finding_texts import estimate_sentences
 from butterfly.verdict import Level
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, SWINGS, noisy, simulated, steady, wild
+from tests.independent.defects import draw as draw_bench
+from tests.independent.integrator import Joint, motion
 from tests.independent.robots import draw
 from tests.independent.slips import CASES, NAMED, OF_SINES, ask, names_it
 
@@ -106,6 +108,35 @@ def test_every_mistake_is_recognised_and_named(drawn, kind, name):
     answer = ask(wrong, kind)
     assert answer.recognised
     assert names_it(name, logs, wrong, answer.text), answer.text
+
+
+def test_one_log_is_accused_only_if_the_others_fit_to_noise_without_it(tones):
+    """A dead zone of the drive that the fit lacks looked like another mass of one log."""
+    late = [
+        replace(each, input=np.interp(each.time - 0.05, each.time, each.input)) for each in tones
+    ]
+    (slip,), *_ = _named([*tones[:1], late[1], *tones[2:]], WeakForm())
+    assert (slip.parameters[0], slip.logs) == (UnitError.LATE, ("run 1",))
+    found = identify(DataSet.of(draw_bench("dead zone", 3, seed=77).logs), WeakForm()).estimate
+    assert [each.logs for each in found.findings if each.kind in NAMED] == []
+
+
+@pytest.mark.parametrize("gain", [1.0, (1.0, 0.05)], ids=["exact", "uncertain"])
+def test_a_wrong_sign_beside_a_known_gain_is_named_in_the_unit_of_the_file(tmp_path, gain):
+    joint = Joint(inertia=0.2, viscous=0.2, gravity=0.5, gain=1.0, coulomb=0.1, delay=4e-3)
+    time = 4e-3 * np.arange(3000)
+    for k in range(3):
+        torque = 0.4 * sum(np.sin(w * (1 + 0.2 * k) * time + k) for w in (1.3, 2.9, 5.1))
+        angle, _ = motion(joint, time, torque)
+        table = np.column_stack([time, -1e3 * torque, angle])
+        path = tmp_path / f"{k}.csv"
+        np.savetxt(path, table, delimiter=",", header="time,input [mNm],angle", comments="")
+    told = {"input": "torque", "known": {"p4": gain}}
+    with pytest.raises(IdentifiabilityError, match="opposite directions") as said:
+        identify(bf.read(tmp_path, **told), SIMULATED)
+    advised = re.search("--units input=(-mNm),", str(said.value))[1]
+    found = identify(bf.read(tmp_path, **told, units={"input": advised}), SIMULATED)
+    assert found.estimate.parameters.p1 == pytest.approx(0.2, rel=0.05)
 
 
 def test_a_slip_is_said_first_and_its_factor_with_it(tones):

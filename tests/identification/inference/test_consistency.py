@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
-from butterfly.identification.inference.consistency import OF_SCALES
+from butterfly.identification.inference.consistency import OF_SCALES, prior_contradictions
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import LumpedParameters
+from butterfly.model.prior import Known, Penalty, Prior
+from tests.identification.simulated import cells
 
 ROBOT = {"p1": 0.004, "p2": 0.002, "p3": 0.05, "p4": 0.3, "coulomb": 0.001}
 FRICTION = [
@@ -14,6 +16,18 @@ FRICTION = [
     {"stribeck": 0.002, "stribeck_velocity": 0.3},
     {"bristle_stiffness": 0.5, "bristle_damping": 0.002},
 ]
+
+
+def test_a_guess_that_logs_contradict_is_called_assumed_and_a_given_value_is_not():
+    """Of a delay of .2 s where half a Cauchy distribution of 10 ms is linearised at its peak."""
+    rng = np.random.default_rng(0)
+    rows, residuals = 1e3 * rng.standard_normal((40, 1, 1)), 1e-2 * rng.standard_normal((40, 1))
+    for heavy, assumed in ((True, ("0 to about 0.01",)), (False, ())):
+        known = Prior({"delay": Known(value=0.0, uncertainty=0.01, heavy=heavy)})
+        prior = Penalty.of(("delay",), known.parameters)
+        fit = cells(("delay",), rows, residuals, values=np.array([0.2]), prior=prior)
+        (found,) = prior_contradictions(fit, np.array([[1e-8]]), known)
+        assert found.parameters == ("delay", *assumed)
 
 
 @pytest.mark.parametrize("more", FRICTION, ids=lambda more: next(iter(more)))
