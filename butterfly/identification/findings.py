@@ -42,7 +42,8 @@ class FindingKind(StrEnum):
     CLOCK = "clock"  # share by which the inputs' sines run faster than their omega
     CLOCK_SET = "clock-set"  # the same where all timestamps were multiplied by 1 more than it
     OMEGA_SET = "omega-set"  # or every omega
-    LIKE_CLOCK = "like-clock"  # the same, of a clock error that looks like a term
+    # a term, and scales that may be wrong instead; share by which p1 would be
+    LIKE_SCALE = "like-scale"
     TORQUE_DRIVEN = "torque-driven"  # largest resistance in Ohm that the damping allows
     REST_DIFFERS = "rest-apart"  # rad between the rest angles with different masses
     ZERO_GUESSED = "zero-guessed"  # logs whose encoder zero is a guess

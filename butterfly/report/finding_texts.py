@@ -234,6 +234,16 @@ def _missing_term(finding: Finding, _: Values) -> str:
     )
 
 
+def _like_scale(finding: Finding) -> str:
+    term, *scales = finding.parameters
+    either = " or ".join(_RESTS_ON[name].partition(" (")[0] for name in scales)
+    return (
+        f"These data cannot tell {term} from an error of {either} that moves p1 by "
+        f"{percent(_number(finding))}: the intervals include both. Check "
+        f"{'it' if len(scales) == 1 else 'them'}."
+    )
+
+
 def _scatter(*findings: Finding) -> str:
     sizes = (f"{', '.join(each.parameters)} by {percent(_number(each))}" for each in findings)
     return f"Scatter between logs: {'; '.join(sizes)}."
@@ -369,9 +379,7 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "The recorded sines are {size:.2g} % {faster} than the given omega. A wrong omega explains "
         "this best: it was corrected. Check omega."
     ),
-    FindingKind.LIKE_CLOCK: (
-        "These data cannot distinguish {names} from a clock error of {percent:+.2g} %."
-    ),
+    FindingKind.LIKE_SCALE: lambda finding, _: _like_scale(finding),
     FindingKind.SIGN_UNKNOWN: (
         "The sign of {names} is not identifiable from the motion; the magnitude is given."
     ),

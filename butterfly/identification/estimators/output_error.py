@@ -32,13 +32,11 @@ from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Loss
 from butterfly.identification.free_run import horizon_of
 from butterfly.identification.inference.blocks import Conditions, cells_of
-from butterfly.identification.inference.consistency import OF_SCALES
-from butterfly.identification.inference.equations import CellEquations
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.identifiability import is_driven, prior_of_fit
 from butterfly.identification.inference.infer import SolvedFit, infer
 from butterfly.identification.inference.linear_terms import candidates
-from butterfly.identification.levels import FEW, MATTERS, ROUNDING, SHOWS
+from butterfly.identification.levels import FEW, ROUNDING, SHOWS
 from butterfly.identification.problem import LOCAL, Key, Problem, ProblemOptions, Start
 from butterfly.identification.weighed_logs import (
     WeighedLogs,
@@ -218,12 +216,8 @@ class OutputError(Estimator):
             end, findings = with_scatter, (*findings, *weighed.findings)
             solved = problem.solved(end, cells=1)
         owned = problem.keys[problem.shared :]
-        if clock := _of_clock(problem, solved):
-            share = float(solved.values[solved.names.index("mass_inertia")]) / 2
-            like_clock = Finding(FindingKind.LIKE_CLOCK, ("mass_inertia",), number=-share)
-            findings = (*findings, like_clock)
         beyond = solved.values + solved.next_step
-        rivals = (*fitted.rivals, *clock, beyond[: problem.shared])
+        rivals = (*fitted.rivals, beyond[: problem.shared])
         found = SolvedFit(
             method="output error",
             equations=solved,
@@ -233,6 +227,7 @@ class OutputError(Estimator):
             conditions=Conditions.of(logs, cells_of(len(logs), len(problem.keys))),
             known=known,
             driven=is_driven(logs),
+            timed=all(log.excitation for log in logs),
             rivals=rivals,
             consider_covariance=_waits(logs, solved.names),
             fixed=self._fixed(problem),
@@ -320,15 +315,3 @@ def _waits(logs: Sequence[Log], names: Sequence[str]) -> Samples | None:
     if not periods or "delay" not in names:
         return None
     return np.diag([max(periods) ** 2 / 12 if name == "delay" else 0.0 for name in names])
-
-
-def _of_clock(problem: Problem, solved: CellEquations) -> list[Samples]:
-    """Return (shared,) values of a clock wrong by a share, in place of a mass's own inertia."""
-    own = solved.named
-    share = own.get("mass_inertia", 0.0)
-    if not 0 < abs(share) < 2 * MATTERS or all(each.log.excitation for each in problem.simulations):
-        return []
-    slower, powers = math.sqrt(1 + share), OF_SCALES["time_scale"]
-    values = {name: value / slower ** powers.get(name, 0.0) for name, value in own.items()}
-    values["mass_inertia"] = 0.0
-    return [np.array([values[name] for name in solved.names[: problem.shared]])]

@@ -72,7 +72,7 @@ class Offer:
         names = np.array(self.nested.names)
         other = self.kept & ~np.isin(names, [term, *companions({term})]) | (names == self.name)
         values = self.nested.fitted(np.array([self.kept, other]))
-        if not _as_good(*np.sqrt(self.nested.costs(values))[::-1]):
+        if not as_good(*np.sqrt(self.nested.costs(values))[::-1]):
             return None
         return dict(zip(self.nested.names, values[1].tolist(), strict=True))
 
@@ -232,7 +232,7 @@ def _best(
         if fits:
             errors = {name: np.sqrt(fit.nested.equations.cost) for name, fit in fits.items()}
             lowest = min(errors, key=lambda name: float(np.sum(errors[name] ** 2)))
-            alike = [name for name in fits if _as_good(errors[name], errors[lowest])]
+            alike = [name for name in fits if as_good(errors[name], errors[lowest])]
             taken = first.name if first.name in alike else lowest
             ties.extend((name, taken) for name in alike if name != taken)
             return fits[taken]
@@ -240,7 +240,7 @@ def _best(
     return None
 
 
-def _as_good(errors: Samples, least: Samples) -> bool:
+def as_good(errors: Samples, least: Samples) -> bool:
     """Whether (k,) errors of cells exceed others by no more than a standard error."""
     worse = errors - least
     return bool(worse.mean() <= standard_error(worse))
