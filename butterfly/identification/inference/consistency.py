@@ -18,7 +18,7 @@ from butterfly.identification.inference.stagewise import as_good
 from butterfly.identification.levels import ACCUSED, CLEARLY, MATTERS, SHOWS
 from butterfly.model.parameters import AddedMass, LumpedParameters, rounded, value_if_absent
 from butterfly.model.prior import LAG, Prior
-from butterfly.model.terms import FOLLOWERS, TERMS, companions
+from butterfly.model.terms import FOLLOWERS, PARAMETERS, TERMS, companions
 
 OF_SCALES: dict[str, dict[str, float]] = {
     "mass_scale": {},
@@ -177,7 +177,8 @@ def _effects_of(
     """Return by scale the (k, m) changes of residuals if it is larger, parameters as they are."""
     if not {"p1", "p3"} <= {*cells.names} or not any(mass.mass for mass in carried):
         return {}
-    bare = LumpedParameters(**{n: value for n, value in cells.named.items() if n in TERMS})
+    fitted = {name: value for name, value in cells.named.items() if name in TERMS}
+    bare = LumpedParameters(**dict.fromkeys(PARAMETERS, 0.0) | fitted)
     loaded = [bare.with_added_mass(each) for each in carried]
     inertia = np.array([each.p1 - bare.p1 for each in loaded])
     gravity = np.array([each.p3 - bare.p3 for each in loaded])
