@@ -45,6 +45,7 @@ from butterfly.model.terms import PARAMETERS, TERMS, lower_bounds
 from butterfly.signals.frequency_response import first_counted
 
 _LONGEST_LAG = 2.0  # of the correlations, in s; a quarter of the errors at most
+_LARGE = 2.0  # times the noise, from which on a misfit may have biased friction
 _BY_CHANCE = 0.25  # share of logs that may be outside
 
 _NO_ERRORS = SensorErrors(step=0.0, noise=0.0)
@@ -235,7 +236,8 @@ def residuals_of(data: DataSet, estimate: Estimate, runs: Sequence[FreeRun] = ()
     result = Residuals(logs=())
     if sum(each.outside for each in judged) > _BY_CHANCE * len(every):
         logs = [each.run.log for each in found]
-        agreement, rivals = unknowns.contrasts(left, logs)
+        large = Residuals(logs=tuple(judged)).times > _LARGE
+        agreement, rivals = unknowns.contrasts(left, logs, large=large)
         missing, shares = unknowns.missing_terms(at, directions, logs)
         result = replace(result, missing=missing, agreement=agreement, rivals=rivals)
         both = zip(judged, shares.tolist(), strict=True)
@@ -383,7 +385,7 @@ class _Unknowns:
         return Equations(values=values, logs=tuple(each.equations for each in runs))
 
     def contrasts(
-        self, left: Equations, logs: Sequence[Log]
+        self, left: Equations, logs: Sequence[Log], *, large: bool
     ) -> tuple[tuple[Contrast, ...], tuple[Samples, ...]]:
         """Return the contrasts of residual equations, and (p,) values of their rivals."""
         names, count = labels_of(self.keys), cells_of(len(logs), len(self.keys))
@@ -393,7 +395,7 @@ class _Unknowns:
             values=left.values[: len(names)],
             on_bound=np.array([name in self.estimate.on_bound for name in names]),
         )
-        found, ends = contrasts_of(cells, Conditions.of(logs, count))
+        found, ends = contrasts_of(cells, Conditions.of(logs, count), large=large)
         return found, tuple(each[: self.estimate.values.size] for each in ends)
 
     def missing_terms(

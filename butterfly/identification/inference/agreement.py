@@ -38,7 +38,7 @@ from butterfly.identification.levels import (
     ROUNDING,
     SHOWS,
 )
-from butterfly.model.terms import PARAMETERS
+from butterfly.model.terms import DISSIPATIVE, PARAMETERS
 
 # of the largest torque, above which a contrast of steady responses counts: integration errors are
 # below; without it 3 of 57 sound robots had one (2 above this)
@@ -48,6 +48,8 @@ _LIMITS = {Condition.DIRECTION: (-1.0, 1.0), Condition.WEIGHED: ()}
 """Values of conditions at which their disturbance vanishes, where these are not 0."""
 
 _SCATTERS = ("coulomb", "p2", "p4")
+
+_FRICTION = tuple(row.name for row in DISSIPATIVE if row.name in PARAMETERS)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,19 +124,27 @@ def disagreements_of(
 
 
 def contrasts_of(
-    equations: CellEquations, conditions: Conditions
+    equations: CellEquations, conditions: Conditions, *, large: bool = False
 ) -> tuple[tuple[Contrast, ...], list[Samples]]:
-    """Return the same contrasts and those from log to log, and (n,) values of their rivals."""
-    accepted = _accepted(equations, conditions)
+    """Return the same contrasts and those from log to log, and (n,) values of their rivals.
+
+    Of a ``large`` misfit those that move friction are relevant, too. The rival of the first from
+    log to log is the first, and others are of a large misfit only.
+    """
+    accepted = _accepted(equations, conditions, large=large)
     every = [*(each for each, *_ in accepted), *from_log_to_log(equations.of_logs)]
     found = tuple(sorted(every, key=lambda each: -each.share))
+    ends = [end for *_, each in accepted for _, end in each]
     if found and found[0].condition is Condition.LOG:
         differing = differing_values(equations, found[0].parameter)
-        return found, [] if differing is None else [differing]
-    return found, [end for *_, each in accepted for _, end in each]
+        of_logs = equations.values if differing is None else differing
+        return found, [of_logs, *(ends if large else ())]
+    return found, ends
 
 
-def _accepted(equations: CellEquations, conditions: Conditions) -> list[_Accepted]:
+def _accepted(
+    equations: CellEquations, conditions: Conditions, *, large: bool = False
+) -> list[_Accepted]:
     asked = [*_of_parameters(equations, conditions), *_of_masses(equations, conditions)]
     tried = [found for each in asked if (found := _solved(equations, each))]
     tried.sort(key=lambda each: each.chance)
@@ -149,6 +159,7 @@ def _accepted(equations: CellEquations, conditions: Conditions) -> list[_Accepte
         place = 0 if not limits else equations.names.index(each.parameter)
         ends = [np.maximum(each.at(limit, place), equations.lower) for limit in limits]
         of = ("p1", "p4", *(("delay",) if each.condition is Condition.REGIME else ()))
+        of += _FRICTION if large else ()
         if _matters(equations, each, ends or [each.at_mean], of):
             pairs = list(zip(limits, ends, strict=True))
             accepted.append((_contrast(each, place, chance), each, pairs))
