@@ -44,6 +44,8 @@ class FindingKind(StrEnum):
     OMEGA_SET = "omega-set"  # or every omega
     # a term, and scales that may be wrong instead; share by which p1 would be
     LIKE_SCALE = "like-scale"
+    # a term that is not fitted, and parameters that it would move; the largest share
+    LIKE_TERM = "like-term"
     TORQUE_DRIVEN = "torque-driven"  # largest resistance in Ohm that the damping allows
     REST_DIFFERS = "rest-apart"  # rad between the rest angles with different masses
     ZERO_GUESSED = "zero-guessed"  # logs whose encoder zero is a guess

@@ -380,6 +380,11 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "this best: it was corrected. Check omega."
     ),
     FindingKind.LIKE_SCALE: lambda finding, _: _like_scale(finding),
+    FindingKind.LIKE_TERM: lambda finding, _: (
+        f"{finding.parameters[0]} is not fitted and would move {_both(finding.parameters[1:])} by "
+        f"{percent(_number(finding))}: these data cannot rule it out, and the intervals include "
+        "it. Add larger swings, or the term."
+    ),
     FindingKind.SIGN_UNKNOWN: (
         "The sign of {names} is not identifiable from the motion; the magnitude is given."
     ),

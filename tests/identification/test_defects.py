@@ -77,6 +77,23 @@ def test_a_cable_that_pulls_like_a_spring_is_no_bias():
     assert lower <= truth["p3"] <= upper < lower + 0.05 * truth["p3"]
 
 
+@pytest.mark.parametrize("number", [5, 18])
+def test_a_cable_of_which_a_bias_alone_is_fitted_is_a_rival_of_the_gravity_moment(number):
+    truth, found, limits = _found("spring", number, 1)
+    assert "bias" in found.names
+    assert "spring" not in found.names
+    (like,) = [each for each in found.findings if each.kind is FindingKind.LIKE_TERM]
+    assert like.parameters[:2] == ("spring", "p3")
+    for name in ("p1", "p3", "p4"):
+        lower, upper = limits[name]
+        assert lower <= truth[name] <= upper, name
+
+
+def test_a_spring_is_no_rival_where_no_bias_is_fitted():
+    _, found, _ = _found("own inertia", 1, 643)
+    assert FindingKind.LIKE_TERM not in {each.kind for each in found.findings}
+
+
 GIVING = "base, friction by log, regimes", 35, 9101
 
 

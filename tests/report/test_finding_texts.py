@@ -47,6 +47,7 @@ NUMBERS = {
     FindingKind.OMEGA_SET: (0.0042, "0.42 % faster"),
     FindingKind.SCATTER: (0.213, "21 %"),
     FindingKind.LIKE_SCALE: (0.00213, "0.21 %"),
+    FindingKind.LIKE_TERM: (0.0213, "2.1 %"),
     FindingKind.REST_DIFFERS: (0.131, "0.13 rad"),
     FindingKind.KNOWN_CONFLICT: (-0.021, "about 2.1 % smaller"),
     FindingKind.PRIOR_CONFLICT: (3.42, "3.4 standard errors"),

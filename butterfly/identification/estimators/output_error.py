@@ -38,6 +38,7 @@ from butterfly.identification.inference.infer import SolvedFit, infer
 from butterfly.identification.inference.linear_terms import candidates
 from butterfly.identification.levels import FEW, ROUNDING, SHOWS
 from butterfly.identification.problem import LOCAL, Key, Problem, ProblemOptions, Start
+from butterfly.identification.twin_terms import TwinTerm, spoken_for, twin_terms
 from butterfly.identification.weighed_logs import (
     WeighedLogs,
     stagewise_weighed,
@@ -216,6 +217,7 @@ class OutputError(Estimator):
             end, findings = with_scatter, (*findings, *weighed.findings)
             solved = problem.solved(end, cells=1)
         owned = problem.keys[problem.shared :]
+        twins = self._twins(fitted, known)
         beyond = solved.values + solved.next_step
         rivals = (*fitted.rivals, beyond[: problem.shared])
         found = SolvedFit(
@@ -229,12 +231,25 @@ class OutputError(Estimator):
             driven=is_driven(logs),
             timed=all(log.excitation for log in logs),
             rivals=rivals,
+            wider=[each.rival for each in twins],
             consider_covariance=_waits(logs, solved.names),
             fixed=self._fixed(problem),
-            findings=findings,
+            findings=(*findings, *(each.finding for each in twins)),
         )
         local, horizon = _local(owned, solved.values), self.horizon or math.inf
         return replace(infer(found), local=local, horizon=horizon)
+
+    def _twins(self, fitted: Fitted, known: Prior) -> list[TwinTerm]:
+        """Return the terms that are not fitted and that those which are speak for."""
+        problem, logs = fitted.problem, fitted.problem.logs
+        masses, terms = [log.added_mass for log in logs], {*problem.names} & {*offered(self.method)}
+        rows = candidates(spoken_for(problem.names), masses, known)
+        rows = tuple(name for name in rows if name not in self.fixed)
+        if not rows:
+            return []
+        wider = replace(self, terms=(*terms, *rows))
+        every = wider.problem(logs, Start(problem.start, problem.zeros), known)
+        return twin_terms(every, fitted, rows)
 
     def _require_known_once(self, known: Prior) -> None:
         """Raise InputError for what is known of the robot and yet fixed, or of mass or log."""

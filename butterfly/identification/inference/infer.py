@@ -72,6 +72,7 @@ class SolvedFit:
     # (n,) estimates from parts of the data; None: those without each added mass
     left_out: Mapping[Hashable, Samples] | None = None
     rivals: Sequence[Samples] = ()  # (shared,) values of other fits that predict as well
+    wider: Sequence[Rival] = ()  # the same with (shared,) half-widths of their own
     consider_covariance: Samples | None = None  # (n, n), by errors of quantities taken as given
     torques: bool = False  # whether residuals are torques, so that a misfit may bias any value
     fixed: dict[str, float] = field(default_factory=dict)  # values that were not fitted
@@ -95,6 +96,7 @@ class SolvedFit:
             shared=None if self.shared is None else self.shared + 1,
             known=given,
             rivals=[np.insert(each, at, value) for each in self.rivals],
+            wider=[Rival(*map(np.insert, each, (at, at), (value, 0.0))) for each in self.wider],
             consider_covariance=consider,
         )
 
@@ -124,7 +126,7 @@ def infer(solved: SolvedFit) -> Estimate:
     left_out, few = (fit.left_out, []) if fit.left_out is not None else without_each_mass(fit)
     count = np.unique(equations.log).size  # of logs; stretches of time vary less
     few_logs = [Finding(FindingKind.FEW_LOGS, number=count)] if fit.masses and count <= FEW else []
-    half = half_widths_of(fit, spread, left_out.values(), [*rivals, *scales])
+    half = half_widths_of(fit, spread, left_out.values(), rivals, scales)
     values = equations.values[robot]
     return Estimate(
         method=fit.method,
@@ -150,7 +152,11 @@ def infer(solved: SolvedFit) -> Estimate:
         fixed={name: value for name, value in fixed.items() if name not in names},
         agreement=contrasts,
         known=known,
-        rivals=(*fit.rivals, *(each.values[robot] for each in scales)),
+        rivals=(
+            *fit.rivals,
+            *(each.values for each in fit.wider),
+            *(each.values[robot] for each in scales),
+        ),
         freedom=freedom[robot],
     )
 
@@ -230,7 +236,8 @@ def half_widths_of(
     fit: SolvedFit,
     spread: Pair,
     left_out: Iterable[Samples],
-    rivals: Iterable[Rival | ScaleRival],
+    rivals: Iterable[Rival],
+    scales: Iterable[ScaleRival],
 ) -> Samples:
     """(shared,) half-widths by covariance and freedom, with partial estimates and rivals inside.
 
@@ -240,12 +247,9 @@ def half_widths_of(
     values, covariance, freedom = fit.equations.values[robot], spread[0][robot, robot], spread[1]
     half, partial = half_widths(covariance, freedom[robot]), [each[robot] for each in left_out]
     likely = [(each, half) for each in fit.rivals]
-    for each in rivals:
-        if isinstance(each, ScaleRival):
-            about = each.half_widths(*spread)[robot]
-        else:
-            about = np.minimum(each.half_widths[robot], half)
-        likely.append((each.values[robot], about))
+    likely += [(r.values[robot], np.minimum(r.half_widths[robot], half)) for r in rivals]
+    likely += [(r.values[robot], r.half_widths(*spread)[robot]) for r in scales]
+    likely += fit.wider
     found = honest_half_widths(values, half, partial, likely)
     if not fit.torques:
         return found
