@@ -46,6 +46,7 @@ class FindingKind(StrEnum):
     LIKE_SCALE = "like-scale"
     # a term that is not fitted, and parameters that it would move; the largest share
     LIKE_TERM = "like-term"
+    OFF_CENTRE = "off-centre"  # amplitude in rad of an encoder's error that repeats with the angle
     TORQUE_DRIVEN = "torque-driven"  # largest resistance in Ohm that the damping allows
     REST_DIFFERS = "rest-apart"  # rad between the rest angles with different masses
     ZERO_GUESSED = "zero-guessed"  # logs whose encoder zero is a guess

@@ -388,6 +388,12 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     FindingKind.SIGN_UNKNOWN: (
         "The sign of {names} is not identifiable from the motion; the magnitude is given."
     ),
+    FindingKind.OFF_CENTRE: lambda finding, _: (
+        "The error repeats with the angle, as of an encoder that is off its centre and reads up to "
+        f"{math.degrees(_number(finding)):.2g}° too much or too little. This scales the angle, and "
+        "p4 with it; the intervals include it. Centre the encoder, or check it against known "
+        "angles."
+    ),
     FindingKind.TORQUE_DRIVEN: _torque_driven,
     FindingKind.NOT_ESTIMATED: _not_estimated,
     FindingKind.UNDRIVEN: (

@@ -94,6 +94,24 @@ def test_a_spring_is_no_rival_where_no_bias_is_fitted():
     assert FindingKind.LIKE_TERM not in {each.kind for each in found.findings}
 
 
+@pytest.mark.parametrize("number", [0, 3, 4])
+def test_an_encoder_off_its_centre_is_seen_and_its_scale_is_in_the_gain(number):
+    truth, found, limits = _found("eccentric", number, 643)
+    (off,) = [each for each in found.findings if each.kind is FindingKind.OFF_CENTRE]
+    assert np.degrees(off.number) == pytest.approx(0.5, rel=0.25)
+    for name in ("p1", "p2", "p3", "p4", "coulomb"):
+        lower, upper = limits[name]
+        assert lower <= truth[name] <= upper, name
+    lower, upper = limits["p4"]
+    assert upper - lower < 0.02 * truth["p4"]
+
+
+@pytest.mark.parametrize(("row", "number"), [("control", 0), ("backlash", 2), ("spring", 1)])
+def test_no_other_defect_is_an_encoder_off_its_centre(row, number):
+    found = _found(row, number, 643)[1]
+    assert FindingKind.OFF_CENTRE not in {each.kind for each in found.findings}
+
+
 GIVING = "base, friction by log, regimes", 35, 9101
 
 

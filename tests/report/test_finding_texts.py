@@ -47,6 +47,7 @@ NUMBERS = {
     FindingKind.OMEGA_SET: (0.0042, "0.42 % faster"),
     FindingKind.SCATTER: (0.213, "21 %"),
     FindingKind.LIKE_SCALE: (0.00213, "0.21 %"),
+    FindingKind.OFF_CENTRE: (0.00873, "0.5°"),
     FindingKind.LIKE_TERM: (0.0213, "2.1 %"),
     FindingKind.REST_DIFFERS: (0.131, "0.13 rad"),
     FindingKind.KNOWN_CONFLICT: (-0.021, "about 2.1 % smaller"),
@@ -79,7 +80,7 @@ NAMELESS = OF_LOGS | {
     *(FindingKind.TORQUE_DRIVEN, FindingKind.NO_UNCERTAINTY),
     *(FindingKind.ABSOLUTE, FindingKind.RATIOS, FindingKind.FOLLOWED, FindingKind.EARLY),
     *(FindingKind.MISFIT, FindingKind.NO_MISFIT),
-    *(FindingKind.CLOCK_SET, FindingKind.OMEGA_SET),
+    *(FindingKind.CLOCK_SET, FindingKind.OMEGA_SET, FindingKind.OFF_CENTRE),
 }
 SLIPS = {FindingKind.UNIT_ERROR, FindingKind.SUSPECTED, FindingKind.ASKED}
 PLAIN = [kind for kind in FindingKind if kind not in SLIPS]

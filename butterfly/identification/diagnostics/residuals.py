@@ -21,10 +21,11 @@ from numpy.typing import NDArray
 from butterfly.arrays import Samples, take_away
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.encoder_errors import OffCentre, off_centre
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Equations, LogEquations
 from butterfly.identification.free_run import FreeRun, Setting
-from butterfly.identification.inference.agreement import Contrast, contrasts_of
+from butterfly.identification.inference.agreement import Contrast, Rival, contrasts_of
 from butterfly.identification.inference.blocks import Conditions, cells_of, independent_cells_of
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.linear_terms import (
@@ -35,7 +36,7 @@ from butterfly.identification.inference.linear_terms import (
 )
 from butterfly.identification.inference.stagewise import stagewise
 from butterfly.identification.inference.submodels import submodels_of
-from butterfly.identification.levels import DRAWS, PRECISE, SHOWS, SPREADS
+from butterfly.identification.levels import DRAWS, LOST, PRECISE, SHOWS, SPREADS
 from butterfly.identification.predict import covariance_root, honest_covariance
 from butterfly.identification.problem import Key, columns_of, labels_of
 from butterfly.identification.sensor_errors import Curve, SensorErrors, correlations
@@ -45,7 +46,6 @@ from butterfly.model.terms import PARAMETERS, TERMS, lower_bounds
 from butterfly.signals.frequency_response import first_counted
 
 _LONGEST_LAG = 2.0  # of the correlations, in s; a quarter of the errors at most
-_LARGE = 2.0  # times the noise, from which on a misfit may have biased friction
 _BY_CHANCE = 0.25  # share of logs that may be outside
 
 _NO_ERRORS = SensorErrors(step=0.0, noise=0.0)
@@ -146,6 +146,7 @@ class Residuals:
     # contrasts between conditions, where sensors do not explain the residuals; and (n,) rivals
     agreement: tuple[Contrast, ...] = ()
     rivals: tuple[Samples, ...] = ()
+    encoder: OffCentre | None = None  # where errors repeat with the angle
 
     @property
     def outside(self) -> int:
@@ -187,7 +188,8 @@ class Residuals:
         """Findings: relative residual, its ratio to the sensors' errors, and missing terms."""
         kind = FindingKind.MISFIT if self.beyond_sensors else FindingKind.NO_MISFIT
         followed = Finding(FindingKind.FOLLOWED, number=self.left)
-        return [followed, Finding(kind, number=self.times), *self.missing.findings]
+        off = [self.encoder.finding] if self.encoder else []
+        return [followed, Finding(kind, number=self.times), *off, *self.missing.findings]
 
     def numbers(self) -> dict[str, Any]:
         """Return it for programs but for its findings: shares of the rms motion, over all logs."""
@@ -233,10 +235,10 @@ def residuals_of(data: DataSet, estimate: Estimate, runs: Sequence[FreeRun] = ()
         each.judged(rest.residuals, *drawn)
         for (each, rest), drawn in zip(pairs, draws, strict=True)
     ]
-    result = Residuals(logs=())
+    result = Residuals(logs=(), encoder=unknowns.off_centre(at, found))
     if sum(each.outside for each in judged) > _BY_CHANCE * len(every):
         logs = [each.run.log for each in found]
-        large = Residuals(logs=tuple(judged)).times > _LARGE
+        large = Residuals(logs=tuple(judged)).times > 1 / LOST  # most is no noise
         agreement, rivals = unknowns.contrasts(left, logs, large=large)
         missing, shares = unknowns.missing_terms(at, directions, logs)
         result = replace(result, missing=missing, agreement=agreement, rivals=rivals)
@@ -278,6 +280,15 @@ class _RunErrors:
             each[self.first :] - each[self.first :].mean() for each in (log.time, log.measured)
         )
         return SHOWS * float(np.std(angle - time * ((time @ angle) / (time @ time))))
+
+    @property
+    def waves(self) -> Samples:
+        """(m, 2) relative effects on the errors of a reading that is a sine or cosine more."""
+        _, middles, _ = self.averages
+        angle = np.interp(middles, self.run.log.time, self.run.simulated)
+        read = np.column_stack([-np.sin(angle), -np.cos(angle)])
+        _take_away(self.starts, read)
+        return np.asarray(read / (self.blank.motion * middles.size**0.5))
 
     def drawn(self, left: Samples, random: np.random.Generator) -> tuple[SensorErrors, Samples]:
         """Return the sensor by (m,) residuals, and (m, k) draws of its errors; k is 0 if white."""
@@ -397,6 +408,15 @@ class _Unknowns:
         )
         found, ends = contrasts_of(cells, Conditions.of(logs, count), large=large)
         return found, tuple(each[: self.estimate.values.size] for each in ends)
+
+    def off_centre(self, at: Equations, runs: Sequence[_RunErrors]) -> OffCentre | None:
+        """Return the eccentricity of the encoder that errors show, if any, with (p,) values."""
+        logs = [each.run.log for each in runs]
+        if self.estimate.joint is not JointKind.HINGE or any(log.integrated for log in logs):
+            return None
+        masses, size = [log.added_mass for log in logs], self.estimate.values.size
+        found = off_centre(at, labels_of(self.keys), [each.waves for each in runs], masses)
+        return found and replace(found, rival=Rival(*(each[:size] for each in found.rival)))
 
     def missing_terms(
         self, at: Equations, directions: Samples, logs: Sequence[Log]
