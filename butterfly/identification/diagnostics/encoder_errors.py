@@ -8,7 +8,7 @@ values, so that these are what they would be with a centred disc.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +16,7 @@ from scipy.special import fdtrc
 
 from butterfly.arrays import Samples, standard_error
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.fit import Equations
+from butterfly.identification.fit import Equations, LogEquations
 from butterfly.identification.inference.agreement import Rival
 from butterfly.identification.inference.blocks import independent_cells_of
 from butterfly.identification.inference.covariance import cluster_covariance, half_widths
@@ -42,7 +42,7 @@ class OffCentre:
 
 
 def off_centre(
-    at: Equations, names: Sequence[str], waves: Sequence[Samples], masses: Sequence[AddedMass]
+    at: Equations, names: Sequence[str], waves: Iterable[Samples], masses: Sequence[AddedMass]
 ) -> OffCentre | None:
     """Return the eccentricity that errors of free runs show, by the first n unknowns; or none.
 
@@ -50,16 +50,11 @@ def off_centre(
     joints have, its chance is below 1 %, and it predicts the logs of other masses better.
     """
     count, every = len(names), (*names, *_WAVES)
-    logs = []
-    for log, wave in zip(at.logs, waves, strict=True):
-        kept = log.columns < count
-        columns = np.append(log.columns[kept], [count, count + 1])
-        rows = np.column_stack([log.rows[:, kept], wave])
-        logs.append(replace(log, rows=rows, columns=columns))
+    parts = independent_cells_of(len(at.logs), len(every))
+    pairs = zip(at.logs, waves, strict=True)
+    logs = tuple(_with_waves(log, wave, count, parts) for log, wave in pairs)
     values = np.append(at.values[:count], np.zeros(len(_WAVES)))
-    cells = Equations(values=values, logs=tuple(logs)).cells(
-        every, lower_bounds(every), independent_cells_of(len(logs), len(every))
-    )
+    cells = Equations(values=values, logs=logs).cells(every, lower_bounds(every), parts)
     nested = submodels_of(cells, masses, 0.0)
     without, whole = np.arange(len(every)) < count, np.ones(len(every), dtype=bool)
     masks = np.array([without, whole])
@@ -77,3 +72,15 @@ def off_centre(
         return None
     rival = Rival(found[:count], half_widths(covariance, freedom)[:count])
     return OffCentre(amplitude=float(np.hypot(*found[count:])), rival=rival)
+
+
+def _with_waves(log: LogEquations, wave: Samples, count: int, parts: int) -> LogEquations:
+    """Return equivalent equations, few for each part, of the first unknowns and two waves."""
+    kept = log.columns < count
+    whole = replace(
+        log,
+        rows=np.column_stack([log.rows[:, kept], wave]),
+        columns=np.append(log.columns[kept], [count, count + 1]),
+    )
+    rows, residuals = whole.compressed(parts)
+    return replace(whole, rows=rows.reshape(-1, rows.shape[2]), residuals=residuals.ravel())

@@ -415,7 +415,7 @@ class _Unknowns:
         if self.estimate.joint is not JointKind.HINGE or any(log.integrated for log in logs):
             return None
         masses, size = [log.added_mass for log in logs], self.estimate.values.size
-        found = off_centre(at, labels_of(self.keys), [each.waves for each in runs], masses)
+        found = off_centre(at, labels_of(self.keys), (each.waves for each in runs), masses)
         return found and replace(found, rival=Rival(*(each[:size] for each in found.rival)))
 
     def missing_terms(
