@@ -96,6 +96,8 @@ def judge(
     residuals = residuals or residuals_of(data, found)
     contrasted = found.with_contrasts(residuals.agreement, residuals.rivals)
     contrasted = contrasted.holding(*residuals.encoder.rival) if residuals.encoder else contrasted
+    for friction in residuals.of_friction:
+        contrasted = contrasted.holding(friction)
     judged_so_far = contrasted.holding(residuals.missing.rival).with_findings(
         *judge_physics(found, data.masses),
         *([data.correction] if data.correction else []),

@@ -25,7 +25,12 @@ from butterfly.identification.diagnostics.encoder_errors import OffCentre, off_c
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Equations, LogEquations
 from butterfly.identification.free_run import FreeRun, Setting
-from butterfly.identification.inference.agreement import Contrast, Rival, contrasts_of
+from butterfly.identification.inference.agreement import (
+    Contrast,
+    Rival,
+    contrasts_of,
+    friction_rivals,
+)
 from butterfly.identification.inference.blocks import Conditions, cells_of, independent_cells_of
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.linear_terms import (
@@ -146,6 +151,7 @@ class Residuals:
     # contrasts between conditions, where sensors do not explain the residuals; and (n,) rivals
     agreement: tuple[Contrast, ...] = ()
     rivals: tuple[Samples, ...] = ()
+    of_friction: tuple[Samples, ...] = ()  # (n,) rivals of friction alone, by a large misfit
     encoder: OffCentre | None = None  # where errors repeat with the angle
 
     @property
@@ -239,9 +245,10 @@ def residuals_of(data: DataSet, estimate: Estimate, runs: Sequence[FreeRun] = ()
     if sum(each.outside for each in judged) > _BY_CHANCE * len(every):
         logs = [each.run.log for each in found]
         large = Residuals(logs=tuple(judged)).times > 1 / LOST  # most is no noise
-        agreement, rivals = unknowns.contrasts(left, logs, large=large)
+        agreement, rivals, friction = unknowns.contrasts(left, logs)
         missing, shares = unknowns.missing_terms(at, directions, logs)
         result = replace(result, missing=missing, agreement=agreement, rivals=rivals)
+        result = replace(result, of_friction=friction if large else ())
         both = zip(judged, shares.tolist(), strict=True)
         judged = [replace(each, share=share) for each, share in both]
     following = iter(judged)
@@ -396,9 +403,9 @@ class _Unknowns:
         return Equations(values=values, logs=tuple(each.equations for each in runs))
 
     def contrasts(
-        self, left: Equations, logs: Sequence[Log], *, large: bool
-    ) -> tuple[tuple[Contrast, ...], tuple[Samples, ...]]:
-        """Return the contrasts of residual equations, and (p,) values of their rivals."""
+        self, left: Equations, logs: Sequence[Log]
+    ) -> tuple[tuple[Contrast, ...], tuple[Samples, ...], tuple[Samples, ...]]:
+        """Return the contrasts of residual equations, and (p,) values of rivals and of friction."""
         names, count = labels_of(self.keys), cells_of(len(logs), len(self.keys))
         unknowns = left.in_steps(np.eye(left.values.size, len(names)))
         cells = replace(
@@ -406,8 +413,12 @@ class _Unknowns:
             values=left.values[: len(names)],
             on_bound=np.array([name in self.estimate.on_bound for name in names]),
         )
-        found, ends = contrasts_of(cells, Conditions.of(logs, count), large=large)
-        return found, tuple(each[: self.estimate.values.size] for each in ends)
+        conditions, size = Conditions.of(logs, count), self.estimate.values.size
+        found, ends = contrasts_of(cells, conditions)
+        same, own = cells.values[:size], self.estimate.values  # which small changes tell apart
+        friction = (each[:size] for each in friction_rivals(cells, conditions))
+        of_friction = tuple(np.where(each == same, own, each) for each in friction)
+        return found, tuple(each[:size] for each in ends), of_friction
 
     def off_centre(self, at: Equations, runs: Sequence[_RunErrors]) -> OffCentre | None:
         """Return the eccentricity of the encoder that errors show, if any, with (p,) values."""

@@ -49,7 +49,8 @@ _LIMITS = {Condition.DIRECTION: (-1.0, 1.0), Condition.WEIGHED: ()}
 
 _SCATTERS = ("coulomb", "p2", "p4")
 
-_FRICTION = tuple(row.name for row in DISSIPATIVE if row.name in PARAMETERS)
+_OF_SCALE = ("p1", "p4")
+_OF_FRICTION = tuple(row.name for row in DISSIPATIVE)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,26 +125,31 @@ def disagreements_of(
 
 
 def contrasts_of(
-    equations: CellEquations, conditions: Conditions, *, large: bool = False
+    equations: CellEquations, conditions: Conditions
 ) -> tuple[tuple[Contrast, ...], list[Samples]]:
-    """Return the same contrasts and those from log to log, and (n,) values of their rivals.
-
-    Of a ``large`` misfit those that move friction are relevant, too. The rival of the first from
-    log to log is the first, and others are of a large misfit only.
-    """
-    accepted = _accepted(equations, conditions, large=large)
+    """Return the same contrasts and those from log to log, and (n,) values of their rivals."""
+    accepted = _accepted(equations, conditions)
     every = [*(each for each, *_ in accepted), *from_log_to_log(equations.of_logs)]
     found = tuple(sorted(every, key=lambda each: -each.share))
-    ends = [end for *_, each in accepted for _, end in each]
     if found and found[0].condition is Condition.LOG:
         differing = differing_values(equations, found[0].parameter)
-        of_logs = equations.values if differing is None else differing
-        return found, [of_logs, *(ends if large else ())]
-    return found, ends
+        return found, [] if differing is None else [differing]
+    return found, [end for *_, each in accepted for _, end in each]
+
+
+def friction_rivals(equations: CellEquations, conditions: Conditions) -> list[Samples]:
+    """Return (n,) values of which friction is that of the significant contrasts that move it.
+
+    Where most of the error is no noise, it may stand for what the model lacks.
+    """
+    friction = np.isin(equations.names, _OF_FRICTION)
+    of = tuple(name for name in _OF_FRICTION if name in PARAMETERS)
+    accepted = _accepted(equations, conditions, of)
+    return [np.where(friction, end, equations.values) for *_, e in accepted for _, end in e]
 
 
 def _accepted(
-    equations: CellEquations, conditions: Conditions, *, large: bool = False
+    equations: CellEquations, conditions: Conditions, of: tuple[str, ...] = _OF_SCALE
 ) -> list[_Accepted]:
     asked = [*_of_parameters(equations, conditions), *_of_masses(equations, conditions)]
     tried = [found for each in asked if (found := _solved(equations, each))]
@@ -158,9 +164,8 @@ def _accepted(
             limits = float(each.x.min()), float(each.x.max())
         place = 0 if not limits else equations.names.index(each.parameter)
         ends = [np.maximum(each.at(limit, place), equations.lower) for limit in limits]
-        of = ("p1", "p4", *(("delay",) if each.condition is Condition.REGIME else ()))
-        of += _FRICTION if large else ()
-        if _matters(equations, each, ends or [each.at_mean], of):
+        moved = (*of, *(("delay",) if each.condition is Condition.REGIME else ()))
+        if _matters(equations, each, ends or [each.at_mean], moved):
             pairs = list(zip(limits, ends, strict=True))
             accepted.append((_contrast(each, place, chance), each, pairs))
     return sorted(accepted, key=lambda each: -each[0].share)

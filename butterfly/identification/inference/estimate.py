@@ -337,10 +337,10 @@ class Estimate:
         found = self._as_wide_as(np.hypot(self.farther, wider)).with_findings(told)
         return replace(found, covariance=self.covariance + covariance)
 
-    def with_contrasts(self, more: tuple[Contrast, ...], rivals: Sequence[Samples]) -> Estimate:
+    def with_contrasts(self, more: tuple[Contrast, ...], rivals: Iterable[Samples]) -> Estimate:
         """Return the estimate with contrasts of its free runs first, if they explain more.
 
-        Its limits then include rivals of (n,) values too, but not the first of a scatter by which
+        Its limits then include rivals of (n,) values too, unless the first is a scatter by which
         its logs were weighted. Its contrasts from log to log are not compared: steady responses
         have few rows per log.
         """
@@ -353,7 +353,7 @@ class Estimate:
         scatters = (each for each in self.findings if each.kind is FindingKind.SCATTER)
         of_logs = more[0].condition is Condition.LOG
         weighted = of_logs and any(more[0].parameter in each.parameters for each in scatters)
-        for rival in rivals[weighted:]:
+        for rival in () if weighted else rivals:
             estimate = estimate.holding(rival)
         return estimate
 

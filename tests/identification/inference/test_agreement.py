@@ -8,12 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize_scalar
 
-from butterfly.identification.findings import Finding, FindingKind
+from butterfly.identification.findings import FindingKind
 from butterfly.identification.inference.agreement import (
     Contrast,
     contrasts_of,
     differing_values,
     disagreements_of,
+    friction_rivals,
     weighed_within,
 )
 from butterfly.identification.inference.blocks import Condition, Conditions
@@ -103,29 +104,16 @@ def test_intervals_hold_what_would_be_at_the_limit():
     assert Estimate.from_dict(found.to_dict()).agreement == found.agreement
 
 
-def test_friction_that_follows_a_condition_is_a_rival_only_where_the_misfit_is_large():
+def test_friction_that_follows_a_condition_is_a_rival_of_friction_alone():
     """It explains 2 % of the squared error, and moves friction by more than 1 %."""
     _, _, equations = _problem(4, _following(COMMAND, 0.009 * UNITS[2]))
-    names = ("p1", "p3", "coulomb")
-    of_friction = replace(equations, names=names, on_bound=np.zeros(3, dtype=bool))
+    of_friction = replace(equations, names=("p1", "p3", "coulomb"))
     assert contrasts_of(of_friction, _conditions()) == ((), [])
-    (best,), (rival,) = contrasts_of(of_friction, _conditions(), large=True)
-    assert (best.parameter, best.condition) == ("coulomb", Condition.COMMAND)
-    assert best.share < 0.05
-    limits = infer(_fit(of_friction)).with_contrasts((best,), [rival]).limits_of("coulomb", 0.0)
+    (rival,) = friction_rivals(of_friction, _conditions())
+    np.testing.assert_array_equal(rival[:2], equations.values[:2])
+    limits = infer(_fit(of_friction)).holding(rival).limits_of("coulomb", 0.0)
     assert limits[0] <= TRUTH[2] <= limits[1]
-
-
-def test_a_scatter_by_which_logs_were_weighted_is_no_rival_and_what_is_beside_it_is():
-    scatter = Finding(FindingKind.SCATTER, ("p4",), number=0.1)
-    found = infer(_fit(_problem(4)[2], findings=[scatter]))
-    first = Contrast(
-        parameter="p4", condition=Condition.LOG, least=0.0, largest=11.0, first=0.019, last=0.021,
-        share=0.9, chance=0.0,
-    )  # fmt: skip
-    of_logs, other = (found.values * (1 + share) for share in (0.5, 0.1))
-    wide = found.with_contrasts((first,), [of_logs, other])
-    np.testing.assert_allclose(wide.farther, 0.1 * found.values + found.farther)
+    assert not friction_rivals(equations, _conditions())  # of an input, p4
 
 
 def test_rivals_of_unweighted_equations_move_with_the_values_of_the_fit():
