@@ -44,7 +44,11 @@ class FindingKind(StrEnum):
     CLOCK_SET = "clock-set"  # the same where all timestamps were multiplied by 1 more than it
     OMEGA_SET = "omega-set"  # or every omega
     STRAIGHT = "straight"  # logs whose input goes straight between samples, as nobody says
-    LIKE_CLOCK = "like-clock"  # the same, of a clock error that looks like a term
+    # a term, and scales that may be wrong instead; share by which p1 would be
+    LIKE_SCALE = "like-scale"
+    # a term that is not fitted, and parameters that it would move; the largest share
+    LIKE_TERM = "like-term"
+    OFF_CENTRE = "off-centre"  # amplitude in rad of an encoder's error that repeats with the angle
     TORQUE_DRIVEN = "torque-driven"  # largest resistance in Ohm that the damping allows
     REST_DIFFERS = "rest-apart"  # rad between the rest angles with different masses
     ZERO_GUESSED = "zero-guessed"  # logs whose encoder zero is a guess

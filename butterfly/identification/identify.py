@@ -99,6 +99,9 @@ def judge(
     followed = list(range(len(data.logs))) if segmented else data.counted
     residuals = residuals or residuals_of(data, found)
     contrasted = found.with_contrasts(residuals.agreement, residuals.rivals)
+    contrasted = contrasted.holding(*residuals.encoder.rival) if residuals.encoder else contrasted
+    for friction in residuals.of_friction:
+        contrasted = contrasted.holding(friction)
     judged_so_far = contrasted.holding(residuals.missing.rival).with_findings(
         *judge_physics(found, data.masses),
         *([data.correction] if data.correction else []),

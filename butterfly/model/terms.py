@@ -78,6 +78,7 @@ class Term:
     # Name of a residual torque of this shape; empty if not searched for
     looks_like: str = ""
     follows: frozenset[str] = frozenset()  # Terms of which it needs one
+    shows_as: frozenset[str] = frozenset()  # Terms of which it leaves one where it is not fitted
     # Names of the estimators that can estimate it when asked to
     offered: frozenset[str] = frozenset()
     tried: Literal["", "common", "rare"] = ""  # How common it is, if it is tried unasked
@@ -359,7 +360,7 @@ _ROWS = (
     Term("spring", "spring", "N m/rad",
          "stiffness towards angle 0, as of a cable or flexure",
          lower=0.0, basis=lambda m: m.angle, potential=lambda x, _n: 0.5 * x**2,
-         describing=lambda _w, a, _m: np.ones_like(a),
+         shows_as=frozenset({"bias"}), describing=lambda _w, a, _m: np.ones_like(a),
          looks_like="a spring", offered=frozenset({_WEAK, _OUTPUT}), tried="rare"),
     Term("p3_offset", "p₃ offset", "N m",
          "gravity moment of a centre of mass off the line from pivot to added mass",

@@ -260,6 +260,16 @@ def _missing_term(finding: Finding, _: Values) -> str:
     )
 
 
+def _like_scale(finding: Finding) -> str:
+    term, *scales = finding.parameters
+    either = " or ".join(_RESTS_ON[name].partition(" (")[0] for name in scales)
+    return (
+        f"These data cannot tell {term} from an error of {either} that moves p1 by "
+        f"{percent(_number(finding))}: the intervals include both. Check "
+        f"{'it' if len(scales) == 1 else 'them'}."
+    )
+
+
 def _scatter(*findings: Finding) -> str:
     sizes = (f"{', '.join(each.parameters)} by {percent(_number(each))}" for each in findings)
     return f"Scatter between logs: {'; '.join(sizes)}."
@@ -403,11 +413,20 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "better than held values, and were taken. If that is right, set intersample: "
         "first_order_hold in the manifest."
     ),
-    FindingKind.LIKE_CLOCK: (
-        "These data cannot distinguish {names} from a clock error of {percent:+.2g} %."
+    FindingKind.LIKE_SCALE: lambda finding, _: _like_scale(finding),
+    FindingKind.LIKE_TERM: lambda finding, _: (
+        f"{finding.parameters[0]} is not fitted and would move {_both(finding.parameters[1:])} by "
+        f"{percent(_number(finding))}: these data cannot rule it out, and the intervals include "
+        "it. Add larger swings, or the term."
     ),
     FindingKind.SIGN_UNKNOWN: (
         "The sign of {names} is not identifiable from the motion; the magnitude is shown."
+    ),
+    FindingKind.OFF_CENTRE: lambda finding, _: (
+        "The error repeats with the angle, as of an encoder that is off its centre and reads up to "
+        f"{math.degrees(_number(finding)):.2g}° too much or too little. This scales the angle, and "
+        "p4 with it; the intervals include it. Centre the encoder, or check it against known "
+        "angles."
     ),
     FindingKind.TORQUE_DRIVEN: _torque_driven,
     FindingKind.NOT_ESTIMATED: _not_estimated,

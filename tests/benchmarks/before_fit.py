@@ -15,7 +15,7 @@ import numpy as np
 import butterfly as bf
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.before_fit import Told, forecast
-from butterfly.identification.inference.blocks import Condition, Conditions
+from butterfly.identification.inference.blocks import pace_of
 from butterfly.identification.levels import PRECISE
 from butterfly.model.prior import Prior
 from butterfly.model.terms import PARAMETERS
@@ -177,7 +177,7 @@ def scored(kind, number, seed):
         found = bf.identify(data).estimate
     except bf.ButterflyError:
         found = None
-    squares = Conditions.of(data.logs, 1).values[Condition.FREQUENCY]
+    fastest = max(map(pace_of, data.logs))
     rows = []
     for each in forecasts:
         width = error = math.inf
@@ -187,7 +187,7 @@ def scored(kind, number, seed):
             value = found.named[each.name]
             width, size = found.relative_half_widths[each.name], abs(truth[each.name])
             if each.name == "delay":
-                size = float(squares.max()) ** -0.5
+                size = 1 / fastest
                 width = float(found.farther[found.names.index("delay")]) / size
             error = abs(value - truth[each.name]) / size if size else math.inf
         rows.append(Row(each.name, f"{kind} {number}", each.word, width, error))

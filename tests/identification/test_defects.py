@@ -1,5 +1,6 @@
 """Benches with a defect: the answer holds what is true, and what itself says besides."""
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -32,13 +33,41 @@ def test_friction_that_falls_in_each_log_is_known_as_far_as_it_is_said_to_fall()
     assert upper - lower > contrast.first - contrast.last
 
 
+def _rival_scales(found):
+    alike = [each for each in found.findings if each.kind is FindingKind.LIKE_SCALE]
+    return {name for each in alike for name in each.parameters[1:]}
+
+
 @pytest.mark.parametrize("number", [2, 5])  # chirps, on stamps that are short, and long
 def test_stamps_that_are_off_by_a_share_are_a_rival_of_what_masses_show(number):
     truth, found, limits = _found("clock", number)
-    assert FindingKind.LIKE_CLOCK in {each.kind for each in found.findings}
+    assert "time_scale" in _rival_scales(found)
     for name in ("p1", "p2", "p3", "p4", "coulomb"):
         lower, upper = limits[name]
         assert lower <= truth[name] <= upper, name
+
+
+@pytest.mark.parametrize(("row", "scale"), [("level", "gravity_scale"), ("arm", "arm")])
+def test_a_bench_out_of_level_and_arms_told_wrong_are_rivals_of_what_masses_show(row, scale):
+    truth, found, limits = _found(row, 1, 643)
+    assert scale in _rival_scales(found)
+    assert "time_scale" not in _rival_scales(found)  # sines of known frequency show the clock
+    for name in ("p1", "p2", "p3", "p4", "coulomb"):
+        lower, upper = limits[name]
+        assert lower <= truth[name] <= upper, name
+        assert upper - lower < 0.03 * truth[name]
+
+
+def test_arms_that_are_measured_are_no_rival_and_what_no_bench_is_off_by_neither():
+    logs = draw("arm", 1, 643).logs
+    masses = [replace(log.added_mass, arm_uncertainty=1e-5) for log in logs]
+    measured = [replace(log, added_mass=mass) for log, mass in zip(logs, masses, strict=True)]
+    found = bf.identify(measured, OutputError(workers=1)).estimate
+    assert "mass_inertia" in found.names
+    assert not _rival_scales(found)
+    _, own, _ = _found("own inertia", 1, 643)
+    assert own.named["mass_inertia"] == pytest.approx(0.05, rel=0.01)
+    assert not _rival_scales(own)
 
 
 def test_a_cable_that_pulls_like_a_spring_is_no_bias():
@@ -46,6 +75,49 @@ def test_a_cable_that_pulls_like_a_spring_is_no_bias():
     assert "spring" in found.names
     lower, upper = limits["p3"]
     assert lower <= truth["p3"] <= upper < lower + 0.05 * truth["p3"]
+
+
+@pytest.mark.parametrize("number", [5, 18])
+def test_a_cable_of_which_a_bias_alone_is_fitted_is_a_rival_of_the_gravity_moment(number):
+    truth, found, limits = _found("spring", number, 1)
+    assert "bias" in found.names
+    assert "spring" not in found.names
+    (like,) = [each for each in found.findings if each.kind is FindingKind.LIKE_TERM]
+    assert like.parameters[:2] == ("spring", "p3")
+    for name in ("p1", "p3", "p4"):
+        lower, upper = limits[name]
+        assert lower <= truth[name] <= upper, name
+
+
+def test_a_spring_is_no_rival_where_no_bias_is_fitted():
+    _, found, _ = _found("own inertia", 1, 643)
+    assert FindingKind.LIKE_TERM not in {each.kind for each in found.findings}
+
+
+@pytest.mark.parametrize("number", [0, 3, 4])
+def test_an_encoder_off_its_centre_is_seen_and_its_scale_is_in_the_gain(number):
+    truth, found, limits = _found("eccentric", number, 643)
+    (off,) = [each for each in found.findings if each.kind is FindingKind.OFF_CENTRE]
+    assert np.degrees(off.number) == pytest.approx(0.5, rel=0.25)
+    for name in ("p1", "p2", "p3", "p4", "coulomb"):
+        lower, upper = limits[name]
+        assert lower <= truth[name] <= upper, name
+    lower, upper = limits["p4"]
+    assert upper - lower < 0.02 * truth["p4"]
+
+
+@pytest.mark.parametrize(("row", "number"), [("control", 0), ("backlash", 2), ("spring", 1)])
+def test_no_other_defect_is_an_encoder_off_its_centre(row, number):
+    found = _found(row, number, 643)[1]
+    assert FindingKind.OFF_CENTRE not in {each.kind for each in found.findings}
+
+
+def test_a_misfit_that_a_saturation_leaves_widens_friction_and_not_the_inertia():
+    _, found, _ = _found("saturation", 54, 1)
+    widths = found.relative_half_widths
+    assert widths["p1"] < 0.002
+    assert widths["p2"] > 0.01  # 0.2 % by the equations alone
+    assert widths["coulomb"] > 0.1
 
 
 GIVING = "base, friction by log, regimes", 35, 9101

@@ -165,6 +165,27 @@ def _scaled(rng, *_):
     return bodies.Bench(notes=lambda log: _told_mass(log, factor))
 
 
+def _level(rng, *_):
+    """The bench is tilted by 4 to 8 degrees, though added masses are told to hang straight down.
+
+    The joint's own gravity moment is that of the tilted bench.
+    """
+    lost = 1.0 - math.cos(math.radians(rng.uniform(4.0, 8.0)))
+    return bodies.Bench(
+        joint=lambda joint, mass, _: joint._replace(
+            gravity=joint.gravity - lost * mass.mass * bodies.GRAVITY * mass.arm
+        )
+    )
+
+
+def _arm(rng, *_):
+    """All arms are told 1 % wrong."""
+    factor = 1.0 + 0.01 * rng.choice([-1.0, 1.0])
+    return bodies.Bench(
+        notes=lambda log: replace(log, mass=log.mass._replace(arm=factor * log.mass.arm))
+    )
+
+
 def _told_mass(log, factor):
     return replace(log, mass=log.mass._replace(mass=factor * log.mass.mass))
 
@@ -282,4 +303,6 @@ ROWS = {
     "base, friction by log, regimes": Row(
         _together(_base, _friction_by_log, _regimes), ("p1", "p2", "coulomb"), r"\bbase\b"
     ),
+    "level": Row(_level),
+    "arm": Row(_arm),
 }

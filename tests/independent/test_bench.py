@@ -39,6 +39,10 @@ def test_a_joint_on_a_defective_bench_is_the_one_that_its_row_describes():
     np.testing.assert_allclose(ends, [1.1, 0.9])
     warm = _changed("resistance", BODY.masses[2])
     assert warm == {"gain": pytest.approx(1 / 1.05), "viscous": pytest.approx(0.5 + 0.5 / 1.05)}
+    tilted = _changed("level")
+    assert set(tilted) == {"gravity"}
+    lost = (1 - tilted["gravity"]) * (JOINT.gravity + 0.5 * 9.81) / (0.5 * 9.81)
+    assert 4 < np.degrees(np.arccos(1 - lost)) < 8
     assert _changed("spring")["spring"] == pytest.approx(0.1 * JOINT.gravity)
     base = _changed("base")
     assert base["imbalance"] == pytest.approx(1.0 + 0.5)  # kg m
@@ -73,6 +77,8 @@ def test_notes_are_wrong_by_what_their_rows_say():
     scales = [_made("scale").notes(replace(LOG, mass=mass)).mass.mass for mass in BODY.masses]
     assert abs(scales[1] - 1.0) == pytest.approx(0.03)
     assert scales[2] == pytest.approx(2 * scales[1])
+    arms = [_made("arm").notes(replace(LOG, mass=mass)).mass.arm for mass in BODY.masses]
+    assert abs(arms[1] / 0.5 - 1.0) == pytest.approx(0.01)
     weighed = [_made("weighed").notes(replace(LOG, mass=mass)).mass.mass for mass in BODY.masses]
     assert weighed[0] == 0
     assert weighed[1] + weighed[2] / 2 == pytest.approx(2.0)

@@ -46,7 +46,9 @@ NUMBERS = {
     FindingKind.CLOCK_SET: (0.0042, "0.42 % faster"),
     FindingKind.OMEGA_SET: (0.0042, "0.42 % faster"),
     FindingKind.SCATTER: (0.213, "21 %"),
-    FindingKind.LIKE_CLOCK: (0.00213, "+0.21 %"),
+    FindingKind.LIKE_SCALE: (0.00213, "0.21 %"),
+    FindingKind.OFF_CENTRE: (0.00873, "0.5°"),
+    FindingKind.LIKE_TERM: (0.0213, "2.1 %"),
     FindingKind.REST_DIFFERS: (0.131, "0.13 rad"),
     FindingKind.KNOWN_CONFLICT: (-0.021, "about 2.1 % smaller"),
     FindingKind.PRIOR_CONFLICT: (3.42, "3.4 standard errors"),
@@ -61,8 +63,11 @@ OF_UNITS = {
     FindingKind.UNIT_ASSUMED: ("p4", "V"),
     FindingKind.UNIT_UNREAD: ("p4", "V", "mA", "comment: 'in mA'", "current"),
 }
-OF_SCALES = {FindingKind.RESTS_ON: ("mass_scale", "arm")}
-"""What values rest on instead."""
+OF_SCALES = {
+    FindingKind.RESTS_ON: ("mass_scale", "arm"),
+    FindingKind.LIKE_SCALE: ("mass_inertia", "arm", "time_scale"),
+}
+"""What values rest on instead, or what may be wrong instead of a term."""
 OF_LOGS = {
     FindingKind.STRAIGHT,  # whose sentence has a word of a manifest
     FindingKind.UNREPEATED,
@@ -77,6 +82,7 @@ NAMELESS = OF_LOGS | {
     *(FindingKind.ABSOLUTE, FindingKind.RATIOS, FindingKind.FOLLOWED, FindingKind.EARLY),
     *(FindingKind.MISFIT, FindingKind.NO_MISFIT),
     *(FindingKind.CLOCK_SET, FindingKind.OMEGA_SET, FindingKind.STRAIGHT),
+    FindingKind.OFF_CENTRE,
 }
 SLIPS = {FindingKind.UNIT_ERROR, FindingKind.SUSPECTED, FindingKind.ASKED}
 PLAIN = [kind for kind in FindingKind if kind not in SLIPS]
@@ -107,7 +113,8 @@ def test_every_kind_of_finding_has_its_own_sentence_with_its_number_and_paramete
         assert shown in text, kind
         assert ("first" in text) is (kind in OF_LOGS)
         named = () if kind in NAMELESS else names
-        named = ("masses", "arm") if kind in OF_SCALES else named
+        named = ("masses", "arm") if kind is FindingKind.RESTS_ON else named
+        named = ("mass_inertia", "arm", "clock") if kind is FindingKind.LIKE_SCALE else named
         named = OF_UNITS[kind][1:] if kind in OF_UNITS else named
         assert all(name in text for name in named), kind
         sentences.add(text)

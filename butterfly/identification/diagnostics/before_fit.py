@@ -27,7 +27,7 @@ from butterfly.identification.chosen_terms import Fitted
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import OutputError
 from butterfly.identification.estimators.start import starts
-from butterfly.identification.inference.blocks import Condition, Conditions
+from butterfly.identification.inference.blocks import pace_of
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.identifiability import OTHER_LOGS, is_driven, prior_of_fit
 from butterfly.identification.levels import MATTERS, PASSES, PRECISE, SHOWS
@@ -81,8 +81,7 @@ def forecast(logs: Sequence[Log], known: Prior) -> tuple[Forecast, ...]:
         with counted(), np.errstate(all="ignore"):
             data = DataSet.of([thinned(log, GLANCE) for log in logs], known=known)
             known = data.known if is_driven(logs) else data.known.within({*known.values, "p3"})
-            squares = Conditions.of(data.logs, 1).values[Condition.FREQUENCY]
-            found, fastest = expected(data), float(squares.max()) ** 0.5
+            found, fastest = expected(data), max(map(pace_of, data.logs))
     except InputError as error:
         why, mend = f"{error.field} is {error.value}", f"expected: {error.expected}"
     except (ButterflyError, np.linalg.LinAlgError) as error:

@@ -21,10 +21,16 @@ from numpy.typing import NDArray
 from butterfly.arrays import Samples, take_away
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.encoder_errors import OffCentre, off_centre
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Equations, LogEquations
 from butterfly.identification.free_run import FreeRun, Setting
-from butterfly.identification.inference.agreement import Contrast, contrasts_of
+from butterfly.identification.inference.agreement import (
+    Contrast,
+    Rival,
+    contrasts_of,
+    friction_rivals,
+)
 from butterfly.identification.inference.blocks import Conditions, cells_of, independent_cells_of
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.linear_terms import (
@@ -35,7 +41,7 @@ from butterfly.identification.inference.linear_terms import (
 )
 from butterfly.identification.inference.stagewise import stagewise
 from butterfly.identification.inference.submodels import submodels_of
-from butterfly.identification.levels import DRAWS, PRECISE, SHOWS, SPREADS
+from butterfly.identification.levels import DRAWS, LOST, PRECISE, SHOWS, SPREADS
 from butterfly.identification.predict import covariance_root, honest_covariance
 from butterfly.identification.problem import Key, columns_of, labels_of
 from butterfly.identification.sensor_errors import Curve, SensorErrors, correlations
@@ -145,6 +151,8 @@ class Residuals:
     # contrasts between conditions, where sensors do not explain the residuals; and (n,) rivals
     agreement: tuple[Contrast, ...] = ()
     rivals: tuple[Samples, ...] = ()
+    of_friction: tuple[Samples, ...] = ()  # (n,) rivals of friction alone, by a large misfit
+    encoder: OffCentre | None = None  # where errors repeat with the angle
 
     @property
     def outside(self) -> int:
@@ -186,7 +194,8 @@ class Residuals:
         """Findings: relative residual, its ratio to the sensors' errors, and missing terms."""
         kind = FindingKind.MISFIT if self.beyond_sensors else FindingKind.NO_MISFIT
         followed = Finding(FindingKind.FOLLOWED, number=self.left)
-        return [followed, Finding(kind, number=self.times), *self.missing.findings]
+        off = [self.encoder.finding] if self.encoder else []
+        return [followed, Finding(kind, number=self.times), *off, *self.missing.findings]
 
     def numbers(self) -> dict[str, Any]:
         """Return it for programs but for its findings: shares of the rms motion, over all logs."""
@@ -232,12 +241,14 @@ def residuals_of(data: DataSet, estimate: Estimate, runs: Sequence[FreeRun] = ()
         each.judged(rest.residuals, *drawn)
         for (each, rest), drawn in zip(pairs, draws, strict=True)
     ]
-    result = Residuals(logs=())
+    result = Residuals(logs=(), encoder=unknowns.off_centre(at, found))
     if sum(each.outside for each in judged) > _BY_CHANCE * len(every):
         logs = [each.run.log for each in found]
-        agreement, rivals = unknowns.contrasts(left, logs)
+        large = Residuals(logs=tuple(judged)).times > 1 / LOST  # most is no noise
+        agreement, rivals, friction = unknowns.contrasts(left, logs)
         missing, shares = unknowns.missing_terms(at, directions, logs)
         result = replace(result, missing=missing, agreement=agreement, rivals=rivals)
+        result = replace(result, of_friction=friction if large else ())
         both = zip(judged, shares.tolist(), strict=True)
         judged = [replace(each, share=share) for each, share in both]
     following = iter(judged)
@@ -276,6 +287,15 @@ class _RunErrors:
             each[self.first :] - each[self.first :].mean() for each in (log.time, log.measured)
         )
         return SHOWS * float(np.std(angle - time * ((time @ angle) / (time @ time))))
+
+    @property
+    def waves(self) -> Samples:
+        """(m, 2) relative effects on the errors of a reading that is a sine or cosine more."""
+        _, middles, _ = self.averages
+        angle = np.interp(middles, self.run.log.time, self.run.simulated)
+        read = np.column_stack([-np.sin(angle), -np.cos(angle)])
+        _take_away(self.starts, read)
+        return np.asarray(read / (self.blank.motion * middles.size**0.5))
 
     def drawn(self, left: Samples, random: np.random.Generator) -> tuple[SensorErrors, Samples]:
         """Return the sensor by (m,) residuals, and (m, k) draws of its errors; k is 0 if white."""
@@ -384,8 +404,8 @@ class _Unknowns:
 
     def contrasts(
         self, left: Equations, logs: Sequence[Log]
-    ) -> tuple[tuple[Contrast, ...], tuple[Samples, ...]]:
-        """Return the contrasts of residual equations, and (p,) values of their rivals."""
+    ) -> tuple[tuple[Contrast, ...], tuple[Samples, ...], tuple[Samples, ...]]:
+        """Return the contrasts of residual equations, and (p,) values of rivals and of friction."""
         names, count = labels_of(self.keys), cells_of(len(logs), len(self.keys))
         unknowns = left.in_steps(np.eye(left.values.size, len(names)))
         cells = replace(
@@ -393,8 +413,21 @@ class _Unknowns:
             values=left.values[: len(names)],
             on_bound=np.array([name in self.estimate.on_bound for name in names]),
         )
-        found, ends = contrasts_of(cells, Conditions.of(logs, count))
-        return found, tuple(each[: self.estimate.values.size] for each in ends)
+        conditions, size = Conditions.of(logs, count), self.estimate.values.size
+        found, ends = contrasts_of(cells, conditions)
+        same, own = cells.values[:size], self.estimate.values  # which small changes tell apart
+        friction = (each[:size] for each in friction_rivals(cells, conditions))
+        of_friction = tuple(np.where(each == same, own, each) for each in friction)
+        return found, tuple(each[:size] for each in ends), of_friction
+
+    def off_centre(self, at: Equations, runs: Sequence[_RunErrors]) -> OffCentre | None:
+        """Return the eccentricity of the encoder that errors show, if any, with (p,) values."""
+        logs = [each.run.log for each in runs]
+        if self.estimate.joint is not JointKind.HINGE or any(log.integrated for log in logs):
+            return None
+        masses, size = [log.added_mass for log in logs], self.estimate.values.size
+        found = off_centre(at, labels_of(self.keys), (each.waves for each in runs), masses)
+        return found and replace(found, rival=Rival(*(each[:size] for each in found.rival)))
 
     def missing_terms(
         self, at: Equations, directions: Samples, logs: Sequence[Log]

@@ -159,6 +159,7 @@ def _inferred(fit: HarmonicBalanceFit, method: str, chosen: TermChoice | None = 
             equations=fit.solved,
             masses=fit.phasors.masses,
             known=fit.phasors.known,
+            timed=True,
             rivals=rivals,
             fixed=chosen.settings if chosen else {},
             findings=[Finding(FindingKind.APPROXIMATE), *findings],

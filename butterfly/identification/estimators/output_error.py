@@ -38,14 +38,13 @@ from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Loss
 from butterfly.identification.free_run import horizon_of
 from butterfly.identification.inference.blocks import Conditions, cells_of
-from butterfly.identification.inference.consistency import OF_SCALES
-from butterfly.identification.inference.equations import CellEquations
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.identifiability import is_driven, prior_of_fit
 from butterfly.identification.inference.infer import SolvedFit, infer
 from butterfly.identification.inference.linear_terms import candidates
-from butterfly.identification.levels import FEW, MATTERS, ROUNDING, SHOWS
+from butterfly.identification.levels import FEW, ROUNDING, SHOWS
 from butterfly.identification.problem import LOCAL, Key, Problem, ProblemOptions, Start
+from butterfly.identification.twin_terms import TwinTerm, spoken_for, twin_terms
 from butterfly.identification.weighed_logs import (
     WeighedLogs,
     stagewise_weighed,
@@ -232,14 +231,11 @@ class OutputError(Estimator):
             end, findings = with_scatter, (*findings, *weighed.findings)
             solved = problem.solved(end, cells=1)
         owned = problem.keys[problem.shared :]
-        if clock := _of_clock(problem, solved):
-            share = float(solved.values[solved.names.index("mass_inertia")]) / 2
-            like_clock = Finding(FindingKind.LIKE_CLOCK, ("mass_inertia",), number=-share)
-            findings = (*findings, like_clock)
+        twins = self._twins(fitted, known)
         beyond = end.values + end.at.step(*problem.box.about(end.values, np.inf))
         scattering = weighed is not None and bool(weighed.findings)  # which hides it
         others = [] if scattering else unsaid(problem, fitted.end)
-        rivals = (*fitted.rivals, *clock, *others, beyond[: problem.shared])
+        rivals = (*fitted.rivals, *others, beyond[: problem.shared])
         found = SolvedFit(
             method="output error",
             equations=solved,
@@ -249,13 +245,27 @@ class OutputError(Estimator):
             conditions=Conditions.of(logs, cells_of(len(logs), len(problem.keys))),
             known=known,
             driven=is_driven(logs),
+            timed=all(log.excitation for log in logs),
             rivals=rivals,
+            wider=[each.rival for each in twins],
             consider_covariance=_waits(logs, solved.names),
             fixed=self._fixed(problem),
-            findings=findings,
+            findings=(*findings, *(each.finding for each in twins)),
         )
         local, horizon = _local(owned, solved.values), self.horizon or math.inf
         return replace(infer(found), local=local, horizon=horizon)
+
+    def _twins(self, fitted: Fitted, known: Prior) -> list[TwinTerm]:
+        """Return the terms that are not fitted and that those which are speak for."""
+        problem, logs = fitted.problem, fitted.problem.logs
+        masses, terms = [log.added_mass for log in logs], {*problem.names} & {*offered(self.method)}
+        rows = candidates(spoken_for(problem.names), masses, known)
+        rows = tuple(name for name in rows if name not in self.fixed)
+        if not rows:
+            return []
+        wider = replace(self, terms=(*terms, *rows))
+        every = wider.problem(logs, Start(problem.start, problem.zeros), known)
+        return twin_terms(every, fitted, rows)
 
     def _require_known_once(self, known: Prior) -> None:
         """Raise InputError for what is known of the robot and yet fixed, or of mass or log."""
@@ -336,15 +346,3 @@ def _waits(logs: Sequence[Log], names: Sequence[str]) -> Samples | None:
     if not periods or "delay" not in names:
         return None
     return np.diag([max(periods) ** 2 / 12 if name == "delay" else 0.0 for name in names])
-
-
-def _of_clock(problem: Problem, solved: CellEquations) -> list[Samples]:
-    """Return (shared,) values of a clock wrong by a share, in place of a mass's own inertia."""
-    own = solved.named
-    share = own.get("mass_inertia", 0.0)
-    if not 0 < abs(share) < 2 * MATTERS or all(each.log.excitation for each in problem.simulations):
-        return []
-    slower, powers = math.sqrt(1 + share), OF_SCALES["time_scale"]
-    values = {name: value / slower ** powers.get(name, 0.0) for name, value in own.items()}
-    values["mass_inertia"] = 0.0
-    return [np.array([values[name] for name in solved.names[: problem.shared]])]

@@ -128,6 +128,7 @@ class WeakForm(Estimator):
                 conditions=conditions,
                 known=known,
                 driven=is_driven(logs),
+                timed=all(log.excitation for log in logs),
                 rivals=rivals,
                 consider_covariance=doubt,
                 torques=True,

@@ -38,7 +38,7 @@ from butterfly.identification.levels import (
     ROUNDING,
     SHOWS,
 )
-from butterfly.model.terms import PARAMETERS
+from butterfly.model.terms import DISSIPATIVE, PARAMETERS
 
 # of the largest torque, above which a contrast of steady responses counts: integration errors are
 # below; without it 3 of 57 sound robots had one (2 above this)
@@ -48,6 +48,9 @@ _LIMITS = {Condition.DIRECTION: (-1.0, 1.0), Condition.WEIGHED: ()}
 """Values of conditions at which their disturbance vanishes, where these are not 0."""
 
 _SCATTERS = ("coulomb", "p2", "p4")
+
+_OF_SCALE = ("p1", "p4")
+_OF_FRICTION = tuple(row.name for row in DISSIPATIVE)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,7 +137,20 @@ def contrasts_of(
     return found, [end for *_, each in accepted for _, end in each]
 
 
-def _accepted(equations: CellEquations, conditions: Conditions) -> list[_Accepted]:
+def friction_rivals(equations: CellEquations, conditions: Conditions) -> list[Samples]:
+    """Return (n,) values of which friction is that of the significant contrasts that move it.
+
+    Where most of the error is no noise, it may stand for what the model lacks.
+    """
+    friction = np.isin(equations.names, _OF_FRICTION)
+    of = tuple(name for name in _OF_FRICTION if name in PARAMETERS)
+    accepted = _accepted(equations, conditions, of)
+    return [np.where(friction, end, equations.values) for *_, e in accepted for _, end in e]
+
+
+def _accepted(
+    equations: CellEquations, conditions: Conditions, of: tuple[str, ...] = _OF_SCALE
+) -> list[_Accepted]:
     asked = [*_of_parameters(equations, conditions), *_of_masses(equations, conditions)]
     tried = [found for each in asked if (found := _solved(equations, each))]
     tried.sort(key=lambda each: each.chance)
@@ -148,8 +164,8 @@ def _accepted(equations: CellEquations, conditions: Conditions) -> list[_Accepte
             limits = float(each.x.min()), float(each.x.max())
         place = 0 if not limits else equations.names.index(each.parameter)
         ends = [np.maximum(each.at(limit, place), equations.lower) for limit in limits]
-        of = ("p1", "p4", *(("delay",) if each.condition is Condition.REGIME else ()))
-        if _matters(equations, each, ends or [each.at_mean], of):
+        moved = (*of, *(("delay",) if each.condition is Condition.REGIME else ()))
+        if _matters(equations, each, ends or [each.at_mean], moved):
             pairs = list(zip(limits, ends, strict=True))
             accepted.append((_contrast(each, place, chance), each, pairs))
     return sorted(accepted, key=lambda each: -each[0].share)

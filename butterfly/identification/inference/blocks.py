@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
-from butterfly.identification.levels import FEW
+from butterfly.identification.levels import CLEARLY, FEW
+from butterfly.identification.sensor_errors import roughness
 from butterfly.logs.log import MIN_SAMPLES, Log, slow_interval
 from butterfly.model.parameters import AddedMass
 
@@ -84,8 +85,8 @@ class Conditions:
     """Conditions of k cells, and added masses of their logs."""
 
     # by condition: (k,) inertia of the added mass in kg m^2, 1/rms input, mean squared swing in
-    # rad^2, omega^2 in rad^2/s^2, 1/speed, time since the start in s, sign of the input, share in
-    # which the clock is slow
+    # rad^2, omega^2 in rad^2/s^2 (the others' mean in logs without a full period), 1/speed, time
+    # since the start in s, sign of the input, share in which the clock is slow
     values: Mapping[Condition, Samples]
     masses: tuple[AddedMass, ...]  # of the n logs
 
@@ -106,6 +107,11 @@ class Conditions:
             values[Condition.REGIME] = np.fromiter(parts, np.float64)
         if cells == 1:
             del values[Condition.TIME]
+        whole = ~np.isnan(squares := values[Condition.FREQUENCY])
+        if whole.any():
+            squares[~whole] = squares[whole].mean()
+        else:
+            del values[Condition.FREQUENCY]
         # of fewer logs of either sign, differences are not significant
         signs = values[Condition.DIRECTION][::cells]
         if min(np.sum(signs > 0), np.sum(signs < 0)) < 2 * FEW:
@@ -113,16 +119,36 @@ class Conditions:
         return cls(values=values, masses=tuple(log.added_mass for log in logs))
 
 
-def _of_log(log: Log) -> dict[Condition, float]:
-    """Return conditions that are constant in a log: 0 without input, motion or one direction."""
-    size, mean = float(np.sqrt(np.mean(log.input**2))), float(np.mean(log.input))
-    omega = log.rms_speed / (log.rms_motion or np.inf)
+def pace_of(log: Log) -> float:
+    """Return the angular frequency in rad/s at which a log moves: of its drive, or rms."""
     if log.excitation is not None:
-        omega = log.excitation.omega
+        return log.excitation.omega
+    return log.rms_speed / (log.rms_motion or np.inf)
+
+
+def _repeats(log: Log) -> bool:
+    """Whether a log holds a full period: its angle is on one side, the other, the first again.
+
+    Each time by half the amplitude of a sine as large, and what noise adds to it.
+    """
+    if log.excitation is not None:
+        return True
+    off = log.angle - log.angle.mean()
+    noise = math.sqrt(roughness(log.angle) / 6)
+    sides = np.sign(off[abs(off) > log.rms_motion / math.sqrt(2) + CLEARLY * noise])
+    return bool(np.count_nonzero(np.diff(sides)) > 1)
+
+
+def _of_log(log: Log) -> dict[Condition, float]:
+    """Return conditions that are constant in a log: 0 without input, motion or one direction.
+
+    A log without a full period has no frequency: NaN.
+    """
+    size, mean = float(np.sqrt(np.mean(log.input**2))), float(np.mean(log.input))
     return {
         Condition.MASS: log.added_mass.inertia,
         Condition.COMMAND: 1 / size if size else 0.0,
-        Condition.FREQUENCY: omega**2,
+        Condition.FREQUENCY: pace_of(log) ** 2 if _repeats(log) else np.nan,
         Condition.SPEED: log.lag_per_play,
         Condition.DIRECTION: float(np.sign(mean)) if abs(mean) > size / 2 else 0.0,
     }

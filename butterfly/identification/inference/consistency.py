@@ -1,8 +1,9 @@
-"""Whether given added masses and prior values agree with the logs."""
+"""Whether given added masses, scales and prior values agree with the logs."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import stdtrit
@@ -10,13 +11,14 @@ from scipy.special import stdtrit
 from butterfly.arrays import Samples, unit_columns
 from butterfly.errors import InputError
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.inference.covariance import cluster_covariance
-from butterfly.identification.inference.equations import CellEquations
+from butterfly.identification.inference.covariance import cluster_covariance, half_widths
+from butterfly.identification.inference.equations import CellEquations, scaled_least_squares
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, growth
-from butterfly.identification.levels import ACCUSED, CLEARLY, MATTERS
-from butterfly.model.parameters import AddedMass, rounded
+from butterfly.identification.inference.stagewise import as_good
+from butterfly.identification.levels import ACCUSED, CLEARLY, MATTERS, SHOWS
+from butterfly.model.parameters import AddedMass, LumpedParameters, rounded, value_if_absent
 from butterfly.model.prior import LAG, NO_PRIOR, Prior
-from butterfly.model.terms import TERMS
+from butterfly.model.terms import FOLLOWERS, PARAMETERS, TERMS, companions
 
 OF_SCALES: dict[str, dict[str, float]] = {
     "mass_scale": {},
@@ -26,6 +28,17 @@ OF_SCALES: dict[str, dict[str, float]] = {
     "time_scale": {row.name: float(row.seconds) for row in TERMS.values() if row.seconds},
 }
 """Exponents with which parameters grow with a scale of `butterfly.model.prior.SCALES`."""
+
+_OF_MASSES = {
+    "mass_scale": (1.0, 1.0),
+    "arm": (2.0, 1.0),
+    "gravity_scale": (0.0, 1.0),
+    "time_scale": (-2.0, 0.0),
+}
+"""Exponents with which a model's added inertia and added gravity moment grow with a scale."""
+
+_LARGEST = 2 * MATTERS  # share by which a scale that is wrong unnoticed moves the values
+_GREATEST = {"gravity_scale": 1.0}  # scales: no bench has more gravity for being out of level
 
 
 def moved_by_givens(
@@ -57,10 +70,11 @@ def moved_by_givens(
         grows = OF_SCALES[scale]
         if "p4" in grows and "p4" in known.fixed:
             grows = grows | {"p4": np.nan}  # it is not among the names, and refused
-        by = {name: np.full(count, power * values.get(name, 0.0)) for name, power in grows.items()}
-        of_masses = 1.0 if scale == "mass_scale" else grows.get("p1", 0.0)
-        by["p1"] = by.get("p1", 0.0) + of_masses * inertia
-        by["p3"] = gravity * (scale in {"mass_scale", "gravity_scale"})
+        # what was recorded is less by the scale that the parameters grow with
+        by = {name: np.full(count, -power * values.get(name, 0.0)) for name, power in grows.items()}
+        of_inertia, of_gravity = _OF_MASSES.get(scale, (0.0, 0.0))
+        by["p1"] = by.get("p1", 0.0) + of_inertia * inertia
+        by["p3"] = by.get("p3", 0.0) + of_gravity * gravity
         columns.append(share * _moved(cells, by))
     late = known.values[LAG].uncertainty if LAG in known.values else 0.0
     if late and ("delay" in cells.names or "delay" in known.fixed):
@@ -94,6 +108,110 @@ def _moves(added: AddedMass) -> list[tuple[tuple[str, float], float, float]]:
         for what, v, u, power in uncertain
         if u and v
     ]
+
+
+class ScaleRival(NamedTuple):
+    """A scale that no log shows, which explains the logs as well as a fitted term."""
+
+    term: str
+    scale: str
+    share: float  # by which p1 differs
+    values: Samples  # (n,) without the term, the scale corrected
+    slopes: Samples  # (n, n) derivatives of these by the values of the fit
+
+    def half_widths(self, covariance: Samples, freedom: Samples) -> Samples:
+        """(n,) half-widths of its values, by covariance and degrees of freedom of the fit."""
+        return half_widths(self.slopes @ covariance @ self.slopes.T, freedom)
+
+
+def open_scales(carried: Sequence[AddedMass], known: Prior, *, timed: bool) -> tuple[str, ...]:
+    """Return the scales of added masses that nobody has given; a ``timed`` clock is right."""
+    given = {
+        "mass_scale": any(mass.mass_uncertainty for mass in carried),
+        "arm": any(mass.arm_uncertainty for mass in carried) or not any(m.arm for m in carried),
+        "time_scale": timed,
+    }
+    return tuple(s for s in _OF_MASSES if not (given.get(s) or s in known.values))
+
+
+def scale_rivals(
+    equations: CellEquations, masses: Sequence[AddedMass], known: Prior, *, timed: bool
+) -> Iterator[ScaleRival]:
+    """Yield the scales that may as well be wrong as a term be there.
+
+    A scale and a term are alike where parameters that move by b times the scale's error undo its
+    effect on the equations: the term, a share of what is given, is then absent at one error. Such
+    values are as good as the fit, which it is not without the term, and of a scale that people get
+    wrong unnoticed.
+    """
+    cells = equations.independent
+    carried = [masses[number] for number in cells.log] if masses else []
+    effects = _effects_of(cells, carried, open_scales(carried, known, timed=timed))
+    moves = {scale: _undone(cells, effect) for scale, effect in effects.items()}
+    for term, value in cells.named.items() if moves else ():
+        if term not in TERMS or TERMS[term].unit != "–" or value == value_if_absent(term):
+            continue
+        if term in {*FOLLOWERS, *known.parameters} or _as_good_without(cells, term):
+            continue
+        for scale, (by, rest) in moves.items():
+            at = cells.names.index(term)
+            power = by[at] / (1 + value)
+            if not abs(power) > MATTERS:
+                continue
+            error = (1 + value) ** (1 / power) - 1
+            powers = np.array([OF_SCALES.get(scale, {}).get(name, 0.0) for name in cells.names])
+            grown = np.where(np.arange(powers.size) == at, 0.0, (1 + error) ** powers)
+            values = (cells.values - by * error) * grown
+            slopes = np.diag(grown)
+            slopes[:, at] += (powers * cells.values - by) * grown / by[at]
+            share = float(values[cells.names.index("p1")] / cells.named["p1"] - 1)
+            possible = 1 + error <= _GREATEST.get(scale, np.inf)
+            possible &= value < 0 or abs(share) < _LARGEST
+            if possible and _as_good(cells, cells.residuals + error * rest):
+                yield ScaleRival(term, scale, share, values, slopes)
+
+
+def _effects_of(
+    cells: CellEquations, carried: Sequence[AddedMass], scales: Sequence[str]
+) -> dict[str, Samples]:
+    """Return by scale the (k, m) changes of residuals if it is larger, parameters as they are."""
+    if not {"p1", "p3"} <= {*cells.names} or not any(mass.mass for mass in carried):
+        return {}
+    fitted = {name: value for name, value in cells.named.items() if name in TERMS}
+    bare = LumpedParameters(**dict.fromkeys(PARAMETERS, 0.0) | fitted)
+    loaded = [bare.with_added_mass(each) for each in carried]
+    inertia = np.array([each.p1 - bare.p1 for each in loaded])
+    gravity = np.array([each.p3 - bare.p3 for each in loaded])
+    return {
+        scale: _moved(cells, {"p1": powers[0] * inertia, "p3": powers[1] * gravity})
+        for scale, powers in _OF_MASSES.items()
+        if scale in scales
+    }
+
+
+def _undone(cells: CellEquations, effect: Samples) -> tuple[Samples, Samples]:
+    """(n,) changes of values with an effect nearest to a (k, m) one, and what that leaves of it."""
+    rows, left = cells.with_prior
+    rows = np.where(cells.free, rows, 0.0)
+    wanted = np.zeros(left.size)
+    wanted[: effect.size] = effect.ravel()
+    by = scaled_least_squares(rows, wanted)
+    return by, effect - (cells.rows @ by)
+
+
+def _as_good_without(cells: CellEquations, term: str) -> bool:
+    """Whether the equations are solved as well without a term."""
+    names = np.array(cells.names)
+    lost = np.where(names == term, value_if_absent(term) - cells.values, 0.0)
+    rows, left = cells.with_prior
+    kept = cells.free & ~np.isin(names, [term, *companions({term})])
+    step = lost + scaled_least_squares(np.where(kept, rows, 0.0), -(left + rows @ lost))
+    return _as_good(cells, cells.residuals + cells.rows @ step)
+
+
+def _as_good(cells: CellEquations, residuals: Samples) -> bool:
+    """Whether (k, m) residuals are as small as those of the equations."""
+    return as_good((1 - SHOWS) * np.linalg.norm(residuals, axis=1), np.sqrt(cells.cost))
 
 
 def prior_contradictions(

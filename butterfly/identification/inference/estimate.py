@@ -357,11 +357,15 @@ class Estimate:
             estimate = estimate.holding(rival)
         return estimate
 
-    def holding(self, rival: Samples | None) -> Estimate:
-        """Return the estimate with limits that include a rival of (n,) values too, if any."""
+    def holding(self, rival: Samples | None, half: Samples | None = None) -> Estimate:
+        """Return the estimate with limits that include a rival of (n,) values too, if any.
+
+        ``half``: its (n,) half-widths, if they are not those of the estimate.
+        """
         if rival is None or self.freedom is None:
             return self
-        half = np.minimum(half_widths(self.covariance, self.freedom), self.farther)
+        if half is None:
+            half = np.minimum(half_widths(self.covariance, self.freedom), self.farther)
         return self._as_wide_as(
             honest_half_widths(self.values, self.farther, rivals=[(rival, half)])
         )

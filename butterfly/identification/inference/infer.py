@@ -20,9 +20,11 @@ from butterfly.identification.inference.agreement import (
 )
 from butterfly.identification.inference.blocks import Conditions
 from butterfly.identification.inference.consistency import (
+    ScaleRival,
     moved_by_givens,
     prior_contradictions,
     scale_errors,
+    scale_rivals,
 )
 from butterfly.identification.inference.covariance import (
     cluster_covariance,
@@ -66,9 +68,11 @@ class SolvedFit:
     conditions: Conditions | None = None  # of the cells
     known: Prior = NO_PRIOR  # of the robot
     driven: bool = True  # whether any input is not 0
+    timed: bool = False  # whether sines of known frequency show the clock
     # (n,) estimates from parts of the data; None: those without each added mass
     left_out: Mapping[Hashable, Samples] | None = None
     rivals: Sequence[Samples] = ()  # (shared,) values of other fits that predict as well
+    wider: Sequence[Rival] = ()  # the same with (shared,) half-widths of their own
     consider_covariance: Samples | None = None  # (n, n), by errors of quantities taken as given
     torques: bool = False  # whether residuals are torques, so that a misfit may bias any value
     fixed: dict[str, float] = field(default_factory=dict)  # values that were not fitted
@@ -92,6 +96,7 @@ class SolvedFit:
             shared=None if self.shared is None else self.shared + 1,
             known=given,
             rivals=[np.insert(each, at, value) for each in self.rivals],
+            wider=[Rival(*map(np.insert, each, (at, at), (value, 0.0))) for each in self.wider],
             consider_covariance=consider,
         )
 
@@ -115,12 +120,13 @@ def infer(solved: SolvedFit) -> Estimate:
     names, fixed = equations.names[robot], known.fixed | fit.fixed
     conditioning = conditioning_of(equations)
     contrasts, rivals = agreement_of(fit)
+    scales = [*scale_rivals(equations, fit.masses, known, timed=fit.timed)]
     carried = fit.carried(weighed_within(contrasts))
     spread = covariance, freedom = covariance_of(fit, carried)
     left_out, few = (fit.left_out, []) if fit.left_out is not None else without_each_mass(fit)
     count = np.unique(equations.log).size  # of logs; stretches of time vary less
     few_logs = [Finding(FindingKind.FEW_LOGS, number=count)] if fit.masses and count <= FEW else []
-    half = half_widths_of(fit, spread, left_out.values(), rivals)
+    half = half_widths_of(fit, spread, left_out.values(), rivals, scales)
     values = equations.values[robot]
     return Estimate(
         method=fit.method,
@@ -141,13 +147,33 @@ def infer(solved: SolvedFit) -> Estimate:
             *few,
             *few_logs,
             *fit.findings,
+            *findings_of_scales(scales),
         ),
         fixed={name: value for name, value in fixed.items() if name not in names},
         agreement=contrasts,
         known=known,
-        rivals=tuple(fit.rivals),
+        rivals=(
+            *fit.rivals,
+            *(each.values for each in fit.wider),
+            *(each.values[robot] for each in scales),
+        ),
         freedom=freedom[robot],
     )
+
+
+def findings_of_scales(rivals: Iterable[ScaleRival]) -> list[Finding]:
+    """Return for each term the scales that may be wrong instead."""
+    of_terms: dict[str, list[ScaleRival]] = {}
+    for each in rivals:
+        of_terms.setdefault(each.term, []).append(each)
+    return [
+        Finding(
+            FindingKind.LIKE_SCALE,
+            (term, *(each.scale for each in some)),
+            number=max(abs(each.share) for each in some),
+        )
+        for term, some in of_terms.items()
+    ]
 
 
 def conditioning_of(equations: CellEquations) -> Conditioning:
@@ -207,7 +233,11 @@ def without_each_mass(fit: SolvedFit) -> tuple[dict[Hashable, Samples], list[Fin
 
 
 def half_widths_of(
-    fit: SolvedFit, spread: Pair, left_out: Iterable[Samples], rivals: Iterable[Rival]
+    fit: SolvedFit,
+    spread: Pair,
+    left_out: Iterable[Samples],
+    rivals: Iterable[Rival],
+    scales: Iterable[ScaleRival],
 ) -> Samples:
     """(shared,) half-widths by covariance and freedom, with partial estimates and rivals inside.
 
@@ -218,6 +248,8 @@ def half_widths_of(
     half, partial = half_widths(covariance, freedom[robot]), [each[robot] for each in left_out]
     likely = [(each, half) for each in fit.rivals]
     likely += [(r.values[robot], np.minimum(r.half_widths[robot], half)) for r in rivals]
+    likely += [(r.values[robot], r.half_widths(*spread)[robot]) for r in scales]
+    likely += fit.wider
     found = honest_half_widths(values, half, partial, likely)
     if not fit.torques:
         return found

@@ -11,8 +11,10 @@ from scipy.optimize import minimize_scalar
 from butterfly.identification.findings import FindingKind
 from butterfly.identification.inference.agreement import (
     Contrast,
+    contrasts_of,
     differing_values,
     disagreements_of,
+    friction_rivals,
     weighed_within,
 )
 from butterfly.identification.inference.blocks import Condition, Conditions
@@ -100,6 +102,18 @@ def test_intervals_hold_what_would_be_at_the_limit():
     assert not plain.lower[place] <= TRUTH[place] <= plain.upper[place]
     assert found.lower[place] <= TRUTH[place] <= found.upper[place]
     assert Estimate.from_dict(found.to_dict()).agreement == found.agreement
+
+
+def test_friction_that_follows_a_condition_is_a_rival_of_friction_alone():
+    """It explains 2 % of the squared error, and moves friction by more than 1 %."""
+    _, _, equations = _problem(4, _following(COMMAND, 0.009 * UNITS[2]))
+    of_friction = replace(equations, names=("p1", "p3", "coulomb"))
+    assert contrasts_of(of_friction, _conditions()) == ((), [])
+    (rival,) = friction_rivals(of_friction, _conditions())
+    np.testing.assert_array_equal(rival[:2], equations.values[:2])
+    limits = infer(_fit(of_friction)).holding(rival).limits_of("coulomb", 0.0)
+    assert limits[0] <= TRUTH[2] <= limits[1]
+    assert not friction_rivals(equations, _conditions())  # of an input, p4
 
 
 def test_rivals_of_unweighted_equations_move_with_the_values_of_the_fit():

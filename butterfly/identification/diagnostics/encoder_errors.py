@@ -1,0 +1,86 @@
+"""Whether an encoder is off its centre: errors of free runs that repeat with the angle.
+
+A disc beside its axis reads a sine of the angle too much, once a turn: e = a sin th + b cos th. Of
+small swings a is a scale of the angle, which moves p4 and friction and which no log bounds; what it
+does at larger ones, and b, do not look like any term. Both are fitted to the errors beside all
+values, so that these are what they would be with a centred disc.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import fdtrc
+
+from butterfly.arrays import Samples, standard_error
+from butterfly.identification.findings import Finding, FindingKind
+from butterfly.identification.fit import Equations, LogEquations
+from butterfly.identification.inference.agreement import Rival
+from butterfly.identification.inference.blocks import independent_cells_of
+from butterfly.identification.inference.covariance import cluster_covariance, half_widths
+from butterfly.identification.inference.submodels import submodels_of
+from butterfly.identification.levels import MATTERS
+from butterfly.model.parameters import AddedMass
+from butterfly.model.terms import lower_bounds
+
+_WAVES = ("encoder sine", "encoder cosine")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OffCentre:
+    """An encoder that reads a sine of the angle too much."""
+
+    amplitude: float  # of the error, in rad
+    rival: Rival  # (n,) values that a centred one gives, with half-widths
+
+    @property
+    def finding(self) -> Finding:
+        """Its amplitude."""
+        return Finding(FindingKind.OFF_CENTRE, ("p4",), number=self.amplitude)
+
+
+def off_centre(
+    at: Equations, names: Sequence[str], waves: Iterable[Samples], masses: Sequence[AddedMass]
+) -> OffCentre | None:
+    """Return the eccentricity that errors of free runs show, by the first n unknowns; or none.
+
+    ``waves``: (m, 2) effects of each wave on the m equations of each log. As of a term that many
+    joints have, its chance is below 1 %, and it predicts the logs of other masses better.
+    """
+    count, every = len(names), (*names, *_WAVES)
+    parts = independent_cells_of(len(at.logs), len(every))
+    pairs = zip(at.logs, waves, strict=True)
+    logs = tuple(_with_waves(log, wave, count, parts) for log, wave in pairs)
+    values = np.append(at.values[:count], np.zeros(len(_WAVES)))
+    cells = Equations(values=values, logs=logs).cells(every, lower_bounds(every), parts)
+    nested = submodels_of(cells, masses, 0.0)
+    without, whole = np.arange(len(every)) < count, np.ones(len(every), dtype=bool)
+    masks = np.array([without, whole])
+    before, after = np.sqrt(nested.held_out(masks))
+    gain, found = before - after, nested.fitted(masks)[1]
+    if not (np.isfinite(found).all() and gain.mean() > standard_error(gain)):
+        return None
+    about = nested.equations
+    left = about.residuals + about.rows @ (found - about.values)
+    covariance, freedom = cluster_covariance(about.rows, left)
+    waved, degrees = covariance[count:, count:], max(float(freedom[count:].min()), 2.0)
+    # Hotelling's square of two values, as an F
+    square = float(found[count:] @ np.linalg.solve(waved, found[count:])) / len(_WAVES)
+    if not fdtrc(len(_WAVES), degrees - 1, square * (degrees - 1) / degrees) < MATTERS:
+        return None
+    rival = Rival(found[:count], half_widths(covariance, freedom)[:count])
+    return OffCentre(amplitude=float(np.hypot(*found[count:])), rival=rival)
+
+
+def _with_waves(log: LogEquations, wave: Samples, count: int, parts: int) -> LogEquations:
+    """Return equivalent equations, few for each part, of the first unknowns and two waves."""
+    kept = log.columns < count
+    whole = replace(
+        log,
+        rows=np.column_stack([log.rows[:, kept], wave]),
+        columns=np.append(log.columns[kept], [count, count + 1]),
+    )
+    rows, residuals = whole.compressed(parts)
+    return replace(whole, rows=rows.reshape(-1, rows.shape[2]), residuals=residuals.ravel())

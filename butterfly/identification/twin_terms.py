@@ -1,0 +1,77 @@
+"""Absent terms that a fitted one speaks for: rivals of the values that they would move.
+
+A spring that pulls to an angle of its own, fitted without it, leaves a bias; its stiffness is read
+as a gravity moment. Where such a term, added, predicts held-out logs better, the intervals include
+the values with it, however little of the error it explains.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from butterfly.arrays import Samples
+from butterfly.identification.chosen_terms import Fitted, FreeRunModel
+from butterfly.identification.findings import Finding, FindingKind
+from butterfly.identification.inference.agreement import Rival
+from butterfly.identification.inference.covariance import cluster_covariance, half_widths
+from butterfly.identification.inference.stagewise import Offer
+from butterfly.identification.levels import MATTERS
+from butterfly.identification.problem import Problem
+from butterfly.model.terms import PARAMETERS, TERMS
+
+
+class TwinTerm(NamedTuple):
+    """A term that a fit lacks, and the fit's shared values with it."""
+
+    name: str
+    rival: Rival
+    moved: dict[str, float]  # parameters that it moves, and the share
+
+    @property
+    def finding(self) -> Finding:
+        """What it would move, and by which share at most."""
+        return Finding(
+            FindingKind.LIKE_TERM, (self.name, *self.moved), number=max(self.moved.values())
+        )
+
+
+def spoken_for(names: Iterable[str]) -> tuple[str, ...]:
+    """Return the terms that are not among some names, and that one of these speaks for."""
+    has = {*names}
+    return tuple(row.name for row in TERMS.values() if row.shows_as & has and row.name not in has)
+
+
+def twin_terms(every: Problem, fitted: Fitted, rows: Iterable[str]) -> list[TwinTerm]:
+    """Return those of some rows of a wider problem that predict better and move parameters."""
+    problem, found = fitted.problem, []
+    shared = problem.labels[: problem.shared]
+    every = replace(every, simulations=problem.simulations)
+    for name in rows:
+        model = FreeRunModel(every=every, problem=problem, end=fitted.end, rows=(name,))
+        for offer in model.offers([name]):
+            if not offer.ratio > 1:
+                continue
+            half = dict(zip(offer.nested.names, _half_widths(offer), strict=True))
+            values = np.array([offer.values[label] for label in shared])
+            widths = np.array([half[label] for label in shared])
+            before = fitted.end.values[: problem.shared]
+            moved = {
+                label: float(abs(value / old - 1))
+                for label, value, old in zip(shared, values, before, strict=True)
+                if label in PARAMETERS and abs(value - old) > MATTERS * abs(old)
+            }
+            if moved:
+                found.append(TwinTerm(name, Rival(values, widths), moved))
+    return found
+
+
+def _half_widths(offer: Offer) -> Samples:
+    """(n,) half-widths of the values of a fit with a row more."""
+    about = offer.nested.equations
+    step = np.array([offer.values[name] for name in about.names]) - about.values
+    left = about.residuals + about.rows @ step
+    return half_widths(*cluster_covariance(about.rows, left, about.prior))
