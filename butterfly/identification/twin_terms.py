@@ -53,7 +53,7 @@ def twin_terms(every: Problem, fitted: Fitted, rows: Iterable[str]) -> list[Twin
     for name in rows:
         model = FreeRunModel(every=every, problem=problem, end=fitted.end, rows=(name,))
         for offer in model.offers([name]):
-            if not offer.ratio > 1:
+            if not (offer.ratio > 1 and model.confirms(offer.values)):
                 continue
             half = dict(zip(offer.nested.names, _half_widths(offer), strict=True))
             values = np.array([offer.values[label] for label in shared])

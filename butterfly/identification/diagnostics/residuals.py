@@ -39,7 +39,7 @@ from butterfly.identification.inference.linear_terms import (
     candidates,
     stribeck_velocities,
 )
-from butterfly.identification.inference.stagewise import stagewise
+from butterfly.identification.inference.stagewise import is_near, stagewise
 from butterfly.identification.inference.submodels import submodels_of
 from butterfly.identification.levels import DRAWS, LOST, PRECISE, SHOWS, SPREADS
 from butterfly.identification.predict import covariance_root, honest_covariance
@@ -443,7 +443,8 @@ class _Unknowns:
         cells = steps.cells(names, lower_bounds(names), independent_cells_of(len(logs), len(names)))
         # derivatives predict the residuals about as precisely as values are known
         rounding = PRECISE * float(np.sqrt(cells.cost.mean()))
-        nested = submodels_of(cells, [log.added_mass for log in logs], rounding)
+        masses = [log.added_mass for log in logs]
+        nested = submodels_of(cells, masses, rounding)
         model = LinearModel(models=(nested,), optional=self.absent)
         if not (self.absent and model.determined):
             return MissingTerms(), np.zeros(len(logs))
@@ -453,6 +454,9 @@ class _Unknowns:
         shares = 1 - after / np.where(before > 0, before, 1.0)
         values = self.estimate.values + (ends[:, :count] @ directions.T)[:, :size]
         far = np.abs(values[1] - values[0]) > (self.estimate.upper - self.estimate.lower) / 2
+        here, there = (
+            dict(zip(self.estimate.names, each.tolist(), strict=True)) for each in values
+        )
         pairs = zip(self.estimate.names, far.tolist(), strict=True)
         swapped = [(row.name, taken) for row, taken in found.ties if row.swapped(taken)]
         moved = tuple(name for name, large in pairs if large and name in PARAMETERS and terms)
@@ -463,7 +467,7 @@ class _Unknowns:
             ),
             share=float(1 - after.sum() / before.sum()) if before.sum() else 0.0,
             moved=moved,
-            rival=values[1] if moved else None,
+            rival=values[1] if moved and is_near(there, here, masses) else None,
         ), shares
 
 
