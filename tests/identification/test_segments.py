@@ -221,7 +221,7 @@ def test_friction_that_changes_along_the_way_is_not_taken_for_mass_or_delay():
     log = _followed(ripple=4.0, noise=2e-5)
     found = OutputError()(DataSet.of([log], known=Prior.of({"p4": GAIN})))
     assert found.method == "output error"
-    assert found.horizon is None
+    assert found.horizon == pytest.approx(3.1, rel=0.1)  # a period: nothing holds the table
     for name, truth in {"p1": MASS, "p2": DAMPING, "coulomb": FRICTION, "delay": 0.0}.items():
         at = found.names.index(name)
         assert found.lower[at] <= truth <= found.upper[at], name

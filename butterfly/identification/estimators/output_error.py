@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from typing import ClassVar, Literal, Self
 
@@ -26,6 +27,7 @@ from butterfly.identification.estimators.between_samples import (
     held_or_straight,
     unsaid,
 )
+from butterfly.identification.estimators.own_time import over_shorter, own_time
 from butterfly.identification.estimators.start import (
     ProblemOf,
     begun_anew,
@@ -161,7 +163,7 @@ class OutputError(Estimator):
         if self.servo_loop == "open":
             logs = [log.opened for log in logs]
         if self.horizon is not None:
-            return self, logs
+            return replace(self, horizon=self.horizon if self.horizon < math.inf else 0.0), logs
         horizon = min(horizon_of(logs, each.parameters, each.zeros) for each in first)
         return replace(self, horizon=horizon), logs
 
@@ -184,7 +186,7 @@ class OutputError(Estimator):
                 if fewer == rows:
                     raise
                 rows, rare = fewer, rare.intersection(fewer)
-        whole = self.horizon is None and settled.horizon == math.inf
+        whole = self.horizon is None and found.horizon == math.inf
         return replace(found, horizon=None) if whole else found
 
     def chosen(
@@ -194,7 +196,27 @@ class OutputError(Estimator):
         known: Prior,
         rows: tuple[tuple[str, ...], set[str]],
     ) -> tuple[Fitted, WeighedLogs | None]:
-        """Start, fit, choose from rows of the table of terms (some of them rare), weigh logs."""
+        """Start, fit, choose from rows of the table of terms (some of them rare), weigh logs.
+
+        If nobody asked for whole logs and no run of them stays near, over segments instead.
+        """
+        found = self._chosen(logs, first, known, rows)
+        if self.horizon != math.inf:
+            return found
+        horizon, start = own_time(found[0], rows[0])
+        if horizon < math.inf and not out_of_time("segments of the logs"):
+            with suppress(IdentifiabilityError):
+                return replace(self, horizon=horizon).chosen(logs, [start], known, rows)
+        return found
+
+    def _chosen(
+        self,
+        logs: Sequence[Log],
+        first: Sequence[Start],
+        known: Prior,
+        rows: tuple[tuple[str, ...], set[str]],
+    ) -> tuple[Fitted, WeighedLogs | None]:
+        """Do so over one horizon."""
         absent = {*self._rows(logs, known)[0]} - {*rows[0]} if self.terms is None else set[str]()
 
         def begun(logs: Sequence[Log]) -> Begun:
@@ -235,6 +257,9 @@ class OutputError(Estimator):
         beyond = end.values + end.at.step(*problem.box.about(end.values, np.inf))
         scattering = weighed is not None and bool(weighed.findings)  # which hides it
         others = [] if scattering else unsaid(problem, fitted.end)
+        horizon = problem.options.horizon
+        if self.horizon == math.inf and horizon < math.inf:  # that nobody asked for
+            others += over_shorter(problem, fitted.end)
         rivals = (*fitted.rivals, *others, beyond[: problem.shared])
         found = SolvedFit(
             method="output error",
@@ -252,7 +277,7 @@ class OutputError(Estimator):
             fixed=self._fixed(problem),
             findings=(*findings, *(each.finding for each in twins)),
         )
-        local, horizon = _local(owned, solved.values), self.horizon or math.inf
+        local = _local(owned, solved.values)
         return replace(infer(found), local=local, horizon=horizon)
 
     def _twins(self, fitted: Fitted, known: Prior) -> list[TwinTerm]:

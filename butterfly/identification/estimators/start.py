@@ -225,8 +225,12 @@ def begun_anew(
 
 def leaves_noise(at: Equations) -> bool:
     """Whether errors are a small share of the motion, and white by their second differences."""
-    noise = sum(0.5 * log.residuals.size * roughness(log.residuals) / 6 for log in at.logs)
-    return 2 * at.cost <= len(at.logs) * MATTERS**2 and at.cost <= _ELSEWHERE * noise
+    return 2 * at.cost <= len(at.logs) * MATTERS**2 and at.cost <= _ELSEWHERE * white_cost(at)
+
+
+def white_cost(at: Equations) -> float:
+    """Return the cost of white noise as rough as the errors of the logs."""
+    return sum(0.5 * log.residuals.size * roughness(log.residuals) / 6 for log in at.logs)
 
 
 ProblemOf = Callable[[Sequence[Log], Start, Prior], Problem]

@@ -252,7 +252,10 @@ def _widths_at(equations: CellEquations, each: _Tried, limit: float, values: Sam
         residuals=left,
         prior=None if equations.prior is None else equations.prior.padded(1),
     ).independent
-    covariance, freedom = cluster_covariance(whole.rows, whole.residuals, whole.prior)
+    try:
+        covariance, freedom = cluster_covariance(whole.rows, whole.residuals, whole.prior)
+    except np.linalg.LinAlgError:  # no cell tells the slope from the rest
+        return np.full(values.size, np.inf)
     return np.asarray(half_widths(covariance, freedom)[:-1])
 
 
