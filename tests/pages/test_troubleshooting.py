@@ -2,7 +2,7 @@
 
 import ast
 import re
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -45,6 +45,7 @@ KINDS = [kind for kind in FindingKind if kind not in _SLIPS | _OF_MODEL]
 _CONCERNED = {
     FindingKind.CONTRADICTED: ("inertia",),
     FindingKind.RESTS_ON: ("mass_scale", "time_scale"),
+    FindingKind.LIKE_SCALE: ("mass_inertia", "arm", "time_scale"),
     FindingKind.UNIT_ASSUMED: ("p4", "V"),
     FindingKind.UNIT_UNREAD: ("p4", "V", "mV", "comment: 'input in mV'", ""),
 }
@@ -52,10 +53,14 @@ _NUMBERS = {FindingKind.POOR_FIT: (40.0, float("-inf"))}
 
 
 def _examples(kind):
-    """Return findings of a kind, with numbers that make a difference."""
+    """Return findings of a kind, with numbers and names that make a difference."""
     concerned = _CONCERNED.get(kind, ("stribeck_velocity", "p1"))
-    finding = partial(Finding, kind, concerned, logs=("a.mat", "b.mat"))
-    return [finding(number=number) for number in _NUMBERS.get(kind, (2.0, 3.0))]
+    alone = [concerned[:1]] if kind is FindingKind.PRIOR_CONFLICT else []  # of what was given
+    return [
+        Finding(kind, names, logs=("a.mat", "b.mat"), number=number)
+        for names in (concerned, *alone)
+        for number in _NUMBERS.get(kind, (2.0, 3.0))
+    ]
 
 
 def _example_of_slip(slip):

@@ -20,7 +20,7 @@ from butterfly.identification.chosen_terms import Fitted
 from butterfly.identification.estimators.start import white_cost
 from butterfly.identification.fit import Minimum
 from butterfly.identification.inference.blocks import CELLS
-from butterfly.identification.levels import FEW, PASSES, SHOWS, WEIGHED
+from butterfly.identification.levels import FEW, PASSES, PRECISE, SHOWS, WEIGHED
 from butterfly.identification.problem import Problem, Start
 from butterfly.logs.log import Log
 from butterfly.model.parameters import value_if_absent
@@ -35,16 +35,10 @@ def own_time(fitted: Fitted, rows: Collection[str]) -> tuple[float, Start]:
     noise by more than this is known.
     """
     problem, end = fitted.problem, fitted.end
-    values = dict(zip(problem.labels, end.values.tolist(), strict=True))
-    bare = replace(problem.start, **{n: values[n] for n in ("p1", "p2", "p3") if n in values})
-    loaded = [bare.with_added_mass(log.added_mass) for log in problem.logs]
-    if any(log.closed for log in problem.logs) or any(each.p3 for each in loaded):
-        return math.inf, Start(problem.start, problem.zeros)
-    settles = (2 * math.pi * each.p1 / each.p2 for each in loaded if each.p2 > 0)
-    own, tried = min([*settles, *map(_period, problem.logs)]), list[tuple[float, Minimum]]()
+    own, tried = _time_of(problem, end), list[tuple[float, Minimum]]()
     while not _explained(end) and len(tried) <= FEW and not out_of_time("shorter segments"):
         horizon = float(f"{own / FEW ** len(tried):.2g}")  # which hardly depends on the values
-        shorter = _over(problem, end, horizon) if horizon > _shortest(problem) else None
+        shorter = _over(problem, end, horizon) if _shortest(problem) < horizon < math.inf else None
         if shorter is None:
             break
         end = shorter
@@ -56,6 +50,17 @@ def own_time(fitted: Fitted, rows: Collection[str]) -> tuple[float, Start]:
     shared = {name: value for (name, whose), value in keys if whose is None and name != "zero"}
     absent = {name: value_if_absent(name) for name in rows}
     return found, Start(replace(problem.start, **shared | absent), problem.zeros)
+
+
+def _time_of(problem: Problem, end: Minimum) -> float:
+    """Return the joint's own time in s; infinite of one that gravity or a servo's loop holds."""
+    values = dict(zip(problem.labels, end.values.tolist(), strict=True))
+    bare = replace(problem.start, **{n: values[n] for n in ("p1", "p2", "p3") if n in values})
+    loaded = [bare.with_added_mass(log.added_mass) for log in problem.logs]
+    if any(log.closed for log in problem.logs) or any(each.p3 for each in loaded):
+        return math.inf
+    settles = (2 * math.pi * each.p1 / each.p2 for each in loaded if each.p2 > 0)
+    return min([*settles, *map(_period, problem.logs)])
 
 
 def _explained(end: Minimum) -> bool:
@@ -79,12 +84,16 @@ def _over(problem: Problem, end: Minimum, horizon: float) -> Minimum | None:
 
 
 def over_shorter(problem: Problem, end: Minimum) -> list[Samples]:
-    """Return (shared,) values over thirds of the segments, as right; none of too short ones.
+    """Return (shared,) values over a third of segments of the joint's own time, which are as right.
 
-    Over some joints these are nearer the truth, over others not, and nothing tells which.
+    Over some joints these are nearer the truth, over others not, and nothing tells which. None of
+    segments that are shorter already, as noise explains only those.
     """
-    horizon = problem.options.horizon / FEW
-    found = _over(problem, end, horizon) if horizon > _shortest(problem) else None
+    horizon = problem.options.horizon
+    third = horizon / FEW
+    if horizon < (1 - PRECISE) * _time_of(problem, end) or third < _shortest(problem):
+        return []
+    found = _over(problem, end, third)
     return [found.values[: problem.shared]] if found is not None and found.converged else []
 
 
