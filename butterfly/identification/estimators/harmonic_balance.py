@@ -330,4 +330,5 @@ def _spread(errors: Samples, variance: Samples, freedom: int) -> float:
         return float(np.sum(errors**2 / (variance + common))) - freedom
 
     most = float(errors @ errors) / freedom
-    return float(brentq(excess, ROUNDING * most, most)) if excess(ROUNDING * most) > 0 else 0.0
+    # at the most it is 0 where nothing is known, but for rounding
+    return float(brentq(excess, ROUNDING * most, 2 * most)) if excess(ROUNDING * most) > 0 else 0.0

@@ -203,10 +203,13 @@ class OutputError(Estimator):
         found = self._chosen(logs, first, known, rows)
         if self.horizon != math.inf:
             return found
-        horizon, start = own_time(found[0], rows[0])
+        horizon, start = own_time(found[0])
         if horizon < math.inf and not out_of_time("segments of the logs"):
+            lines = [each for each in found[0].findings if each.kind is FindingKind.STRAIGHT]
+            shorter, logs = replace(self, horizon=horizon), found[0].problem.logs
             with suppress(IdentifiabilityError):
-                return replace(self, horizon=horizon).chosen(logs, [start], known, rows)
+                fitted, weighed = shorter.chosen(logs, [start], known, rows)
+                return replace(fitted, findings=(*fitted.findings, *lines)), weighed
         return found
 
     def _chosen(

@@ -9,7 +9,6 @@ segments are shorter by thirds, if such leave no more than noise.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
@@ -23,13 +22,12 @@ from butterfly.identification.inference.blocks import CELLS
 from butterfly.identification.levels import FEW, PASSES, PRECISE, SHOWS, WEIGHED
 from butterfly.identification.problem import Problem, Start
 from butterfly.logs.log import Log
-from butterfly.model.parameters import value_if_absent
 from butterfly.progress import out_of_time
 from butterfly.signals.spectrum import resample, uniform_grid
 
 
-def own_time(fitted: Fitted, rows: Collection[str]) -> tuple[float, Start]:
-    """Return the time in s of segments, and a first guess over them, without the terms of ``rows``.
+def own_time(fitted: Fitted) -> tuple[float, Start]:
+    """Return the time in s of segments, and a first guess over them.
 
     It is finite where nothing holds the joint, and a fit of whole logs leaves errors above white
     noise by more than this is known.
@@ -48,8 +46,7 @@ def own_time(fitted: Fitted, rows: Collection[str]) -> tuple[float, Start]:
         found, end = tried[-1 if _explained(end) else 0]
     keys = zip(problem.keys, end.values.tolist(), strict=True)
     shared = {name: value for (name, whose), value in keys if whose is None and name != "zero"}
-    absent = {name: value_if_absent(name) for name in rows}
-    return found, Start(replace(problem.start, **shared | absent), problem.zeros)
+    return found, Start(replace(problem.start, **shared), problem.zeros)
 
 
 def _time_of(problem: Problem, end: Minimum) -> float:
