@@ -86,7 +86,7 @@ class FreeRunModel:
     @property
     def values(self) -> dict[str, float]:
         """Its values by label."""
-        return dict(zip(self.problem.labels, self.end.values.tolist(), strict=True))
+        return self.problem.named(self.end.values)
 
     @property
     def masses(self) -> list[AddedMass]:
@@ -136,15 +136,13 @@ class FreeRunModel:
         return there.equations(values, self.end.at).counting(there.options.loss)
 
     def descended(
-        self, there: Problem, at: Equations | None = None, most: int = MOST, enough: float = SHOWS
+        self, there: Problem, at: Equations, most: int = MOST, enough: float = SHOWS
     ) -> Minimum:
         """Return where a descent in other terms ends, as far as their choice needs it.
 
         One into ever stiffer joints, as a base that hardly moves, takes no more steps than ``most``
         expansions at its start.
         """
-        if at is None:
-            at, most = there.equations(there.initial, self.end.at), most - 1
         return there.descend(at, most, enough, most * at.steps)
 
     def _with(self, rows: Iterable[str], values: Mapping[str, float]) -> Problem:
@@ -170,8 +168,7 @@ class FreeRunModel:
         except IdentifiabilityError:
             return None
         found = replace(self, problem=problem, end=end)
-        values = dict(zip(problem.labels, end.values.tolist(), strict=True))
-        least = dict(zip(problem.labels, problem.lower.tolist(), strict=True))
+        values, least = problem.named(end.values), problem.named(problem.lower)
         free = all(values[n] > least[n] for n in (offer.name, "p1") if n in values)
         free &= all(values[name] <= TERMS[name].most for name in problem.labels if name in TERMS)
         possible = friction_brakes(values, self.masses)
@@ -184,9 +181,8 @@ class FreeRunModel:
         problem = self.problem.without({name})
         kept = np.isin(self.problem.labels, problem.labels)
         values = self.nested.fitted(kept[np.newaxis])[0][kept]
-        promised = dict(zip(problem.labels, values.tolist(), strict=True))
         there = None
-        if is_near(promised, self.values, self.masses):
+        if is_near(problem.named(values), self.values, self.masses):
             there = self.equations(problem, values)
         if there is None or not there.is_finite:
             there = self.equations(problem, self.end.values[kept])
@@ -245,8 +241,7 @@ def fitted_of(found: ChosenTerms[Any], end: Minimum, before: Fitted) -> Fitted:
 def chosen_at_once(problem: Problem, end: Minimum, rows: Sequence[str]) -> tuple[Problem, Minimum]:
     """Take away terms of a fit that do not help, on its equations alone; fit the others."""
     masses = [log.added_mass for log in problem.logs]
-    values = dict(zip(problem.names, end.values.tolist(), strict=True))
-    least = dict(zip(problem.names, problem.lower.tolist(), strict=True))
+    values, least = problem.named(end.values), problem.named(problem.lower)
     if lost := {name for name in rows if name in values and values[name] <= least[name]}:
         # about the bound of a term the equations of what only it identifies are empty
         fewer = problem.without(lost)
@@ -261,11 +256,8 @@ def chosen_at_once(problem: Problem, end: Minimum, rows: Sequence[str]) -> tuple
         masses=masses,
     )
     found = stagewise(model, rows, ()).model
-    names = found.nested.names
-    here, there = (
-        dict(zip(names, each.tolist(), strict=True)) for each in (end.values, found.values)
-    )
-    begun = found.values if is_near(there, here, masses) else end.values
+    near = is_near(problem.named(found.values), problem.named(end.values), masses)
+    begun = found.values if near else end.values
     fewer = problem.keeping(np.flatnonzero(found.kept), begun[found.kept])
     return fewer, fewer.descend(fewer.equations(fewer.initial, end.at))
 

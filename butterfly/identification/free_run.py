@@ -14,7 +14,7 @@ from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.levels import LOST
 from butterfly.identification.segment import LONGEST_STEP, grid_step
-from butterfly.identification.sensor_errors import roughness
+from butterfly.identification.sensor_errors import white_variance
 from butterfly.identification.simulation import Simulation, segment_length
 from butterfly.identification.test_functions import HALF_WIDTH, VELOCITY_SHARE
 from butterfly.logs.log import Log
@@ -79,8 +79,8 @@ class FreeRun:
         """
         readings = (self.log.measured, self.log.measured - self.simulated)
         with np.errstate(over="ignore", invalid="ignore"):
-            rough = np.array([roughness(each) for each in readings])
-        return math.sqrt(float(np.nanmin(rough)) / 6)
+            variances = np.array([white_variance(each) for each in readings])
+        return math.sqrt(float(np.nanmin(variances)))
 
     @cached_property
     def _velocity(self) -> tuple[float, float, float]:

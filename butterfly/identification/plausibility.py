@@ -15,6 +15,7 @@ from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.levels import CLEARLY, CONFIDENCE, LOST
 from butterfly.identification.physical import physical_parameters
+from butterfly.identification.servo_drive import assumes_clock
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import LAG
@@ -134,9 +135,7 @@ def judge_basis(estimate: Estimate, data: DataSet) -> list[Finding]:
         and "angle_scale" not in data.known.values,
         "time_scale": True,
         LAG: "delay" in estimate.names,
-        "loop_clock": any(
-            log.closed and log.servo is not None and log.servo.clock_assumed for log in data.logs
-        ),
+        "loop_clock": any(map(assumes_clock, data.logs)),
     }
     rests = tuple(
         name for name, is_open in open_.items() if is_open and name not in data.known.values

@@ -141,6 +141,17 @@ class Problem:
         """(n,) names of the unknowns, with the added mass or log of local ones."""
         return labels_of(self.keys)
 
+    def named(self, values: Samples) -> dict[str, float]:
+        """Return (n,) values by label."""
+        return dict(zip(self.labels, values.tolist(), strict=True))
+
+    def start_at(self, values: Samples) -> Start:
+        """Return the first guess that (n,) values are, those of single masses or logs aside."""
+        keys = zip(self.keys, values.tolist(), strict=True)
+        own = {name: value for (name, whose), value in keys if whose is None}
+        zeros = dict.fromkeys(self.zeros, own.pop("zero")) if "zero" in own else self.zeros
+        return Start(replace(self.start, **own), zeros)
+
     @property
     def logs(self) -> list[Log]:
         """The k logs."""

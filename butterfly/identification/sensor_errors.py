@@ -138,6 +138,11 @@ def roughness(errors: Samples) -> float:
     return total / count if count > 0 else 0.0
 
 
+def white_variance(errors: Samples) -> float:
+    """Variance of white noise that is as rough as (n,) errors."""
+    return roughness(errors) / 6
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Curve:
     """A correlation over lags, with the band of that of sensor errors."""

@@ -125,6 +125,20 @@ def driven(log: Log, delay: float = 0.0) -> Log:
     return replace(known, **made, excitation=None, lead=lead)
 
 
+def undriven(log: Log) -> Log:
+    """Return the log of a rebuilt drive as it was recorded, with its set-point as input."""
+    lead = log.lead
+    if lead is not None and lead.setpoint is not None:
+        lead = replace(lead, input=lead.setpoint, setpoint=None)
+    raw: dict[str, Any] = {"input": log.setpoint, "input_kind": InputKind.SETPOINT, "lead": lead}
+    return replace(log, **raw, setpoint=None, rebuilt=False)
+
+
+def assumes_clock(log: Log) -> bool:
+    """Whether a log is simulated in a servo's loop of which nobody says how fast it runs."""
+    return log.closed and log.servo is not None and log.servo.clock_assumed
+
+
 def driven_alone(log: Log, parameters: LumpedParameters) -> Log:
     """Return the open-loop log of a drive, rebuilt with estimated gains and delay if needed."""
     servo = log.servo
@@ -134,9 +148,7 @@ def driven_alone(log: Log, parameters: LumpedParameters) -> Log:
         name: Known(value=getattr(parameters, f"loop_{name}") * getattr(servo, name).value)
         for name in ("kp", "ki", "kd")
     }
-    raw: dict[str, Any] = {"input": log.setpoint, "input_kind": InputKind.SETPOINT}
-    raw["servo"] = replace(servo, **gains)
-    return driven(replace(log, **raw), parameters.delay).opened
+    return driven(replace(undriven(log), servo=replace(servo, **gains)), parameters.delay).opened
 
 
 def _slews(servo: ServoLoop) -> bool:

@@ -71,7 +71,6 @@ def twin_terms(every: Problem, fitted: Fitted, rows: Iterable[str]) -> list[Twin
 
 def _half_widths(offer: Offer) -> Samples:
     """(n,) half-widths of the values of a fit with a row more."""
-    about = offer.nested.equations
-    step = np.array([offer.values[name] for name in about.names]) - about.values
-    left = about.residuals + about.rows @ step
-    return half_widths(*cluster_covariance(about.rows, left, about.prior))
+    values = np.array([offer.values[name] for name in offer.nested.names])
+    about = offer.nested.about(values).equations
+    return half_widths(*cluster_covariance(about.rows, about.residuals, about.prior))

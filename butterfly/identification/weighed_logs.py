@@ -146,10 +146,10 @@ class WeighedModel(FreeRunModel):
         return WeighedLogs.simulated(there, values, own, mine, mine)
 
     def descended(
-        self, there: Problem, at: Equations | None = None, most: int = MOST, enough: float = MATTERS
+        self, there: Problem, at: Equations, most: int = MOST, enough: float = MATTERS
     ) -> WeighedMinimum:
         """Return where the steps of weighed logs lead in other terms, as far as needed."""
-        found = self._weighed(there, there.initial if at is None else at.values)
+        found = self._weighed(there, at.values)
         for _ in range(min(most, PASSES)):
             if found.at.decrease(found.step) <= max(enough, MATTERS) * found.at.cost:
                 return found.ended()

@@ -66,13 +66,19 @@ def _answer(log):
     return found.estimate, {each.kind for each in found.estimate.findings}, found
 
 
-@pytest.mark.parametrize("made", [_servo, _direct])
-def test_an_input_that_goes_straight_is_taken_as_such(made):
-    estimate, kinds, found = _answer(made(STRAIGHT))
-    assert FindingKind.STRAIGHT in kinds
-    assert [log.intersample for log in found.logs.logs] == [STRAIGHT]
+def _assert_taken(log, hold, kind):
+    """Return the estimate of a log whose input was taken so, near the truth."""
+    estimate, kinds, found = _answer(log)
+    assert kind in kinds
+    assert [log.intersample for log in found.logs.logs] == [hold]
     for name, true in JOINT.items():
         assert estimate.named[name] == pytest.approx(true, rel=5e-3), name
+    return estimate
+
+
+@pytest.mark.parametrize("made", [_servo, _direct])
+def test_an_input_that_goes_straight_is_taken_as_such(made):
+    estimate = _assert_taken(made(STRAIGHT), STRAIGHT, FindingKind.STRAIGHT)
     assert estimate.level is Level.GOOD
     told, said, _ = _answer(replace(made(STRAIGHT), intersample=STRAIGHT))
     assert not said & {FindingKind.STRAIGHT, FindingKind.HELD}
@@ -81,11 +87,7 @@ def test_an_input_that_goes_straight_is_taken_as_such(made):
 
 @pytest.mark.parametrize("made", [_servo, _direct])
 def test_a_held_input_is_taken_as_such(made):
-    estimate, kinds, found = _answer(made(HELD))
-    assert FindingKind.HELD in kinds
-    assert [log.intersample for log in found.logs.logs] == [HELD]
-    for name, true in JOINT.items():
-        assert estimate.named[name] == pytest.approx(true, rel=5e-3), name
+    _assert_taken(made(HELD), HELD, FindingKind.HELD)
 
 
 def test_where_the_delay_takes_it_up_the_intervals_hold_both():

@@ -62,9 +62,8 @@ def off_centre(
     gain, found = before - after, nested.fitted(masks)[1]
     if not (np.isfinite(found).all() and gain.mean() > standard_error(gain)):
         return None
-    about = nested.equations
-    left = about.residuals + about.rows @ (found - about.values)
-    covariance, freedom = cluster_covariance(about.rows, left)
+    about = nested.about(found).equations
+    covariance, freedom = cluster_covariance(about.rows, about.residuals)
     waved, degrees = covariance[count:, count:], max(float(freedom[count:].min()), 2.0)
     # Hotelling's square of two values, as an F
     square = float(found[count:] @ np.linalg.solve(waved, found[count:])) / len(_WAVES)

@@ -245,10 +245,10 @@ def residuals_of(data: DataSet, estimate: Estimate, runs: Sequence[FreeRun] = ()
     if sum(each.outside for each in judged) > _BY_CHANCE * len(every):
         logs = [each.run.log for each in found]
         large = Residuals(logs=tuple(judged)).times > 1 / LOST  # most is no noise
-        agreement, rivals, friction = unknowns.contrasts(left, logs)
+        agreement, rivals, friction = unknowns.contrasts(left, logs, large=large)
         missing, shares = unknowns.missing_terms(at, directions, logs)
         result = replace(result, missing=missing, agreement=agreement, rivals=rivals)
-        result = replace(result, of_friction=friction if large else ())
+        result = replace(result, of_friction=friction)
         both = zip(judged, shares.tolist(), strict=True)
         judged = [replace(each, share=share) for each, share in both]
     following = iter(judged)
@@ -403,9 +403,12 @@ class _Unknowns:
         return Equations(values=values, logs=tuple(each.equations for each in runs))
 
     def contrasts(
-        self, left: Equations, logs: Sequence[Log]
+        self, left: Equations, logs: Sequence[Log], *, large: bool
     ) -> tuple[tuple[Contrast, ...], tuple[Samples, ...], tuple[Samples, ...]]:
-        """Return the contrasts of residual equations, and (p,) values of rivals and of friction."""
+        """Return the contrasts of residual equations, and (p,) values of rivals.
+
+        The last are those of friction, of a ``large`` misfit alone.
+        """
         names, count = labels_of(self.keys), cells_of(len(logs), len(self.keys))
         unknowns = left.in_steps(np.eye(left.values.size, len(names)))
         cells = replace(
@@ -416,7 +419,8 @@ class _Unknowns:
         conditions, size = Conditions.of(logs, count), self.estimate.values.size
         found, ends = contrasts_of(cells, conditions)
         same, own = cells.values[:size], self.estimate.values  # which small changes tell apart
-        friction = (each[:size] for each in friction_rivals(cells, conditions))
+        asked = friction_rivals(cells, conditions) if large else []
+        friction = (each[:size] for each in asked)
         of_friction = tuple(np.where(each == same, own, each) for each in friction)
         return found, tuple(each[:size] for each in ends), of_friction
 

@@ -31,7 +31,7 @@ from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.levels import CLEARLY, FEW, LOST, MATTERS, PRECISE
 from butterfly.identification.plausibility import is_possible
 from butterfly.identification.problem import Start
-from butterfly.identification.sensor_errors import roughness
+from butterfly.identification.sensor_errors import white_variance
 from butterfly.identification.test_functions import Averaging
 from butterfly.identification.unit_errors import (
     RIGHT,
@@ -89,7 +89,7 @@ def _is_doubtful(data: DataSet, estimate: Estimate) -> bool:
     misfits = 1 - data.simulations.fits(estimate) / 100
     # of each log, noise over motion by what neighbours have not in common
     angles = [log.measured for log in data.logs]
-    noise = np.array([math.sqrt(roughness(each) / 6) / each.std() for each in angles])
+    noise = np.array([math.sqrt(white_variance(each)) / each.std() for each in angles])
     return estimate.level is Level.WARNING or not (misfits < CLEARLY * noise).all()
 
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -18,16 +17,16 @@ from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.chosen_terms import Fitted, nested_about
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimators.start import leaves_noise
+from butterfly.identification.estimators.start import leaves_noise, refitted
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Minimum
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.identifiability import is_driven
 from butterfly.identification.inference.stagewise import as_good
-from butterfly.identification.levels import MATERIAL, MATTERS, PASSES, SHOWS
+from butterfly.identification.levels import MATERIAL, MATTERS
 from butterfly.identification.problem import Problem
-from butterfly.identification.servo_drive import driven
-from butterfly.logs.log import InputKind, Intersample, Log
+from butterfly.identification.servo_drive import assumes_clock, driven, undriven
+from butterfly.logs.log import Intersample, Log
 from butterfly.progress import out_of_time
 
 Begun = tuple[Problem, Fitted]
@@ -42,11 +41,7 @@ def straight(log: Log) -> Log:
     lines = replace(log, intersample=Intersample.FIRST_ORDER_HOLD)
     if not log.rebuilt:
         return lines
-    raw: dict[str, Any] = {"input": log.setpoint, "input_kind": InputKind.SETPOINT}
-    raw |= {"setpoint": None, "rebuilt": False}
-    if log.lead is not None and log.lead.setpoint is not None:
-        raw["lead"] = replace(log.lead, input=log.lead.setpoint, setpoint=None)
-    return driven(replace(lines, **raw))
+    return driven(undriven(lines))
 
 
 def held_or_straight(logs: Sequence[Log], begun: Callable[[Sequence[Log]], Begun]) -> Begun:
@@ -64,8 +59,8 @@ def held_or_straight(logs: Sequence[Log], begun: Callable[[Sequence[Log]], Begun
         first = begun(logs)
     except IdentifiabilityError:
         return _taking(FindingKind.STRAIGHT, begun(lines), open_)
-    late = dict(zip(first[1].problem.labels, first[1].end.values.tolist(), strict=True))
-    if late.get("delay", 0.0) < _half_a_sample(logs) and not leaves_noise(first[1].end.at):
+    late = first[1].problem.named(first[1].end.values).get("delay", 0.0)
+    if late < _half_a_sample(logs) and not leaves_noise(first[1].end.at):
         with suppress(IdentifiabilityError):
             other, most = begun(lines), len(first[0].keys)
             ends = (first[1], other[1])
@@ -102,19 +97,18 @@ def unsaid(problem: Problem, end: Minimum) -> list[Samples]:
             continue
         there, own = problem.of_logs(some), np.array(problem.labels) == "delay"
         begun = end.values + np.where(own, delay, 0.0)
-        try:
-            other = there.descend(there.equations(begun, end.at), PASSES, SHOWS)
-        except IdentifiabilityError:
+        other = refitted(there, begun, end.at)
+        if other is None or not other.converged:
             continue
         ends = ((there, other), (problem, end))
-        if other.converged and as_good(*(_errors(*each, len(begun)) for each in ends)):
+        if as_good(*(_errors(*each, len(begun)) for each in ends)):
             found.append(np.where(own, end.values, other.values)[: problem.shared])
     return found
 
 
 def _faster(log: Log) -> Log:
     """Return a log whose loop runs faster than assumed, if nobody says how fast it does."""
-    if log.servo is None or not log.closed or not log.servo.clock_assumed:
+    if log.servo is None or not assumes_clock(log):
         return log
     return replace(log, servo=replace(log.servo, clock=log.servo.period * MATTERS))
 
@@ -130,7 +124,7 @@ def as_taken(data: DataSet, found: Estimate) -> tuple[DataSet, Estimate]:
     if FindingKind.STRAIGHT in kinds:
         return data.corrected(straight), found
     if FindingKind.HELD in kinds:
-        return data.corrected(lambda log: replace(log, intersample=log.between_samples)), found
+        return data.told(lambda log: replace(log, intersample=log.between_samples)), found
     return data, found
 
 

@@ -200,26 +200,6 @@ class OutputError(Estimator):
 
         If nobody asked for whole logs and no run of them stays near, over segments instead.
         """
-        found = self._chosen(logs, first, known, rows)
-        if self.horizon != math.inf:
-            return found
-        horizon, start = own_time(found[0])
-        if horizon < math.inf and not out_of_time("segments of the logs"):
-            lines = [each for each in found[0].findings if each.kind is FindingKind.STRAIGHT]
-            shorter, logs = replace(self, horizon=horizon), found[0].problem.logs
-            with suppress(IdentifiabilityError):
-                fitted, weighed = shorter.chosen(logs, [start], known, rows)
-                return replace(fitted, findings=(*fitted.findings, *lines)), weighed
-        return found
-
-    def _chosen(
-        self,
-        logs: Sequence[Log],
-        first: Sequence[Start],
-        known: Prior,
-        rows: tuple[tuple[str, ...], set[str]],
-    ) -> tuple[Fitted, WeighedLogs | None]:
-        """Do so over one horizon."""
         absent = {*self._rows(logs, known)[0]} - {*rows[0]} if self.terms is None else set[str]()
 
         def begun(logs: Sequence[Log]) -> Begun:
@@ -240,7 +220,17 @@ class OutputError(Estimator):
         fitted = separable(stagewise_fit(every, fitted, *rows) if choosing else fitted)
         weighed = weighed_from(fitted.problem, fitted.end)
         if choosing and weighed and weighed.findings:
-            return stagewise_weighed(every, fitted, weighed, *rows)
+            fitted, weighed = stagewise_weighed(every, fitted, weighed, *rows)
+        if self.horizon != math.inf:
+            return fitted, weighed
+        segments = own_time(fitted)
+        if segments is not None and not out_of_time("segments of the logs"):
+            horizon, start = segments
+            shorter, logs = replace(self, horizon=horizon), fitted.problem.logs
+            lines = [each for each in fitted.findings if each.kind is FindingKind.STRAIGHT]
+            with suppress(IdentifiabilityError):
+                fitted, weighed = shorter.chosen(logs, [start], known, rows)
+                fitted = replace(fitted, findings=(*fitted.findings, *lines))
         return fitted, weighed
 
     def _over(self, terms: Iterable[str], fixed: Iterable[str], horizon: float) -> ProblemOf:

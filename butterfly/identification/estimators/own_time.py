@@ -14,25 +14,27 @@ from dataclasses import replace
 import numpy as np
 
 from butterfly.arrays import Samples
-from butterfly.errors import IdentifiabilityError
 from butterfly.identification.chosen_terms import Fitted
-from butterfly.identification.estimators.start import white_cost
+from butterfly.identification.estimators.start import refitted, white_cost
 from butterfly.identification.fit import Minimum
 from butterfly.identification.inference.blocks import CELLS
-from butterfly.identification.levels import FEW, PASSES, PRECISE, SHOWS, WEIGHED
+from butterfly.identification.levels import FEW, PRECISE, WEIGHED
 from butterfly.identification.problem import Problem, Start
 from butterfly.logs.log import Log
+from butterfly.model.parameters import LumpedParameters
 from butterfly.progress import out_of_time
-from butterfly.signals.spectrum import resample, uniform_grid
+from butterfly.signals.spectrum import periodogram, resample, uniform_grid
 
 
-def own_time(fitted: Fitted) -> tuple[float, Start]:
-    """Return the time in s of segments, and a first guess over them.
+def own_time(fitted: Fitted) -> tuple[float, Start] | None:
+    """Return the time in s of segments, and a first guess over them, if whole logs are no good.
 
-    It is finite where nothing holds the joint, and a fit of whole logs leaves errors above white
-    noise by more than this is known.
+    That is where nothing holds the joint, and a fit of whole logs leaves errors above white noise
+    by more than this is known.
     """
     problem, end = fitted.problem, fitted.end
+    if _is_held(problem, end) or _explained(end):
+        return None
     own, tried = _time_of(problem, end), list[tuple[float, Minimum]]()
     while not _explained(end) and len(tried) <= FEW and not out_of_time("shorter segments"):
         horizon = float(f"{own / FEW ** len(tried):.2g}")  # which hardly depends on the values
@@ -41,22 +43,28 @@ def own_time(fitted: Fitted) -> tuple[float, Start]:
             break
         end = shorter
         tried.append((horizon, end))
-    found = math.inf
-    if tried:  # where the noise explains none, it is the model that lacks something
-        found, end = tried[-1 if _explained(end) else 0]
-    keys = zip(problem.keys, end.values.tolist(), strict=True)
-    shared = {name: value for (name, whose), value in keys if whose is None and name != "zero"}
-    return found, Start(replace(problem.start, **shared), problem.zeros)
+    if not tried:
+        return None
+    # where noise explains none, it is the model that lacks something
+    horizon, end = tried[-1 if _explained(end) else 0]
+    return horizon, problem.start_at(end.values)
+
+
+def _loaded(problem: Problem, end: Minimum) -> list[LumpedParameters]:
+    """Return inertia, damping and gravity that a fit gives the joint in each log."""
+    values = problem.named(end.values)
+    bare = replace(problem.start, **{n: values[n] for n in ("p1", "p2", "p3") if n in values})
+    return [bare.with_added_mass(log.added_mass) for log in problem.logs]
+
+
+def _is_held(problem: Problem, end: Minimum) -> bool:
+    """Whether gravity or a servo's loop holds the joint."""
+    return any(log.closed for log in problem.logs) or any(p.p3 for p in _loaded(problem, end))
 
 
 def _time_of(problem: Problem, end: Minimum) -> float:
-    """Return the joint's own time in s; infinite of one that gravity or a servo's loop holds."""
-    values = dict(zip(problem.labels, end.values.tolist(), strict=True))
-    bare = replace(problem.start, **{n: values[n] for n in ("p1", "p2", "p3") if n in values})
-    loaded = [bare.with_added_mass(log.added_mass) for log in problem.logs]
-    if any(log.closed for log in problem.logs) or any(each.p3 for each in loaded):
-        return math.inf
-    settles = (2 * math.pi * each.p1 / each.p2 for each in loaded if each.p2 > 0)
+    """Return the own time in s of a joint that nothing holds."""
+    settles = (2 * math.pi * each.p1 / each.p2 for each in _loaded(problem, end) if each.p2 > 0)
     return min([*settles, *map(_period, problem.logs)])
 
 
@@ -74,10 +82,7 @@ def _over(problem: Problem, end: Minimum, horizon: float) -> Minimum | None:
     """Return the end of a fit over segments that begins at another's; None if there is none."""
     there = replace(problem, options=replace(problem.options, horizon=horizon))
     there = there.of_logs(problem.logs)
-    try:
-        return there.descend(there.equations(end.values), PASSES, SHOWS)
-    except IdentifiabilityError:
-        return None
+    return refitted(there, end.values)
 
 
 def over_shorter(problem: Problem, end: Minimum) -> list[Samples]:
@@ -99,5 +104,5 @@ def _period(log: Log) -> float:
     grid = uniform_grid(log.time)
     centred = resample(log.time, log.angle, grid)
     centred -= centred.mean()
-    spectrum = np.abs(np.fft.rfft(centred * np.hanning(grid.size)))
-    return float(grid[-1] - grid[0]) / (1 + int(np.argmax(spectrum[1:])))
+    _, power = periodogram(centred * np.hanning(grid.size), 1.0)
+    return float(grid[-1] - grid[0]) / (1 + int(np.argmax(power)))

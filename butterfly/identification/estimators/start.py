@@ -26,9 +26,17 @@ from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Equations, Minimum
 from butterfly.identification.inference.equations import scaled_least_squares
 from butterfly.identification.inference.estimate import Estimate
-from butterfly.identification.levels import LOST, MATTERS, MOST, ROUNDING, SHOWS, SPREADS
+from butterfly.identification.levels import (
+    LOST,
+    MATTERS,
+    MOST,
+    PASSES,
+    ROUNDING,
+    SHOWS,
+    SPREADS,
+)
 from butterfly.identification.problem import Problem, Start
-from butterfly.identification.sensor_errors import roughness
+from butterfly.identification.sensor_errors import white_variance
 from butterfly.identification.servo_drive import driven_alone
 from butterfly.logs.log import Log
 from butterfly.model.linear import resonance_frequency
@@ -223,6 +231,14 @@ def begun_anew(
     return fitted
 
 
+def refitted(problem: Problem, values: Samples, near: Equations | None = None) -> Minimum | None:
+    """Return the end of a short descent from (n,) values; None if no joint moves so."""
+    try:
+        return problem.descend(problem.equations(values, near), PASSES, SHOWS)
+    except IdentifiabilityError:
+        return None
+
+
 def leaves_noise(at: Equations) -> bool:
     """Whether errors are a small share of the motion, and white by their second differences."""
     return 2 * at.cost <= len(at.logs) * MATTERS**2 and at.cost <= _ELSEWHERE * white_cost(at)
@@ -230,7 +246,7 @@ def leaves_noise(at: Equations) -> bool:
 
 def white_cost(at: Equations) -> float:
     """Return the cost of white noise as rough as the errors of the logs."""
-    return sum(0.5 * log.residuals.size * roughness(log.residuals) / 6 for log in at.logs)
+    return sum(0.5 * log.residuals.size * white_variance(log.residuals) for log in at.logs)
 
 
 ProblemOf = Callable[[Sequence[Log], Start, Prior], Problem]
@@ -293,7 +309,5 @@ def servo_start(
     _, delay, problem, end = ends[0]
     if told is None:
         problem, end = chosen_at_once(problem, end, terms)
-    found = zip(problem.keys, end.values.tolist(), strict=True)
-    own = {name: value for (name, whose), value in found if whose is None} | {"delay": delay}
-    zeros = dict.fromkeys(guess.zeros, own.pop("zero")) if "zero" in own else guess.zeros
-    return Start(replace(problem.start, **own), zeros)
+    found = problem.start_at(end.values)
+    return replace(found, parameters=replace(found.parameters, delay=delay))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.identification.levels import CLEARLY, FEW
-from butterfly.identification.sensor_errors import roughness
+from butterfly.identification.sensor_errors import white_variance
 from butterfly.logs.log import MIN_SAMPLES, Log, slow_interval
 from butterfly.model.parameters import AddedMass
 
@@ -134,7 +134,7 @@ def _repeats(log: Log) -> bool:
     if log.excitation is not None:
         return True
     off = log.angle - log.angle.mean()
-    noise = math.sqrt(roughness(log.angle) / 6)
+    noise = math.sqrt(white_variance(log.angle))
     sides = np.sign(off[abs(off) > log.rms_motion / math.sqrt(2) + CLEARLY * noise])
     return bool(np.count_nonzero(np.diff(sides)) > 1)
 
