@@ -23,6 +23,7 @@ from butterfly.identification.findings import Finding
 from butterfly.identification.free_run import Simulations
 from butterfly.identification.inference.identifiability import is_driven
 from butterfly.identification.levels import LOST
+from butterfly.identification.own_time import turns_over
 from butterfly.identification.servo_drive import driven
 from butterfly.identification.unit_errors import (
     unit_errors_of_refused,
@@ -43,7 +44,6 @@ from butterfly.signals.frequency_response import ResponsePoint, response_point
 LARGEST_SINE = math.pi / 2
 """In rad, beyond which the steady response to a sine is no sine any more, even nearly."""
 
-_UPRIGHT = 0.9 * math.pi  # rad from the rest angle
 _OF_EACH_LOG = ("recorded", "logs", "health", "points")  # of a data set
 
 
@@ -256,11 +256,7 @@ class DataSet:
 
     def _turns_over(self, log: Log) -> bool:
         """Whether the hand passes near the upright, where the motion is sensitive to its start."""
-        if log.closed or not self.hangs:
-            return False
-        angle = log.angle - self.zero_of(log)
-        turned = 2 * math.pi * round(float(np.median(angle)) / (2 * math.pi))
-        return bool(np.max(np.abs(angle - turned)) > _UPRIGHT)
+        return self.hangs and not log.closed and turns_over(log, self.zero_of(log))
 
     def require_angles(self, *needed: str) -> None:
         """Raise InputError if something needs the angle, and a log has only a velocity."""

@@ -13,7 +13,8 @@ from butterfly.arrays import Samples
 from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.levels import LOST
-from butterfly.identification.segment import LONGEST_STEP, grid_step
+from butterfly.identification.own_time import is_held, own_time
+from butterfly.identification.segment import grid_step
 from butterfly.identification.sensor_errors import white_variance
 from butterfly.identification.simulation import Simulation, segment_length
 from butterfly.identification.test_functions import HALF_WIDTH, VELOCITY_SHARE
@@ -25,12 +26,8 @@ from butterfly.signals.spectrum import resample, uniform_grid
 
 _WINDOW = VELOCITY_SHARE * HALF_WIDTH  # s to either side
 
-GROWTH = 30.0
-"""Times by which an error at the start of a segment may grow within it."""
-
-_EVERY = 5  # steps from one start to the next
-# horizons, times powers of ten
-_PREFERRED = np.array([1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0])
+LEAST_FIT = 100 * (1 - LOST)
+"""FIT in per cent below which a simulation does not follow a log."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -256,45 +253,15 @@ def fit_of(error: float, motion: float, noise: float = 0.0) -> float:
 def horizon_of(
     logs: Iterable[Log], parameters: LumpedParameters, zeros: Mapping[AddedMass, float]
 ) -> float:
-    """Return the longest time in s within which no small error grows by more than `GROWTH`.
+    """Return the longest time in s that logs are simulated at once; infinite for whole logs.
 
-    Rounded down, so that it hardly depends on the parameters; infinite where no error grows so.
+    Whole logs where their free runs follow them; else, of joints that nothing holds, their own
+    time (see `own_time`).
     """
-    free = [log for log in logs if not log.closed]
-    found = min(
-        (_horizon(log, parameters, reading_of(log, zeros)) for log in free), default=math.inf
-    )
-    if not math.isfinite(found):
-        return math.inf
-    decade = 10.0 ** math.floor(math.log10(found))
-    fits = _PREFERRED[_PREFERRED * decade <= found * (1 + 1e-9)]
-    return float(f"{fits[-1] * decade:.2g}")
-
-
-def _horizon(log: Log, parameters: LumpedParameters, zero: float) -> float:
-    loaded = parameters.with_added_mass(log.added_mass)
-    if not (loaded.p1 > 0 and loaded.p3 > 0):
-        return math.inf
-    grid = uniform_grid(log.time, LONGEST_STEP)
-    falling = -loaded.p3 / loaded.p1 * np.cos(np.interp(grid, log.time, log.angle - zero))
-    if falling.max() <= 0:
-        return math.inf  # gravity is restoring everywhere
-    damping = max(loaded.p2, 0.0) / loaded.p1
-    steps = _soonest(falling, damping, math.sqrt(loaded.p1 / loaded.p3))
-    return steps * LONGEST_STEP if steps else math.inf
-
-
-def _soonest(falling: Samples, damping: float, slowest: float) -> int:
-    """Fewest steps in which an error grows `GROWTH`-fold, over all starts; 0 if none does."""
-    begins = np.arange(0, falling.size - 1, _EVERY)
-    angle = np.repeat([[1.0], [0.0]], begins.size, axis=1)  # of errors of angle, and of velocity
-    velocity = 1 - angle
-    for count in range(1, falling.size):
-        begins = begins[begins + count < falling.size]
-        angle, velocity = angle[:, : begins.size], velocity[:, : begins.size]
-        velocity += LONGEST_STEP * (falling[begins + count] * angle - damping * velocity)
-        angle += LONGEST_STEP * velocity
-        sizes = np.abs(angle) / [[1.0], [max(count * LONGEST_STEP, slowest)]]
-        if sizes.max(initial=0.0) > GROWTH:
-            return count
-    return 0
+    followed, own = list[float](), math.inf
+    for log in logs:
+        joint, zero = parameters.with_added_mass(log.added_mass), reading_of(log, zeros)
+        if not is_held(log, joint, zero):
+            own = min(own, own_time(log, joint))
+            followed.append(FreeRun.of(log, Setting(parameters=parameters, zero=zero)).followed)
+    return own if followed and np.median(followed) < LEAST_FIT else math.inf

@@ -12,17 +12,15 @@ from butterfly.arrays import Samples
 from butterfly.identification.data import DataSet
 from butterfly.identification.derived_quantities import discrepancies
 from butterfly.identification.findings import Finding, FindingKind
+from butterfly.identification.free_run import LEAST_FIT
 from butterfly.identification.inference.estimate import Estimate
-from butterfly.identification.levels import CLEARLY, CONFIDENCE, LOST
+from butterfly.identification.levels import CLEARLY, CONFIDENCE
 from butterfly.identification.physical import physical_parameters
 from butterfly.identification.servo_drive import assumes_clock
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import LAG
 from butterfly.model.terms import TERMS
-
-LEAST_FIT = 100 * (1 - LOST)
-"""Median FIT in per cent below which parameters are not those of the robot."""
 
 BETTER_METHOD = "The method {0} finds a joint that follows these logs: --method {0}."
 """What is said where another method does."""

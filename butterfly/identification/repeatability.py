@@ -151,9 +151,9 @@ def ratios_of(log: Log) -> RunRatios | None:
         data = DataSet.of([bare]).knowing(_RATIOS)
         with counted():
             first = starts(data, ())
-            estimator, logs = OutputError(terms=(), workers=1).settled(data.logs, first)
-            known = prior_of_fit(logs, data.known)
-            fitted, weighed = estimator.chosen(logs, first, known, ((), set()))
+            estimator = OutputError(terms=(), workers=1)
+            known = prior_of_fit(data.logs, data.known)
+            fitted, weighed = estimator.chosen(data.logs, first, known, ((), set()))
             estimate = estimator.inferred(fitted, weighed, known)
     except (ButterflyError, np.linalg.LinAlgError):
         return None

@@ -188,7 +188,7 @@ class Simulation:
     ) -> _Expansion:
         """Return the expansion about the best start of a segment."""
         segment = self.segments[number]
-        share, variance = 1.0, segment.log.rms_measured**2
+        share, variance = 1.0, self.log.rms_measured**2
         if not at.cost <= variance:  # the last search led astray, for what no joint has
             at = self._expanded(number, by_start, zero, segment.log.initial_state)
         for tries in range(MOST):

@@ -215,8 +215,9 @@ def test_a_weight_on_a_rod_is_the_one_that_its_drawings_show(strangers, tmp_path
     for name, (value, error) in PENDULUM.items():
         assert rows[name].lower - 2 * error <= value <= rows[name].upper + 2 * error, name
     p1, p3 = rows["p1"].value, rows["p3"].value
-    assert (p1, p3) == pytest.approx((PENDULUM["p1"][0], PENDULUM["p3"][0]), rel=0.02)
-    assert p3 / p1 == pytest.approx(9.81 / 0.5, rel=0.03)  # a weight at 0.5 m, as it is drawn
+    # segments of .2 to 2 s give p1 of .1755 to .186, of which the interval tells
+    assert (p1, p3) == pytest.approx((PENDULUM["p1"][0], PENDULUM["p3"][0]), rel=0.04)
+    assert p3 / p1 == pytest.approx(9.81 / 0.5, rel=0.01)  # a weight at 0.5 m, as it is drawn
     assert found.fit.median > 98.0
 
 

@@ -11,10 +11,9 @@ from butterfly.identification import free_run
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import OutputError, WeakForm
 from butterfly.identification.findings import FindingKind
-from butterfly.identification.free_run import FitSummary, FreeRun, Setting, Simulations
+from butterfly.identification.free_run import LEAST_FIT, FitSummary, FreeRun, Setting, Simulations
 from butterfly.identification.identify import identify, judge, judged
 from butterfly.identification.parameters_by_hand import best_gain, try_parameters
-from butterfly.identification.plausibility import LEAST_FIT
 from butterfly.identification.problem import Start
 from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import Log, Sine

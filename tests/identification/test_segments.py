@@ -10,7 +10,7 @@ import pytest
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.residuals import residuals_of
 from butterfly.identification.estimators import OutputError
-from butterfly.identification.free_run import GROWTH, FreeRun, Setting, horizon_of
+from butterfly.identification.free_run import FreeRun, Setting, horizon_of
 from butterfly.identification.identify import identify
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.problem import Start
@@ -66,7 +66,7 @@ def _fit(logs, **options):
 
 def test_noise_free_swing_ups_give_the_exact_parameters(exact):
     found = _fit(exact)
-    assert found.horizon == pytest.approx(0.8)
+    assert found.horizon == pytest.approx(math.pi * math.sqrt(0.25 / 4.5), rel=0.01)
     values = {name: getattr(found.parameters, name) for name in TRUTH}
     assert values == pytest.approx(TRUTH, rel=1e-3)
     assert DataSet.of(exact).simulations.fits(found).min() > 99.99
@@ -135,8 +135,8 @@ def test_the_judgement_sees_segments_and_says_so(noisy):
     assert (truth <= found.estimate.upper[places]).all()
     said = summary(found)
     assert said[0].startswith("Good")
-    assert any("and a fitted initial state every 0.8 s" in each for each in said)
-    assert found.fit.over == " over segments of 0.8 s"
+    assert found.fit.over == " over segments of 0.71 s"  # half a period of small swings
+    assert any("and a fitted initial state every 0.71 s" in each for each in said)
     assert found.fit.median > 99
     assert not residuals_of(noisy, found.estimate).beyond_sensors
 
@@ -164,28 +164,56 @@ MASS, DAMPING, FRICTION, GAIN = 95.0, 200.0, 20.0, 35.0
 SLIDE = AddedMass(joint=JointKind.SLIDE)
 
 
-def _horizon(*angles, robot=PENDULUM):
-    logs = [Log(TIME, np.sin(TIME), 0.1 + each, input_kind="torque") for each in angles]
+def _horizon(*logs, robot=PENDULUM):
     return horizon_of(logs, robot, HANGING)
 
 
-def test_a_balance_at_the_upright_has_a_short_horizon():
-    """There an error grows as cosh(t sqrt(p3/p1)); the horizon is rounded down to two digits."""
-    exact = math.acosh(GROWTH) / math.sqrt(3.7 / 0.19)
-    assert 0.8 * exact < _horizon(math.pi + 0.02 * np.sin(5 * TIME)) <= exact
+def _log(angle):
+    """Return a log of an angle that no torque explains."""
+    return Log(TIME, np.sin(TIME), 0.1 + angle, input_kind="torque")
 
 
-def test_a_hand_that_hangs_or_turns_without_gravity_has_none_but_one_log_tells_for_all():
-    assert _horizon(1.5 * np.sin(4 * TIME)) == math.inf
-    assert _horizon(2.0 * TIME, robot=replace(PENDULUM, p3=0.0)) == math.inf
-    assert _horizon(0.3 * np.sin(4 * TIME), math.pi + 0.01 * np.sin(TIME)) < 1.1
+def test_a_balance_at_the_upright_is_simulated_over_half_a_period_of_small_swings():
+    """In which an error grows e^pi-fold there."""
+    balance = _log(math.pi + 0.02 * np.sin(5 * TIME))
+    assert _horizon(balance) == pytest.approx(math.pi / math.sqrt(3.7 / 0.19), rel=0.01)
+    assert _horizon(_log(0.3 * np.sin(4 * TIME)), balance) < 1.0
+
+
+def test_a_run_that_is_followed_and_a_hand_that_hangs_are_simulated_whole():
+    assert _horizon(_log(1.5 * np.sin(4 * TIME))) == math.inf  # gravity holds it, followed or not
+    turning = JOINT._replace(viscous=1.0)
+    robot = replace(PENDULUM, p2=1.0, coulomb=JOINT.coulomb)
+    followed = driven(turning, TIME, 6.0 + np.sin(TIME))  # it turns over all the time
+    followed = replace(followed, angle=0.1 + followed.angle)
+    assert np.ptp(followed.angle) > 10 * math.pi
+    assert _horizon(followed, robot=robot) == math.inf
+    assert _horizon(followed, robot=replace(robot, p2=3.0)) < 1.0
+
+
+def test_a_joint_that_nothing_holds_is_simulated_over_the_time_in_which_its_speed_settles():
+    """Or a period of its motion, if that is shorter, or whole if its run is followed."""
+    free = replace(PENDULUM, p3=0.0, p2=0.19)
+    assert _horizon(_log(np.sin(2 * math.pi * TIME / 10)), robot=free) == pytest.approx(
+        2 * math.pi, rel=0.01
+    )
+    assert _horizon(_log(np.sin(2 * math.pi * TIME / 4)), robot=free) == pytest.approx(4.0)
+    slowly = replace(PENDULUM, p3=1e-6)  # gravity that does not bring it back in 20 s holds nothing
+    assert _horizon(_log(np.sin(2 * math.pi * TIME / 4)), robot=slowly) == pytest.approx(4.0)
+    assert (
+        _horizon(
+            driven(Joint(inertia=0.19, viscous=0.19, gravity=0.0, gain=1.0), TIME, np.sin(TIME)),
+            robot=free,
+        )
+        == math.inf
+    )
 
 
 @pytest.mark.parametrize("height", [1.8, 2.4])
-def test_swings_that_decay_from_beyond_the_horizontal_have_none(height):
+def test_swings_that_decay_from_beyond_the_horizontal_are_simulated_whole(height):
     joint = Joint(inertia=0.19, viscous=0.05, gravity=3.7, gain=1.0)
     angle, _ = motion(joint, TIME, np.zeros(TIME.size), height)
-    assert _horizon(angle, robot=replace(PENDULUM, p2=0.05)) == math.inf
+    assert _horizon(_log(angle), robot=replace(PENDULUM, p2=0.05)) == math.inf
 
 
 def _program(count):

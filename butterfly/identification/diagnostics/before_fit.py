@@ -111,9 +111,9 @@ def expected(data: DataSet) -> Estimate:
     """Return a fit from a closed form's values on, with the terms that it chose."""
     first, *_ = starts(data, None)
     terms = tuple(name for name in COMMON if getattr(first.parameters, name))
-    estimator, logs = OutputError(terms=terms).settled(data.logs, [first])
-    known = prior_of_fit(logs, data.known)
-    problem = estimator.problem(logs, first, known)
+    estimator = OutputError(terms=terms)
+    known = prior_of_fit(data.logs, data.known)
+    problem = estimator.problem(data.logs, first, known)
     end = problem.descend(most=PASSES, enough=SHOWS)
     return estimator.inferred(Fitted(problem=problem, end=end), None, known)
 

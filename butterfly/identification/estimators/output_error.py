@@ -13,7 +13,7 @@ import os
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
-from typing import ClassVar, Literal, Self
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from butterfly.identification.estimators.between_samples import (
     held_or_straight,
     unsaid,
 )
-from butterfly.identification.estimators.own_time import over_shorter, own_time
+from butterfly.identification.estimators.shorter_segments import over_shorter, shorter_segments
 from butterfly.identification.estimators.start import (
     ProblemOf,
     begun_anew,
@@ -86,9 +86,9 @@ class OutputError(Estimator):
         Length in s at the end of each sine log that is fitted, as a start from rest depends on how
         the joint came to rest. Other logs are fitted from their start.
     horizon
-        Longest segment in s that is simulated at once; 0 for whole logs. If not given, as long as
-        initial errors grow less than 30-fold: whole logs if the joint stays away from the upright.
-        The initial state of each segment is fitted.
+        Longest segment in s that is simulated at once; 0 for whole logs. If not given, whole logs,
+        unless nothing holds the joint and no run of whole logs stays near: then its own time. The
+        initial state of each segment is fitted.
     loss
         Loss of the residuals: linear, or robust with soft_l1, huber or cauchy.
     cogging_periods
@@ -141,10 +141,10 @@ class OutputError(Estimator):
         self.with_terms(offers)
         rows = candidates(offers, [log.added_mass for log in data.logs], data.known)
         first = starts(data, rows)
-        settled, logs = self.with_terms(rows).settled(data.logs, first)
+        offering, logs = self.with_terms(rows), self.taken(data.logs)
         known = prior_of_fit(logs, data.known)
         rare = {*RARE} - {*(OF_SERVO if any(log.closed for log in logs) else ())}
-        return settled.chosen(logs, first, known, (rows, rare))[0].path or ((),)
+        return offering.chosen(logs, first, known, (rows, rare))[0].path or ((),)
 
     def _of_calm(self, data: DataSet, first: Sequence[Start]) -> Estimate:
         """Fit the logs that initial errors do not drive apart, where there are enough of them."""
@@ -158,14 +158,9 @@ class OutputError(Estimator):
         left_out = Finding(FindingKind.UNPREDICTABLE, logs=tuple(sorted(lost)))
         return self.of_logs(calm.logs, first, data.known).with_findings(left_out)
 
-    def settled(self, logs: Sequence[Log], first: Sequence[Start]) -> tuple[Self, Sequence[Log]]:
-        """Return the estimator with a horizon, and the logs as it simulates them."""
-        if self.servo_loop == "open":
-            logs = [log.opened for log in logs]
-        if self.horizon is not None:
-            return replace(self, horizon=self.horizon if self.horizon < math.inf else 0.0), logs
-        horizon = min(horizon_of(logs, each.parameters, each.zeros) for each in first)
-        return replace(self, horizon=horizon), logs
+    def taken(self, logs: Sequence[Log]) -> Sequence[Log]:
+        """Return logs as they are simulated."""
+        return [log.opened for log in logs] if self.servo_loop == "open" else logs
 
     def of_logs(
         self, logs: Sequence[Log], first: Sequence[Start], known: Prior = NO_PRIOR
@@ -173,13 +168,13 @@ class OutputError(Estimator):
         """Fit the free-run simulation of all logs jointly, from one or more first guesses."""
         require_usable(self.method, known)
         self._require_known_once(known)
-        settled, logs = self.settled(logs, first)
+        logs = self.taken(logs)
         known = prior_of_fit(logs, known)
         rows, rare = self._rows(logs, known) if self.terms is None else ((), set[str]())
         while True:
-            fitted, weighed = settled.chosen(logs, first, known, (rows, rare))
+            fitted, weighed = self.chosen(logs, first, known, (rows, rare))
             try:
-                found = settled.inferred(fitted, weighed, known)
+                found = self.inferred(fitted, weighed, known)
                 break
             except IdentifiabilityError:  # no term that was not asked for refuses an answer
                 fewer = tuple(name for name in rows if name not in fitted.problem.names)
@@ -198,8 +193,10 @@ class OutputError(Estimator):
     ) -> tuple[Fitted, WeighedLogs | None]:
         """Start, fit, choose from rows of the table of terms (some of them rare), weigh logs.
 
-        If nobody asked for whole logs and no run of them stays near, over segments instead.
+        If nobody says over which time, whole logs, or segments where no run of them stays near.
         """
+        if self.horizon is None:
+            return self._over_own_time(logs, first, known, rows)
         absent = {*self._rows(logs, known)[0]} - {*rows[0]} if self.terms is None else set[str]()
 
         def begun(logs: Sequence[Log]) -> Begun:
@@ -221,16 +218,27 @@ class OutputError(Estimator):
         weighed = weighed_from(fitted.problem, fitted.end)
         if choosing and weighed and weighed.findings:
             fitted, weighed = stagewise_weighed(every, fitted, weighed, *rows)
-        if self.horizon != math.inf:
+        return fitted, weighed
+
+    def _over_own_time(
+        self,
+        logs: Sequence[Log],
+        first: Sequence[Start],
+        known: Prior,
+        rows: tuple[tuple[str, ...], set[str]],
+    ) -> tuple[Fitted, WeighedLogs | None]:
+        """Do so over whole logs if that is right, else over segments (see `shorter_segments`)."""
+        horizon = max(horizon_of(logs, each.parameters, each.zeros) for each in first)
+        fitted, weighed = replace(self, horizon=horizon).chosen(logs, first, known, rows)
+        shorter = shorter_segments(fitted)
+        if shorter is None or out_of_time("segments of the logs"):
             return fitted, weighed
-        segments = own_time(fitted)
-        if segments is not None and not out_of_time("segments of the logs"):
-            horizon, start = segments
-            shorter, logs = replace(self, horizon=horizon), fitted.problem.logs
-            lines = [each for each in fitted.findings if each.kind is FindingKind.STRAIGHT]
-            with suppress(IdentifiabilityError):
-                fitted, weighed = shorter.chosen(logs, [start], known, rows)
-                fitted = replace(fitted, findings=(*fitted.findings, *lines))
+        horizon, start = shorter
+        lines = [each for each in fitted.findings if each.kind is FindingKind.STRAIGHT]
+        with suppress(IdentifiabilityError):
+            again, taken = replace(self, horizon=horizon), fitted.problem.logs
+            fitted, weighed = again.chosen(taken, [start], known, rows)
+            fitted = replace(fitted, findings=(*fitted.findings, *lines))
         return fitted, weighed
 
     def _over(self, terms: Iterable[str], fixed: Iterable[str], horizon: float) -> ProblemOf:
@@ -251,7 +259,7 @@ class OutputError(Estimator):
         scattering = weighed is not None and bool(weighed.findings)  # which hides it
         others = [] if scattering else unsaid(problem, fitted.end)
         horizon = problem.options.horizon
-        if self.horizon == math.inf and horizon < math.inf:  # that nobody asked for
+        if self.horizon is None and horizon < math.inf:
             others += over_shorter(problem, fitted.end)
         rivals = (*fitted.rivals, *others, beyond[: problem.shared])
         found = SolvedFit(
@@ -281,7 +289,8 @@ class OutputError(Estimator):
         rows = tuple(name for name in rows if name not in self.fixed)
         if not rows:
             return []
-        wider = replace(self, terms=(*terms, *rows))
+        horizon = fitted.problem.options.horizon
+        wider = replace(self, terms=(*terms, *rows), horizon=horizon)
         every = wider.problem(logs, Start(problem.start, problem.zeros), known)
         return twin_terms(every, fitted, rows)
 

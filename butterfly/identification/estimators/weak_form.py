@@ -37,14 +37,13 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.encoder_offset import offset_errors, reading_of
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.free_run import FreeRun, Setting
+from butterfly.identification.free_run import LEAST_FIT, FreeRun, Setting
 from butterfly.identification.inference.blocks import Conditions, cells_of
 from butterfly.identification.inference.equations import CellEquations, Solution
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.identifiability import is_driven, prior_of_fit
 from butterfly.identification.inference.infer import SolvedFit, infer
 from butterfly.identification.inference.linear_terms import TermChoice, optional_terms
-from butterfly.identification.plausibility import LEAST_FIT
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging
 from butterfly.identification.weak_regression import WeakFit, averaging_of, fitted_terms
 from butterfly.logs.log import Log
