@@ -13,7 +13,7 @@ from butterfly.arrays import Samples
 from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.levels import LOST
-from butterfly.identification.own_time import is_held, own_time
+from butterfly.identification.own_time import falls, is_held, own_time
 from butterfly.identification.segment import grid_step
 from butterfly.identification.sensor_errors import white_variance
 from butterfly.identification.simulation import Simulation, segment_length
@@ -248,6 +248,18 @@ def fit_of(error: float, motion: float, noise: float = 0.0) -> float:
         return -math.inf
     left, moved = (math.sqrt(max(each**2 - noise**2, 0.0)) for each in (error, motion))
     return 100 * (1 - left / moved)
+
+
+def first_horizon(
+    logs: Sequence[Log], parameters: LumpedParameters, zeros: Mapping[AddedMass, float]
+) -> float:
+    """Return the time in s over which a fit begins: whole logs, unless errors are driven apart.
+
+    A fit of whole logs is lost there, but not where errors only add up.
+    """
+    joints = [(log, parameters.with_added_mass(log.added_mass)) for log in logs]
+    apart = any(falls(*pair, reading_of(pair[0], zeros)) for pair in joints)
+    return horizon_of(logs, parameters, zeros) if apart else math.inf
 
 
 def horizon_of(

@@ -30,11 +30,16 @@ def turns_over(log: Log, zero: float) -> bool:
     return bool(np.max(np.abs(angle - turned)) > _UPRIGHT)
 
 
+def falls(log: Log, joint: LumpedParameters, zero: float) -> bool:
+    """Whether gravity drives the errors of a loaded joint apart, as it does about the upright."""
+    return not log.closed and joint.p3 > 0 and turns_over(log, zero)
+
+
 def is_held(log: Log, joint: LumpedParameters, zero: float) -> bool:
     """Whether a servo's loop, or gravity within the log, brings a loaded joint back."""
     if log.closed:
         return True
-    if not (joint.p3 > 0 and joint.p1 > 0) or turns_over(log, zero):
+    if not (joint.p3 > 0 and joint.p1 > 0) or falls(log, joint, zero):
         return False
     back = 2 * math.pi * max(math.sqrt(joint.p1 / joint.p3), joint.p2 / joint.p3)
     return back < float(log.time[-1] - log.time[0])

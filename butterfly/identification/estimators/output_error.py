@@ -38,7 +38,7 @@ from butterfly.identification.estimators.start import (
 )
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Loss
-from butterfly.identification.free_run import horizon_of
+from butterfly.identification.free_run import first_horizon
 from butterfly.identification.inference.blocks import Conditions, cells_of
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.identifiability import is_driven, prior_of_fit
@@ -228,7 +228,7 @@ class OutputError(Estimator):
         rows: tuple[tuple[str, ...], set[str]],
     ) -> tuple[Fitted, WeighedLogs | None]:
         """Do so over whole logs if that is right, else over segments (see `shorter_segments`)."""
-        horizon = max(horizon_of(logs, each.parameters, each.zeros) for each in first)
+        horizon = max(first_horizon(logs, each.parameters, each.zeros) for each in first)
         fitted, weighed = replace(self, horizon=horizon).chosen(logs, first, known, rows)
         shorter = shorter_segments(fitted)
         if shorter is None or out_of_time("segments of the logs"):
@@ -313,7 +313,7 @@ class OutputError(Estimator):
         """Return the problem that is solved."""
         start, horizon = first.parameters, self.horizon
         if horizon is None:
-            horizon = horizon_of(logs, start, first.zeros)
+            horizon = first_horizon(logs, start, first.zeros)
         every = known.fitted((*PARAMETERS, *self._names(logs, known)))
         owned = {*self.fixed, *self.per_mass, *self.per_log}
         settings = {"cogging_periods": self.cogging_periods, "slow_interval": slow_interval(logs)}
