@@ -45,10 +45,3 @@ def blocks(count: int) -> Iterator[slice]:
 def joined(parts: Sequence[NDArray[_Number]]) -> NDArray[_Number]:
     """Return arrays one after the other; a single one itself."""
     return parts[0] if len(parts) == 1 else np.concatenate(parts)
-
-
-def take_away(directions: Samples, rows: Samples) -> None:
-    """Take from (m, ...) rows, in place, what lies in (m, j) orthonormal directions."""
-    along = directions.T @ rows
-    for part in blocks(len(rows)):
-        rows[part] -= directions[part] @ along

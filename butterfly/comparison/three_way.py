@@ -68,14 +68,13 @@ def compare_three(
         simulation = Simulation(log, parameters)
         angle, velocity = simulation.given_start(setting.velocity)
         joint = MujocoJoint(robot, added, angle=angle - zero, velocity=velocity)
-        (segment,) = simulation.segments
-        loop = segment.loop(driven, zero)
+        loop, grid = simulation.segments.loop(driven, zero), simulation.segments.grid
         if loop is None:
             slow = parameters.slow_delay, parameters.slow_interval
             mujoco = zero + replay_input(joint, log, parameters.delay, parameters.drive, slow)
         else:
-            states = replay_loop(joint, log, segment.grid, loop)
-            mujoco = zero + SimulatedMotion(((segment.grid, *states),)).at(log.time)
+            states = replay_loop(joint, log, grid, loop)
+            mujoco = zero + SimulatedMotion(((grid, *states),)).at(log.time)
         greybox = predictor.run(number, estimate).simulated
         found.append(
             ThreeWay(

@@ -28,7 +28,7 @@ from butterfly.identification.free_run import Setting
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.interval_forecast import IntervalForecast
 from butterfly.identification.levels import LOST, ROUNDING
-from butterfly.identification.segment import LONGEST_STEP
+from butterfly.identification.segments import LONGEST_STEP
 from butterfly.identification.servo_drive import driven
 from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import InputKind, Intersample, Log, Sine

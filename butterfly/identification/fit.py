@@ -33,7 +33,6 @@ from butterfly.identification.levels import (
     SPREADS,
     WEIGHED,
 )
-from butterfly.logs.log import InitialState
 from butterfly.model.prior import Penalty
 from butterfly.progress import current_search
 
@@ -146,7 +145,7 @@ class Equations:
     loss: Loss = Loss.LINEAR  # loss, scale: of the residuals
     scale: float = 1.0
     steps: int = 0  # that their simulations took
-    begins: tuple[tuple[InitialState, ...], ...] = ()  # of each log's segments, as they were found
+    begins: tuple[Samples, ...] = ()  # (s, 2) starts of each log's segments, as they were found
 
     def counting(self, loss: Loss) -> Equations:
         """Return the equations with a loss, scaled by the scatter of the residuals."""

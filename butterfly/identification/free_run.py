@@ -14,7 +14,7 @@ from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.levels import LOST
 from butterfly.identification.own_time import falls, is_held, own_time
-from butterfly.identification.segment import grid_step
+from butterfly.identification.segments import grid_step
 from butterfly.identification.sensor_errors import white_variance
 from butterfly.identification.simulation import Simulation, segment_length
 from butterfly.identification.test_functions import HALF_WIDTH, VELOCITY_SHARE

@@ -28,7 +28,7 @@ from butterfly.identification.inference.blocks import cells_of, independent_cell
 from butterfly.identification.inference.equations import CellEquations, scaled_least_squares
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.levels import LOST, MOST, PRECISE, ROUNDING
-from butterfly.identification.segment import FINEST
+from butterfly.identification.segments import FINEST
 from butterfly.identification.simulation import Simulation, segment_length
 from butterfly.logs.log import Log
 from butterfly.model.greybox import INITIAL
@@ -186,7 +186,7 @@ class Problem:
         search.simulations += 1
         of_logs = np.broadcast_to(values, (len(self.motion), len(self.keys)))
         for number, each in enumerate(self.simulations):
-            each.begins = [*(near.begins[number] if near and near.begins else each.recorded)]
+            each.begins = near.begins[number] if near and near.begins else each.recorded
         simulated = partial(self._of_log, slopes=slopes)
         if self.options.workers == 1:
             found = _within(most, map(simulated, range(len(of_logs)), of_logs))
@@ -199,7 +199,7 @@ class Problem:
         search.steps += steps
         if len(found) < len(of_logs):
             found.append(_IMPOSSIBLE)
-        begins = tuple(tuple(each.begins) for each in self.simulations)
+        begins = tuple(each.begins for each in self.simulations)
         return Equations(values=of_logs[0], logs=tuple(found), steps=steps, begins=begins)
 
     def stepped(self, values: Samples, at: Equations) -> Equations:

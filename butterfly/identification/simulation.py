@@ -2,16 +2,13 @@
 
 A log is one segment from a given start, or one or more from starts that are fitted (multiple
 shooting). Where small errors grow, as about the upright, no simulation stays near a log for long,
-but each of many short ones does. The effects of a segment's start are projected out of its errors
-and their derivatives, so that fitted starts are no parameters of a fit (variable projection: Golub
-& Pereyra, Inverse Problems 19, 2003; Schittkowski, Numerical Data Fitting in Dynamical Systems,
-2002).
+but each of many short ones does (see `segment_starts`).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
@@ -19,10 +16,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.arrays import Samples, joined, take_away
+from butterfly.arrays import Samples, joined
 from butterfly.identification.inference.blocks import edges_of
-from butterfly.identification.levels import MOST, ROUNDING, SHOWS
-from butterfly.identification.segment import LONGEST_STEP, Segment
+from butterfly.identification.levels import MOST, ROUNDING
+from butterfly.identification.segment_starts import SegmentStarts, StartEffects
+from butterfly.identification.segments import LONGEST_STEP, Segments, Starts
 from butterfly.identification.servo_drive import needs_loop
 from butterfly.logs.log import InitialState, Log
 from butterfly.model.greybox import Columns
@@ -31,8 +29,6 @@ from butterfly.progress import current_search
 from butterfly.signals import hold, polynomials
 
 _HOPEFUL = 2  # steps after which a search is given up if the model is worse than a constant
-_SETTLED = 1e-4  # share of the squared errors that another start may still explain
-_SHORTER = 0.25  # of a step that went too far
 _START = ("zero", "velocity")
 
 
@@ -75,46 +71,48 @@ class Simulation:
         self.fitted = horizon is not None
         self._uncounted = 0  # segments before `first`
         if horizon is None:
-            self.segments = [Segment(log, parameters, first, longest)]
+            self.segments = Segments(log, parameters, first=first, longest=longest)
+            states = [log.initial_state]
         else:
             before, after = (
                 edges_of(part, _count(part, horizon)) for part in np.split(log.time, [first])
             )
-            edges = [*before, *(first + k for k in after), log.time.size]
-            self.segments = [Segment(log.piece(*ends), parameters) for ends in pairwise(edges)]
+            edges = [*before, *(first + k for k in after)]
+            self.segments = Segments(log, parameters, edges=edges)
             self._uncounted = len(before)
-        self.recorded = tuple(each.log.initial_state for each in self.segments)
+            ends = pairwise([*edges, log.time.size])
+            states = [log.piece(*each).initial_state for each in ends]
+        self.recorded: Starts = np.array(states)
         """Start of each segment as its samples show it."""
-        self.begins = [*self.recorded]
+        self.begins = self.recorded
         """The same, or where the search for it begins."""
 
     @property
     def step(self) -> float:
         """Step of the simulation in s."""
-        grid = self.segments[self._uncounted].grid
-        return float(grid[1] - grid[0])
+        first = self.segments.pieces[self._uncounted, 0]
+        begin, end = self.segments.grid[first : first + 2].tolist()
+        return float(end - begin)
 
     def spend(self) -> int:
         """Return the number of steps of all simulations since the last call."""
-        return sum(each.spend() for each in self.segments)
+        return self.segments.spend()
 
     def given_start(self, velocity: float | None) -> InitialState:
         """Return the start of a log that is one segment, with a velocity in rad/s if given."""
         if velocity is None:
-            return self.begins[0]
+            return InitialState(*self.begins[0].tolist())
         return InitialState(float(self.log.angle[0]), velocity)
 
     def run(
         self, parameters: LumpedParameters, zero: float, velocity: float | None = None
     ) -> SimulatedMotion:
         """Simulate the log, its added mass on the bare hand (78); ``zero`` is the encoder's."""
-        begins = [self.given_start(velocity)]
+        begins = np.array([self.given_start(velocity)])
         if self.fitted:
-            begins = [each.begin for each in self._expansions((), parameters, zero, 0)]
+            begins = self._about_best_starts((), parameters, zero)[2].begins
         joint = parameters.with_added_mass(self.log.added_mass)
-        pairs = zip(self.segments, begins, strict=True)
-        pieces = tuple(segment.run(joint, zero, begin) for segment, begin in pairs)
-        return SimulatedMotion(pieces, self.log.integrated)
+        return SimulatedMotion(self.segments.run(joint, zero, begins), self.log.integrated)
 
     def linearised(
         self,
@@ -123,14 +121,14 @@ class Simulation:
         zero: float,
         velocity: float | None = None,
     ) -> tuple[Samples, Samples]:
-        """Return (m,) errors and (m, n) derivatives by n parameters (see `Segment.linearised`).
+        """Return (m,) errors and (m, n) derivatives by n parameters (see `Segments.linearised`).
 
         The effects of fitted starts are projected out.
         """
         if self.fitted:
             return self.with_starts(names, parameters, zero)[:2]
         columns = self._columns(names, parameters)
-        return self.segments[0].linearised(columns, zero, self.given_start(velocity))
+        return self.segments.linearised(columns, zero, np.array([self.given_start(velocity)]))
 
     def with_starts(
         self,
@@ -138,98 +136,101 @@ class Simulation:
         parameters: LumpedParameters,
         zero: float,
         velocity: float | None = None,
-    ) -> tuple[Samples, Samples, tuple[Samples, ...]]:
-        """Return what `linearised` does, and how each segment's start moves errors.
-
-        The latter as (m, j) orthonormal directions.
-        """
+    ) -> tuple[Samples, Samples, StartEffects]:
+        """Return what `linearised` does, and how each segment's start moves errors."""
         if not self.fitted:
             more = tuple(dict.fromkeys((*names, *_START)))
             errors, rows = self.linearised(more, parameters, zero, velocity)
             by_start = self._by_start(rows[:, [more.index(each) for each in _START]])
-            return errors, rows[:, : len(names)], (_orthonormal(by_start),)
-        parts = []
-        for each in self._expansions(names, parameters, zero, self._uncounted):
-            rows = each.rows[:, : len(names)]
-            take_away(each.directions, rows)
-            parts.append((each.errors - each.directions @ each.explained, rows, each.directions))
-        every, slopes, directions = zip(*parts, strict=True)
-        return joined(every), joined(slopes), directions
+            bounds = np.array([0, errors.size])
+            return errors, rows[:, : len(names)], StartEffects(_orthonormal(by_start), bounds)
+        errors, rows, found = self._about_best_starts(names, parameters, zero)
+        bounds = self.segments.bounds[self._uncounted :]
+        errors, rows = errors[bounds[0] :], rows[bounds[0] :, : len(names)]
+        directions = found.effects.directions[bounds[0] :]
+        effects = StartEffects(directions, bounds - bounds[0])
+        effects.take_away(errors)
+        effects.take_away(rows)
+        return errors, rows, effects
 
     def averages(self, parameters: LumpedParameters) -> tuple[NDArray[np.int64], Samples, Samples]:
         """Return for (m,) errors samples averaged, middles of steps in s, and mean inputs."""
         joint = parameters.with_added_mass(self.log.added_mass)
-        counted = self.segments[self._uncounted :]
-        counts, middles, inputs = zip(*(each.averages(joint) for each in counted), strict=True)
-        return joined(counts), joined(middles), joined(inputs)
+        first = self.segments.bounds[self._uncounted]
+        counts, middles, inputs = self.segments.averages(joint)
+        return counts[first:], middles[first:], inputs[first:]
 
     def _columns(self, names: Sequence[str], parameters: LumpedParameters) -> Columns:
         """Return the columns of the derivatives, as the kernel computes them."""
         looped = needs_loop(self.log)  # which has only the exact derivative by a base
         return Columns.of(names, parameters, self.log.added_mass, exact=looped)
 
-    def _expansions(
-        self, names: Sequence[str], parameters: LumpedParameters, zero: float, first: int
-    ) -> Iterator[_Expansion]:
-        """Yield the expansion of each segment about its best start, by names, then by the start."""
-        by_start = self._columns(_START, parameters)
-        different = tuple(dict.fromkeys((*names, *_START)))
-        every = self._columns(different, parameters) if names else by_start
-        for number in range(first, len(self.segments)):
-            near = self._expanded(number, every, zero, self.begins[number])
-            found = self._searched_from(near, number, by_start, zero)
-            if found is near or every is by_start:
-                yield found
-            else:
-                yield self._expanded(number, every, zero, found.begin)
+    def _about_best_starts(
+        self, names: Sequence[str], parameters: LumpedParameters, zero: float
+    ) -> tuple[Samples, Samples, SegmentStarts]:
+        """Return (m,) errors and (m, n) derivatives of all segments, and their best starts.
 
-    def _searched_from(
-        self, at: _Expansion, number: int, by_start: Columns, zero: float
-    ) -> _Expansion:
-        """Return the expansion about the best start of a segment."""
-        segment = self.segments[number]
-        share, variance = 1.0, self.log.rms_measured**2
-        if not at.cost <= variance:  # the last search led astray, for what no joint has
-            at = self._expanded(number, by_start, zero, segment.log.initial_state)
-        for tries in range(MOST):
-            hopeless = at.cost > variance or (self._warm and current_search().over)
-            if at.settled or share < ROUNDING or (tries > _HOPEFUL and hopeless):
-                break
-            there = InitialState(*(np.array(at.begin) + share * at.step).tolist())
-            tried = self._expanded(number, by_start, zero, there)
-            if tried.cost < at.cost:
-                at, share = tried, min(share / _SHORTER, 1.0)
-            else:
-                share *= _SHORTER
+        The derivatives are by names, then by the starts.
+        """
+        by_start = self._columns(_START, parameters)
+        every = by_start
+        if names:
+            every = self._columns(tuple(dict.fromkeys((*names, *_START))), parameters)
+        whole = np.arange(len(self.begins))
+        _, _, at = self._expanded(by_start, zero, self.begins, whole)
+        # where the last search led astray, for what no joint has
+        if (astray := np.flatnonzero(~(at.cost <= self.log.rms_measured**2))).size:
+            at.replace(astray, self._expanded(by_start, zero, self.recorded[astray], astray)[2])
+        begins = at.begins + np.where(at.settled[:, np.newaxis], 0.0, at.step)
+        errors, rows, tried = self._expanded(every, zero, begins, whole)
+        at.take(whole, tried)
+        self._search(at, by_start, zero)
+        if (moved := np.flatnonzero((at.begins != begins).any(axis=1))).size:
+            kept = self.segments.errors_of(moved)
+            errors[kept], rows[kept], _ = self._expanded(every, zero, at.begins[moved], moved)
+            tried = self._assessed(errors, rows, every, at.begins, whole)
         if self._warm:
-            self.begins[number] = at.begin
-        return at
+            self.begins = at.begins
+        return errors, rows, tried
+
+    def _search(self, at: SegmentStarts, by_start: Columns, zero: float) -> None:
+        """Improve starts that are not the best yet."""
+        for tries in range(1, MOST):
+            going = ~at.settled & (at.share >= ROUNDING)
+            if tries > _HOPEFUL:
+                hopeless = self._warm and current_search().over
+                going &= (at.cost <= self.log.rms_measured**2) & (not hopeless)
+            if not (some := np.flatnonzero(going)).size:
+                break
+            there = at.begins[some] + at.share[some, np.newaxis] * at.step[some]
+            at.take(some, self._expanded(by_start, zero, there, some)[2])
 
     def _expanded(
-        self, number: int, columns: Columns, zero: float, begin: InitialState
-    ) -> _Expansion:
-        """Linearise a segment about a start, with the step of the start that reduces its errors.
-
-        Of a segment that begins at rest only the angle there is fitted: friction holds a joint at
-        rest, so that derivatives by its velocity do not exist, and its acceleration determines the
-        inertia.
-        """
-        segment = self.segments[number]
+        self, columns: Columns, zero: float, begins: Starts, some: NDArray[np.intp]
+    ) -> tuple[Samples, Samples, SegmentStarts]:
+        """Linearise some segments about their starts, and assess these."""
         with np.errstate(over="ignore", invalid="ignore"):
-            errors, rows = segment.linearised(columns, zero, begin)
-            cost = float(np.mean(errors**2))
-        units = np.array([1.0, self.log.rms_speed / (self.log.rms_motion or 1.0)])  # 1 and 1/s
-        moves = self._by_start(rows[:, [columns.names.index(each) for each in _START]]) * units
-        if not (np.isfinite(moves).all() and np.isfinite(errors).all()):
-            none = np.zeros((errors.size, 0))
-            return _Expansion(begin, errors, rows, cost, none, np.zeros(0), np.zeros(2))
-        sought = 1 if segment.log.initial_state.velocity == 0 else len(_START)
-        left, sizes, right = np.linalg.svd(moves[:, :sought], full_matrices=False)
-        kept = sizes > SHOWS * sizes[0]
-        explained = left[:, kept].T @ errors
-        step = np.zeros(len(_START))
-        step[:sought] = -(right[kept].T @ (explained / sizes[kept]))
-        return _Expansion(begin, errors, rows, cost, left[:, kept], explained, step * units)
+            errors, rows = self.segments.linearised(columns, zero, begins, some)
+        return errors, rows, self._assessed(errors, rows, columns, begins, some)
+
+    @np.errstate(over="ignore", invalid="ignore")
+    def _assessed(
+        self,
+        errors: Samples,
+        rows: Samples,
+        columns: Columns,
+        begins: Starts,
+        some: NDArray[np.intp],
+    ) -> SegmentStarts:
+        """Assess the starts of some segments by the expansion about them."""
+        return SegmentStarts.of(
+            begins,
+            errors,
+            self._by_start(rows[:, [columns.names.index(each) for each in _START]]),
+            np.append(0, np.cumsum(np.diff(self.segments.bounds)[some])),
+            at_rest=self.recorded[some, 1] == 0,
+            unit=self.log.rms_speed / (self.log.rms_motion or 1.0),
+        )
 
     def _by_start(self, rows: Samples) -> Samples:
         """Return (m, 2) derivatives by the true angle and the velocity at a start.
@@ -239,24 +240,6 @@ class Simulation:
         """
         by_zero, by_velocity = rows.T
         return np.column_stack([1 - self.log.integrated - by_zero, by_velocity])
-
-
-class _Expansion(NamedTuple):
-    """A segment's errors and derivatives about a start (see `Segment.linearised`)."""
-
-    begin: InitialState
-    errors: Samples
-    rows: Samples
-    cost: float  # mean squared error in rad^2
-    directions: Samples  # (m, j) orthonormal, in which the start moves the errors
-    explained: Samples  # (j,) components of the errors along each
-    step: Samples  # of angle in rad and velocity in rad/s, that removes these to first order
-
-    @property
-    def settled(self) -> bool:
-        """Whether no other start makes the errors much smaller."""
-        share = float(self.explained @ self.explained) / self.errors.size
-        return share <= max(_SETTLED * self.cost, ROUNDING**2)
 
 
 def segment_length(

@@ -19,7 +19,7 @@ from butterfly.identification.inference.linear_terms import (
     usual_velocity,
 )
 from butterfly.identification.levels import MOST, SHOWS, WEIGHED
-from butterfly.identification.segment import LONGEST_STEP
+from butterfly.identification.segments import LONGEST_STEP
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging
 from butterfly.logs.log import Log
 from butterfly.model.prior import Penalty, Prior

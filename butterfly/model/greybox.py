@@ -15,7 +15,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, nearest
@@ -197,10 +197,11 @@ class Differentiated(NamedTuple):
 def differentiate(
     time: Samples,
     inputs: Samples,
-    start: tuple[float, float],
+    starts: ArrayLike,
     readings: Readings,
     columns: Columns,
     *,
+    pieces: NDArray[np.int64] | None = None,
     loop: Loop | None = None,
     most: int = MOST_STEPS,
 ) -> Differentiated:
@@ -208,11 +209,16 @@ def differentiate(
 
     `inputs` has (q, n - 1, 3) values at the start, middle and end of each interval: the input,
     already delayed, and, as counted by `Columns.drives`, its derivatives by both delays and the
-    terms of the drive (none with the ``loop`` of a servo); `start` is in rad and rad/s.
+    terms of the drive (none with the ``loop`` of a servo); `starts` in rad and rad/s are one, or
+    (s, 2) of s pieces, whose (s, 2) first and last instants `pieces` numbers.
     """
+    begins = np.array(starts, dtype=float, ndmin=2)
+    if pieces is None:
+        pieces = np.array([[0, time.size - 1]])
     if not columns.names:
+        assert len(pieces) == 1  # noqa: S101 - segments have derivatives by their starts
         angle, velocity, steps = simulate_counted(
-            columns.joint, time, inputs[0], *start, loop, most
+            columns.joint, time, inputs[0], begins[0, 0], begins[0, 1], loop, most
         )
         ends = np.array([angle[:-1], velocity[:-1], angle[1:], velocity[1:]])
         values = np.sum(readings.weights * ends[:, readings.into >= 0], axis=0)
@@ -221,19 +227,21 @@ def differentiate(
     rows = np.empty((values.size, columns.column.size))
     joint, moving, constants = columns.joint, columns.moving, columns.constants
     numbers, moved = columns.column, inputs if loop is None else inputs[:0]
-    begins, steps = numbers == COLUMNS["begin_to_give"], 0
-    if begins.any():
-        *motion, steps = simulate_counted(columns.joint, time, inputs[0], *start, most=most)
-        torques, yielding = (
-            np.empty((1, *inputs.shape[1:])),
-            Constants.of(columns.joint, moving=True),
-        )
-        steps += begin_to_give(time, *motion, yielding, torques[0])
-        numbers = np.where(begins, DRIVES + len(inputs), numbers)
+    gives, steps = numbers == COLUMNS["begin_to_give"], 0
+    if gives.any():
+        torques, yielding = np.zeros((1, *inputs.shape[1:])), Constants.of(joint, moving=True)
+        for (first, last), begin in zip(pieces.tolist(), begins.tolist(), strict=True):
+            part, driven = time[first : last + 1], inputs[0, first:last]
+            angle, velocity, count = simulate_counted(
+                joint, part, driven, begin[0], begin[1], most=most
+            )
+            steps += count
+            steps += begin_to_give(part, angle, velocity, yielding, torques[0, first:last])
+        numbers = np.where(gives, DRIVES + len(inputs), numbers)
         moved = np.concatenate([inputs, torques])
-    drives, state = joint.p4 * inputs[0], (*start, 0.0, 0.0)
+    drives = joint.p4 * inputs[0]
     steps += kernel.differentiate(
-        *(time, drives, state, constants, readings.into, readings.weights, values),
+        *(pieces, begins, time, drives, constants, readings.into, readings.weights, values),
         *(numbers, columns.initial, moved, rows, loop, _open_circuit(constants), moving, most),
         kernel.Work.of(columns.initial, 0 if loop is None else time.size - 1),
     )

@@ -9,7 +9,7 @@ import numpy as np
 from mujoco.rollout import Rollout
 from scipy.integrate import solve_ivp
 
-from butterfly.identification.segment import Segment
+from butterfly.identification.segments import Segments
 from butterfly.logs.log import Sine
 from butterfly.model.energy import Orbit
 from butterfly.model.greybox import simulate
@@ -153,7 +153,7 @@ def test_scipy_and_mujoco_need_hundreds_of_times_the_kernel_s_time(real):
     parameters = LumpedParameters(p1=found.p1, p2=found.p2, p3=found.p3, p4=found.p4)
     log = real.data.logs[_LOG]
     loaded = parameters.with_added_mass(log.added_mass)
-    grid = Segment(log, parameters).grid
+    grid = Segments(log, parameters).grid
     grid = grid[: grid.size // 4 if SHORT else None]
     stamps = np.union1d(grid, log.time)
     fine = np.union1d(stamps, 0.5 * (stamps[1:] + stamps[:-1]))

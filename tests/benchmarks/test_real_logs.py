@@ -56,7 +56,7 @@ def simulation(fitted, problem):
     """Simulates all logs with the parameters of `fitted`, each input at hand on its grid."""
     jobs = []
     for trajectory in problem.simulations:
-        log, grid = trajectory.log, trajectory.segments[0].grid
+        log, grid = trajectory.log, trajectory.segments.grid
         parameters, own = fitted.applied(log)
         instants = grid - parameters.delay
         inputs = hold.parabolas(log.time, log.input, instants, log.intersample)[0]

@@ -89,9 +89,10 @@ def test_the_derivatives_are_those_of_the_errors_at_the_best_start(exact):
         cost = [np.sum(each**2) for each in near]
         slope = 2 * errors @ rows[:, k]
         assert slope == pytest.approx((cost[0] - cost[1]) / (2 * step), rel=0.02)
-    *_, directions = segments.with_starts((), other, 0.0)
-    assert sum(each.shape[0] for each in directions) == errors.size
-    assert [each.shape[1] for each in directions] == [1, *[2] * (len(directions) - 1)]  # at rest
+    *_, effects = segments.with_starts((), other, 0.0)
+    assert effects.bounds[-1] == errors.size
+    moved = np.add.reduceat(effects.directions**2, effects.bounds[:-1])
+    np.testing.assert_allclose(moved, [[1, 0], *[[1, 1]] * (len(moved) - 1)])  # the first at rest
 
 
 def test_what_is_simulated_does_not_depend_on_what_was_asked_before(exact):
@@ -109,8 +110,8 @@ def test_a_joint_that_sticks_has_a_start_that_only_its_angle_moves():
     moving = 0.3 * np.sin(np.maximum(time - 1.0, 0.0))
     log = Log(time, np.zeros(400), moving, input_kind="torque")
     stuck = LumpedParameters(p1=0.19, p2=0.03, p3=0.1, p4=1.0, coulomb=0.5)
-    (first, *_) = Simulation(log, stuck, horizon=0.5).with_starts((), stuck, 0.0)[-1]
-    assert first.shape[1] == 1
+    effects = Simulation(log, stuck, horizon=0.5).with_starts((), stuck, 0.0)[-1]
+    assert np.sum(effects.directions[: effects.bounds[1]] ** 2, axis=0) == pytest.approx([1, 0])
 
 
 def test_logs_from_rest_are_simulated_whole_and_pieces_from_fitted_starts_after_what_came():

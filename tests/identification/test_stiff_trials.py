@@ -8,8 +8,8 @@ import pytest
 import butterfly as bf
 from butterfly.identification.fit import Box, Equations, LogEquations, minimise
 from butterfly.identification.levels import MOST
-from butterfly.identification.segment import FINEST, Segment
-from butterfly.logs.log import InitialState, Log
+from butterfly.identification.segments import FINEST, Segments
+from butterfly.logs.log import Log
 from butterfly.model.greybox import Columns, simulate, steps_of_interval
 from butterfly.model.kernel.equation import MOST_STEPS
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
@@ -47,12 +47,12 @@ STIFF = {
 def test_a_trial_far_stiffer_than_the_first_guess_diverges_and_takes_few_steps(stiff, names):
     joint = replace(JOINT, **STIFF[stiff])
     assert FINEST < steps_of_interval(joint, 1.0, STEP) <= MOST_STEPS
-    segment = Segment(recorded(), JOINT)
+    segments = Segments(recorded(), JOINT)
     trial = Columns.of(names, joint)
     with np.errstate(all="ignore"):
-        errors, _ = segment.linearised(trial, 0.0, InitialState(0.0, 1.0))
+        errors, _ = segments.linearised(trial, 0.0, np.array([[0.0, 1.0]]))
     assert not np.isfinite(errors).all()
-    assert segment.spend() <= FINEST * TIME.size
+    assert segments.spend() <= FINEST * TIME.size
 
 
 @pytest.mark.parametrize(
@@ -67,14 +67,14 @@ def test_a_trial_far_stiffer_than_the_first_guess_diverges_and_takes_few_steps(s
 def test_a_sound_joint_however_stiff_is_simulated_as_without_a_bound(lasting, steps):
     joint = replace(JOINT, **lasting)
     log, near = recorded(joint), replace(joint, p1=1.3 * joint.p1, p2=0.7 * joint.p2)
-    segment, begin = Segment(log, near), InitialState(0.0, 0.0)
-    errors, _ = segment.linearised(Columns.of((), joint), 0.0, begin)
-    taken = segment.spend()
-    grid, angle, _ = segment.run(joint, 0.0, begin)
+    segments, begin = Segments(log, near), np.zeros((1, 2))
+    errors, _ = segments.linearised(Columns.of((), joint), 0.0, begin)
+    taken = segments.spend()
+    ((grid, angle, _),) = segments.run(joint, 0.0, begin)
     free = np.interp(log.time, grid, angle)
     assert np.abs(free - log.angle).max() < 1e-3
     assert np.std(errors) < 2e-4
-    assert taken == segment.spend()
+    assert taken == segments.spend()
     assert taken / grid.size > steps / 4
 
 

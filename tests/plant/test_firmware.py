@@ -7,7 +7,7 @@ import pytest
 
 from butterfly.identification.servo_drive import driven
 from butterfly.identification.simulation import Simulation
-from butterfly.logs.log import InitialState, InputKind, Sine
+from butterfly.logs.log import InputKind, Sine
 from butterfly.model.parameters import LumpedParameters, TorqueDrive
 from butterfly.model.servo import ServoLoop
 from butterfly.plant.firmware import Servo
@@ -50,7 +50,7 @@ def _identified(log, rig, delay=0.0):
     flaws = {"dead_zone": rig.path.dead_zone, "compression": rig.path.compression}
     parameters = replace(rig.robot.lumped, delay=delay, **flaws)
     simulation = Simulation(driven(log), parameters)
-    simulation.begins = [InitialState(0.0, 0.0)]
+    simulation.begins = np.zeros((1, 2))
     return simulation, parameters
 
 
@@ -84,8 +84,7 @@ def test_with_friction_mujoco_comes_to_the_grey_box_as_its_steps_grow_short(law,
     rig = replace(_rig(law, Simulator.GREY_BOX, coulomb=3e-3, **friction), torque_off=((0.3, 0.5),))
     log = _log(rig, 0.8)
     simulation, parameters = _identified(log, rig)
-    (segment,) = simulation.segments
-    loop, grid = segment.loop(parameters, 0.0), segment.grid
+    loop, grid = simulation.segments.loop(parameters, 0.0), simulation.segments.grid
     exact = simulation.run(parameters, 0.0).pieces[0][1]
     np.testing.assert_allclose(exact[::10], log.angle, atol=1e-9)
     errors = []

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.arrays import Samples, take_away
+from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.encoder_errors import OffCentre, off_centre
@@ -44,6 +44,7 @@ from butterfly.identification.inference.submodels import submodels_of
 from butterfly.identification.levels import DRAWS, LOST, PRECISE, SHOWS, SPREADS
 from butterfly.identification.predict import covariance_root, honest_covariance
 from butterfly.identification.problem import Key, columns_of, labels_of
+from butterfly.identification.segment_starts import StartEffects
 from butterfly.identification.sensor_errors import Curve, SensorErrors, correlations
 from butterfly.logs.log import Log
 from butterfly.model.parameters import JointKind
@@ -274,7 +275,7 @@ class _RunErrors:
     averages: tuple[NDArray[np.int64], Samples, Samples]
     blank: LogResiduals  # name and motion of the log
     errors: Samples  # (m,) simulated less measured angle in rad
-    starts: tuple[Samples, ...]  # of segments: (k, j) orthonormal, in which each start moves errors
+    starts: StartEffects  # how the starts of segments move errors
     equations: LogEquations  # of errors over the motion, the starts projected out
     # (m,) standard deviations in rad of the simulated angle by the parameters, to first order
     deviation: Samples
@@ -294,7 +295,7 @@ class _RunErrors:
         _, middles, _ = self.averages
         angle = np.interp(middles, self.run.log.time, self.run.simulated)
         read = np.column_stack([-np.sin(angle), -np.cos(angle)])
-        _take_away(self.starts, read)
+        self.starts.take_away(read)
         return np.asarray(read / (self.blank.motion * middles.size**0.5))
 
     def drawn(self, left: Samples, random: np.random.Generator) -> tuple[SensorErrors, Samples]:
@@ -310,7 +311,7 @@ class _RunErrors:
         shifts = self.negligible * random.standard_normal(DRAWS)
         drawn = sensor.draw(angle, shifts, counts, random)
         drawn /= unit
-        _take_away(self.starts, drawn)
+        self.starts.take_away(drawn)
         return sensor, drawn
 
     def judged(self, left: Samples, sensor: SensorErrors, drawn: Samples) -> LogResiduals:
@@ -383,7 +384,7 @@ class _Unknowns:
         deviation = np.linalg.norm(rows[:, : len(self.root)] @ self.root.T, axis=1)
         left = errors.copy()
         for each in () if simulation.fitted else (left, rows):  # else `with_starts` has done it
-            _take_away(starts, each)
+            starts.take_away(each)
         return _RunErrors(
             run=run,
             first=first,
@@ -486,10 +487,3 @@ def _reduce(errors: Sequence[Samples], at: Equations, directions: Samples) -> No
     for log, each in pairs:
         for draw, step in enumerate(steps):
             each[:, draw] += log.rows @ step[log.columns]
-
-
-def _take_away(directions: Sequence[Samples], errors: Samples) -> None:
-    """Subtract from (m, ...) errors, in place, their projection on each segment's directions."""
-    ends = np.cumsum([each.shape[0] for each in directions])[:-1]
-    for each, part in zip(directions, np.split(errors, ends), strict=True):
-        take_away(each, part)

@@ -97,12 +97,12 @@ class Work(NamedTuple):
     def of(cls, initial: Samples, looped: int) -> Work:
         """Return arrays for (4, k) ``initial`` derivatives and so many intervals in a loop."""
         columns = initial.shape[1]
-        tape, stages = np.zeros((_ROWS, TAPE_WIDTH)), np.zeros((4, 4, STAGE_WIDTH))
-        tape[0, CURRENT], stages[:, X, V] = -1.0, 1.0
+        stages = np.zeros((4, 4, STAGE_WIDTH))
+        stages[:, X, V] = 1.0
         return cls(
-            tape=tape,
+            tape=np.zeros((_ROWS, TAPE_WIDTH)),
             stages=stages,
-            tangents=np.concatenate([initial, np.zeros((3, columns))]),
+            tangents=np.empty((7, columns)),
             own=np.zeros((MOST_DRIVES, 3)),
             memory=np.zeros(MEMORY),
             kept=np.zeros((looped, WIDTH)),
@@ -112,54 +112,73 @@ class Work(NamedTuple):
 
 @compiled
 def differentiate(
-    time, drives, state, c, into, weights, values, column, initial, moved, rows,
+    pieces, starts, time, drives, c, into, weights, values, column, initial, moved, rows,
     loop, without_drive, moving, most, work,
 ):  # fmt: skip
     """Write (m,) sums of angle and velocity at both ends of intervals, and (m, k) derivatives.
 
-    Interval k writes the sum ``into[k]``, unless that is negative. ``initial`` is (4, k)
+    Interval k writes the sum ``into[k]``, unless that is negative. Each of (s, 2) ``pieces``, from
+    one instant to another, begins anew at its row of (s, 2) ``starts``. ``initial`` is (4, k)
     derivatives of the state; `butterfly.model.greybox.differentiate` has the other arrays. The
     ``loop`` of a servo, unless None, drives the joint instead of ``drives``, with the constants
     ``without_drive`` while it is off. ``moving`` is None for a fixed base; ``work`` is fresh.
     An interval that needs more than ``most`` steps diverges. Returns the number of steps taken.
     """
-    held, now, splits, steps = 0.0, c, False, 0
-    tape, tangents, kept = work.tape, work.tangents, work.kept
+    tape, tangents, kept, splits, steps = work.tape, work.tangents, work.kept, False, 0
     for k in column:
         splits |= (
             k in (COULOMB, STRIBECK, COULOMB_SLOPE) or MOTOR_FRICTION <= k <= LOWERING_STRIBECK
         )
-    for k in range(time.size - 1):
-        row, h = into[k], time[k + 1] - time[k]
-        if row >= 0:
-            values[row] = weights[0, row] * state[X] + weights[1, row] * state[V]
-        if loop is None:
-            drive = (drives[k, 0], drives[k, 1], drives[k, 2])
-        else:
-            held = torque(k, state, loop, work.memory, held, kept)
-            kept[k, TORQUE] = held
-            drive, now = (held, held, held), at(k, loop, c, without_drive)
-        count = count_steps(state, h, now, moving, most)
-        steps += max(count, 1)
-        if count == 0:
-            state = LOST
-        for part in range(count):
-            tape[0, INTERVAL], tape[0, PART], tape[0, PARTS] = k, part, count
-            own = drive if count == 1 else part_of(drive, part, count)
-            state = step(state, own, h / count, now, tape, splits, moving)
-            if tape[0, COUNT] > _ROWS - 1 - _MOST:
-                _play(
-                    time, drives, c, into, weights, column, initial, moved, rows,
-                    loop, without_drive, moving, work,
-                )  # fmt: skip
-        if row >= 0:
-            values[row] += weights[2, row] * state[X] + weights[3, row] * state[V]
-    _play(
-        time, drives, c, into, weights, column, initial, moved, rows,
-        loop, without_drive, moving, work,
-    )  # fmt: skip
-    _close(time.size - 2, into, weights, tangents, rows)
+    for piece in range(pieces.shape[0]):
+        state = starts[piece, 0], starts[piece, 1], 0.0, 0.0
+        held, now = 0.0, c
+        _renew(work, initial)
+        for k in range(pieces[piece, 0], pieces[piece, 1]):
+            row, h = into[k], time[k + 1] - time[k]
+            if row >= 0:
+                values[row] = weights[0, row] * state[X] + weights[1, row] * state[V]
+            if loop is None:
+                drive = (drives[k, 0], drives[k, 1], drives[k, 2])
+            else:
+                held = torque(k, state, loop, work.memory, held, kept)
+                kept[k, TORQUE] = held
+                drive, now = (held, held, held), at(k, loop, c, without_drive)
+            count = count_steps(state, h, now, moving, most)
+            steps += max(count, 1)
+            if count == 0:
+                state = LOST
+            for part in range(count):
+                tape[0, INTERVAL], tape[0, PART], tape[0, PARTS] = k, part, count
+                own = drive if count == 1 else part_of(drive, part, count)
+                state = step(state, own, h / count, now, tape, splits, moving)
+                if tape[0, COUNT] > _ROWS - 1 - _MOST:
+                    _play(
+                        time, drives, c, into, weights, column, initial, moved, rows,
+                        loop, without_drive, moving, work,
+                    )  # fmt: skip
+            if row >= 0:
+                values[row] += weights[2, row] * state[X] + weights[3, row] * state[V]
+        _play(
+            time, drives, c, into, weights, column, initial, moved, rows,
+            loop, without_drive, moving, work,
+        )  # fmt: skip
+        _close(pieces[piece, 1] - 1, into, weights, tangents, rows)
     return steps
+
+
+@inlined
+def _renew(work, initial):
+    """Make the work ready for another piece."""
+    tape, tangents, memory, remembered = work.tape, work.tangents, work.memory, work.remembered
+    tape[0, CURRENT], tape[0, COUNT] = -1.0, 0.0
+    for r in range(tangents.shape[0]):
+        for j in range(tangents.shape[1]):
+            tangents[r, j] = initial[r, j] if r < initial.shape[0] else 0.0
+    for i in range(memory.size):
+        memory[i] = 0.0
+    for r in range(remembered.shape[0]):
+        for j in range(remembered.shape[1]):
+            remembered[r, j] = 0.0
 
 
 @inner

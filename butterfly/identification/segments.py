@@ -1,4 +1,4 @@
-"""A stretch of a log on its grid: simulated from an initial state with the recorded input.
+"""A log on its grid: simulated with the recorded input from its start, or anew in each segment.
 
 Between two instants of the grid the input is the parabola that has the mean and the first two
 moments of the recorded one, so that no impulse is lost or gained where steps fall between them.
@@ -6,15 +6,17 @@ moments of the recorded one, so that no impulse is lost or gained where steps fa
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from butterfly.arrays import Samples, joined
 from butterfly.identification.levels import PRECISE
 from butterfly.identification.servo_drive import loop_on_grid, needs_loop
-from butterfly.logs.log import InitialState, Intersample, Log
+from butterfly.logs.log import Intersample, Log
 from butterfly.model.greybox import (
     Columns,
     Readings,
@@ -43,23 +45,38 @@ _DELAYS = 3  # drives before those of the terms of the drive: p4's, and those by
 _STEPS_PER_RADIAN = 10  # of the drive or of the resonance, whichever is faster
 
 
-class Segment:
-    """Simulates a stretch of a log on a fixed grid, from an initial state.
+Starts = Samples
+"""(s, 2) angles in rad, from the encoder's zero, and velocities in rad/s at s segments' begins."""
+
+
+class Segments:
+    """Simulates a log on a fixed grid, from an initial state in each of s segments.
 
     The step follows the resonance of the ``parameters`` of the bare hand and the log's drive, but
-    is at most ``longest`` s. Errors count from the sample numbered ``first`` on.
+    is at most ``longest`` s. Segments begin at the samples numbered ``edges``, which are on the
+    grid. Errors count from the sample numbered ``first`` on.
     """
 
     def __init__(
-        self, log: Log, parameters: LumpedParameters, first: int = 0, longest: float = LONGEST_STEP
+        self,
+        log: Log,
+        parameters: LumpedParameters,
+        *,
+        edges: Sequence[int] = (0,),
+        first: int = 0,
+        longest: float = LONGEST_STEP,
     ) -> None:
         self.log, self._first = log, first
         self._looped = needs_loop(log)
         step, self._every = min(grid_step(log, parameters), longest), 1
         if log.closed and log.servo is not None:
             step, self._every = log.servo.updates(step)
-        grid = uniform_grid(log.time, step)
-        self.grid = np.append(grid, log.time[-1]) if grid[-1] < log.time[-1] else grid
+        bounds = [*log.time[[*edges]].tolist(), float(log.time[-1])]
+        grids = [_grid(*ends, step) for ends in pairwise(bounds)]
+        self.grid = np.append(joined(grids), log.time[-1])
+        ends = np.cumsum([0, *(each.size for each in grids)])
+        self.pieces = np.column_stack([ends[:-1], ends[1:]])
+        """(s, 2) first and last instant of each segment on the grid, as numbers."""
         self._steps = 0  # since `spend`
         self._most = most_steps(log, parameters, step)
         self._latest: tuple[tuple[float, float, float, DriveTerms], Samples] | None = None
@@ -69,39 +86,64 @@ class Segment:
         steps, self._steps = self._steps, 0
         return steps
 
+    @cached_property
+    def bounds(self) -> NDArray[np.int64]:
+        """(s + 1,) numbers of the first error of each segment, and of all errors."""
+        averaged = self._averages[0].into >= 0
+        before = np.concatenate([[0], np.cumsum(averaged)])
+        return np.asarray(before[[*self.pieces[:, 0], self.pieces[-1, 1]]])
+
     def run(
-        self, joint: LumpedParameters, zero: float, begin: InitialState
-    ) -> tuple[Samples, Samples, Samples]:
-        """Return the (n,) grid in s, and on it the angle in rad and the velocity in rad/s.
+        self, joint: LumpedParameters, zero: float, begins: Starts
+    ) -> tuple[tuple[Samples, Samples, Samples], ...]:
+        """Return of each segment its (n,) grid in s, and angle in rad and velocity in rad/s on it.
 
         The ``joint`` has its added mass; ``zero`` is the encoder's in rad.
         """
-        inputs, start = self._inputs(joint)[0], (begin.angle - zero, begin.velocity)
-        loop = self.loop(joint, zero)
-        angle, velocity, steps = simulate_counted(joint, self.grid, inputs, *start, loop)
-        self._steps += steps
-        return self.grid, zero + angle, velocity
+        inputs, loop, found = self._inputs(joint)[0], self.loop(joint, zero), []
+        for (first, last), (angle, velocity) in zip(
+            self.pieces.tolist(), begins.tolist(), strict=True
+        ):
+            grid, start = self.grid[first : last + 1], (angle - zero, velocity)
+            motion = simulate_counted(joint, grid, inputs[first:last], *start, loop)
+            self._steps += motion.steps
+            found.append((grid, zero + motion.angle, motion.velocity))
+        return tuple(found)
 
     def linearised(
-        self, columns: Columns, zero: float, begin: InitialState
+        self,
+        columns: Columns,
+        zero: float,
+        begins: Starts,
+        chosen: ArrayLike = (),
     ) -> tuple[Samples, Samples]:
         """Return (m,) errors in rad or rad/s, and (m, n) derivatives by the ``columns``.
 
         Errors are simulated less measured, averaged over the samples of each grid interval: that
         keeps their information at a fraction of their number. They are NaN where a trial is stiffer
-        than any joint of such logs (see `most_steps`).
+        than any joint of such logs (see `most_steps`). They are those of ``chosen`` segments, by
+        increasing numbers, of which ``begins`` has the starts; of all if not given.
         """
-        joint, start = columns.joint, (begin.angle - zero, begin.velocity)
+        joint, starts = columns.joint, begins - [zero, 0.0]
         inputs, (readings, measured, _) = self._inputs(joint, columns.drives), self._averages
-        loop, most = self.loop(joint, zero), self._most
+        pieces, loop = self.pieces, self.loop(joint, zero)
+        if len(begins) < len(pieces):
+            kept = self.errors_of(chosen)
+            numbers = np.append(np.where(kept, np.cumsum(kept) - 1, -1), -1)
+            readings = Readings(into=numbers[readings.into], weights=readings.weights[:, kept])
+            pieces, measured = pieces[np.asarray(chosen)], measured[kept]
         values, rows, steps = differentiate(
-            self.grid, inputs, start, readings, columns, loop=loop, most=most
+            self.grid, inputs, starts, readings, columns, pieces=pieces, loop=loop, most=self._most
         )
         self._steps += steps
         rise = 0 if self.log.integrated else 1  # no velocity depends on the zero
         if "zero" in columns.names:  # it moves the start back, and all readings on
             rows[:, columns.names.index("zero")] += rise
         return values + (rise * zero - measured), rows
+
+    def errors_of(self, chosen: ArrayLike) -> NDArray[np.bool_]:
+        """(m,) whether each error is of one of some segments, by number."""
+        return np.repeat(np.isin(np.arange(len(self.pieces)), chosen), np.diff(self.bounds))
 
     def averages(self, joint: LumpedParameters) -> tuple[NDArray[np.int64], Samples, Samples]:
         """Return for (m,) errors samples averaged, middles of steps in s, and mean inputs."""
@@ -161,6 +203,12 @@ class Segment:
     def _parabolas(self, joint: LumpedParameters, time: Samples, inputs: Samples) -> Samples:
         """(2, n - 1, 3) late inputs and their derivatives by the delay (see `hold.parabolas`)."""
         return hold.parabolas(time, inputs, self.grid - joint.delay, self.log.between_samples)
+
+
+def _grid(begin: float, end: float, step: float) -> Samples:
+    """Return uniform instants from a segment's begin to before its end."""
+    grid = uniform_grid(np.array([begin, end]), step)
+    return grid[:-1] if grid[-1] >= end else grid
 
 
 def most_steps(log: Log, parameters: LumpedParameters, step: float) -> int:
