@@ -163,6 +163,7 @@ def _counts(kind, met):
     valued = [each.answer for each in met if not each.answer.refused]
     given = [each.answer for each in met if each.answer.answered]
     known = [each for each in met if each.weak and each.weak.answered and each.weak.inside]
+    numbers = f" (numbers {', '.join(str(each.number) for each in known)})" if known else ""
     off = ", ".join(
         f"{sum(abs(each.error) > most for each in given)} by more than {most:g} %" for most in OFF
     )
@@ -175,8 +176,7 @@ def _counts(kind, met):
         f"  p1 inside: {sum(each.inside for each in given)} of {len(given)} answers, "
         f"{sum(each.inside for each in valued)} of {len(valued)} with those not to be used\n"
         f"  p1 of an answer off: {off}; median half-width {width:.2g} %\n"
-        f"  without an answer where the weak form is right: {len(known)}"
-        f"{''.join(f' {each.number}' for each in known)}\n"
+        f"  without an answer where the weak form is right: {len(known)}{numbers}\n"
         f"  CPU: median {np.median(seconds):.1f} s, longest {max(seconds):.1f} s"
     )
 

@@ -69,7 +69,7 @@ def test_what_is_not_answered_though_the_weak_form_is_right_is_named():
     assert "bound under 20 %: 4; of these answered: 2 (50 %)" in text
     assert "p1 inside: 1 of 2 answers, 2 of 3 with those not to be used" in text
     assert "off: 1 by more than 10 %, 1 by more than 5 %" in text
-    assert "where the weak form is right: 1 2\n" in text
+    assert "where the weak form is right: 1 (numbers 2)\n" in text
 
 
 def test_every_kind_is_drawn_by_number_and_seed():
