@@ -2,17 +2,17 @@
 
 Between two instants of the grid the input is the parabola that has the mean and the first two
 moments of the recorded one, so that no impulse is lost or gained where steps fall between them.
+That does not say when friction lets go of a joint or catches it. So a held input is simulated on
+its own clock: the instants at which it jumps are on the grid, and a delay moves what is read.
 """
 
 from __future__ import annotations
-
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.arrays import Samples, joined
-from butterfly.identification.levels import PRECISE
+from butterfly.identification.levels import PRECISE, ROUNDING
 from butterfly.identification.servo_drive import loop_on_grid, needs_loop
 from butterfly.logs.log import InitialState, Intersample, Log
 from butterfly.model.greybox import (
@@ -33,8 +33,8 @@ LONGEST_STEP = 0.01
 """Longest integration step in s; RK4's error is then 1.5e-7 rad over 70 s of small swings."""
 
 _ROUGH = 0.005
-"""Share of noise in an input above which no two of its samples share a step: where the joint turns
-back or sticks the effect of a noisy input is not that of its mean."""
+"""Share of an input's rms value by which it may bend from sample to sample within a step: where the
+joint turns back or sticks the effect of a rough input is not that of its mean."""
 
 FINEST = 100
 """Largest number of steps per sample: logs have no information on faster motions. A trial of a fit
@@ -43,11 +43,17 @@ _DELAYS = 3  # drives before those of the terms of the drive: p4's, and those by
 _STEPS_PER_RADIAN = 10  # of the drive or of the resonance, whichever is faster
 
 
+_Averages = tuple[NDArray[np.int64], Samples, Samples, NDArray[np.int64]]
+_Read = tuple[Readings, Samples, NDArray[np.int64]]
+"""Readings, (m,) averages of the measured signal, and numbers of averaged samples."""
+
+
 class Segment:
     """Simulates a stretch of a log on a fixed grid, from an initial state.
 
     The step follows the resonance of the ``parameters`` of the bare hand and the log's drive, but
-    is at most ``longest`` s. Errors count from the sample numbered ``first`` on.
+    is at most ``longest`` s. Errors count from the sample numbered ``first`` on. The grid of a held
+    input is on its clock, and begins before the log by the delay of the ``parameters``.
     """
 
     def __init__(
@@ -55,14 +61,19 @@ class Segment:
     ) -> None:
         self.log, self._first = log, first
         self._looped = needs_loop(log)
+        self._held = _is_held(log)
         step, self._every = min(grid_step(log, parameters), longest), 1
         if log.closed and log.servo is not None:
             step, self._every = log.servo.updates(step)
-        grid = uniform_grid(log.time, step)
-        self.grid = np.append(grid, log.time[-1]) if grid[-1] < log.time[-1] else grid
+        if self._held:
+            self.grid = _between_jumps(log, log.time[0] - parameters.delay, step)
+        else:
+            grid = uniform_grid(log.time, step)
+            self.grid = np.append(grid, log.time[-1]) if grid[-1] < log.time[-1] else grid
         self._steps = 0  # since `spend`
         self._most = most_steps(log, parameters, step)
         self._latest: tuple[tuple[float, float, float, DriveTerms], Samples] | None = None
+        self._latest_read: tuple[float, _Read] | None = None
 
     def spend(self) -> int:
         """Return the number of steps of all simulations since the last call."""
@@ -72,7 +83,7 @@ class Segment:
     def run(
         self, joint: LumpedParameters, zero: float, begin: InitialState
     ) -> tuple[Samples, Samples, Samples]:
-        """Return the (n,) grid in s, and on it the angle in rad and the velocity in rad/s.
+        """Return (n,) instants in s, and at them the angle in rad and the velocity in rad/s.
 
         The ``joint`` has its added mass; ``zero`` is the encoder's in rad.
         """
@@ -80,7 +91,9 @@ class Segment:
         loop = self.loop(joint, zero)
         angle, velocity, steps = simulate_counted(joint, self.grid, inputs, *start, loop)
         self._steps += steps
-        return self.grid, zero + angle, velocity
+        instants = self.grid + self._delay(joint)
+        instants[0] = min(instants[0], self.log.time[0])
+        return instants, zero + angle, velocity
 
     def linearised(
         self, columns: Columns, zero: float, begin: InitialState
@@ -92,12 +105,14 @@ class Segment:
         than any joint of such logs (see `most_steps`).
         """
         joint, start = columns.joint, (begin.angle - zero, begin.velocity)
-        inputs, (readings, measured, _) = self._inputs(joint, columns.drives), self._averages
+        inputs, (readings, measured, _) = self._inputs(joint, columns.drives), self._read(joint)
         loop, most = self.loop(joint, zero), self._most
         values, rows, steps = differentiate(
             self.grid, inputs, start, readings, columns, loop=loop, most=most
         )
         self._steps += steps
+        if self._held and "delay" in columns.names:
+            rows[:, columns.names.index("delay")] = self._by_delay(joint, inputs[0], start)
         rise = 0 if self.log.integrated else 1  # no velocity depends on the zero
         if "zero" in columns.names:  # it moves the start back, and all readings on
             rows[:, columns.names.index("zero")] += rise
@@ -105,10 +120,14 @@ class Segment:
 
     def averages(self, joint: LumpedParameters) -> tuple[NDArray[np.int64], Samples, Samples]:
         """Return for (m,) errors samples averaged, middles of steps in s, and mean inputs."""
-        readings, _, counts = self._averages
+        readings, _, counts = self._read(joint)
         averaged = readings.into >= 0
         middles = np.asarray((self.grid[:-1] + self.grid[1:])[averaged] / 2)
-        return counts, middles, np.asarray((self._delivered(joint)[0] @ hold.SIMPSON)[averaged])
+        return (
+            counts,
+            middles + self._delay(joint),
+            np.asarray((self._delivered(joint)[0] @ hold.SIMPSON)[averaged]),
+        )
 
     def loop(self, joint: LumpedParameters, zero: float) -> Loop | None:
         """Return the loop of a servo that drives the joint; None where the input is open-loop."""
@@ -116,14 +135,43 @@ class Segment:
             return None
         return loop_on_grid(self.log, joint, zero, self.grid, self._inputs(joint), self._every)
 
-    @cached_property
-    def _averages(self) -> tuple[Readings, Samples, NDArray[np.int64]]:
-        """Readings, (m,) averages of the measured signal, and numbers of averaged samples."""
+    def _delay(self, joint: LumpedParameters) -> float:
+        """Return the delay in s that moves readings; 0 where it moves the input."""
+        return joint.delay if self._held else 0.0
+
+    def _read(self, joint: LumpedParameters) -> _Read:
+        """Return what is read of a joint; keeps the last."""
+        delay = self._delay(joint)
+        if self._latest_read is None or self._latest_read[0] != delay:
+            into, weights, measured, counts = self._averages(delay)
+            readings = Readings(into=into, weights=weights)
+            self._latest_read = delay, (readings, measured, counts)
+        return self._latest_read[1]
+
+    def _averages(self, delay: float, more: float = 0.0) -> _Averages:
+        """Return averages over each step with a delay in s, and ``more`` of it within steps.
+
+        A delay moves readings from step to step by tenths of a sampling interval, and by what is
+        left along the polynomial of theirs: so the same ones are averaged while it hardly changes.
+        """
         log, first = self.log, self._first
-        into, weights, measured, counts = polynomials.averages(
-            self.grid, log.time[first:], log.measured[first:], log.integrated
+        moved = round(delay / (PRECISE * log.mean_step)) * PRECISE * log.mean_step
+        samples = log.time[first:] - moved, log.measured[first:]
+        return polynomials.averages(self.grid, *samples, log.integrated, delay - moved + more)
+
+    def _by_delay(
+        self, joint: LumpedParameters, inputs: Samples, start: tuple[float, float]
+    ) -> Samples:
+        """Return (m,) derivatives of readings by the delay: readings are cubic in it."""
+        delay, short = self._delay(joint), ROUNDING * self.log.mean_step
+        earlier, later = (self._averages(delay, more)[1] for more in (-short, short))
+        angle, velocity, steps = simulate_counted(
+            joint, self.grid, inputs, *start, None, self._most
         )
-        return Readings(into=into, weights=weights), measured, counts
+        self._steps += steps
+        ends = np.array([angle[:-1], velocity[:-1], angle[1:], velocity[1:]])
+        ends = ends[:, self._read(joint)[0].into >= 0]
+        return np.asarray(np.sum((later - earlier) * ends, axis=0) / (2 * short))
 
     def _inputs(self, joint: LumpedParameters, drives: int = 2) -> Samples:
         """(2 or more, n - 1, 3) input and its derivatives (see `Columns.drives`); keeps the last.
@@ -160,7 +208,32 @@ class Segment:
 
     def _parabolas(self, joint: LumpedParameters, time: Samples, inputs: Samples) -> Samples:
         """(2, n - 1, 3) late inputs and their derivatives by the delay (see `hold.parabolas`)."""
-        return hold.parabolas(time, inputs, self.grid - joint.delay, self.log.between_samples)
+        edges = self.grid if self._held else self.grid - joint.delay
+        return hold.parabolas(time, inputs, edges, self.log.between_samples)
+
+
+def _is_held(log: Log) -> bool:
+    """Whether a log is simulated with a recorded input that is held from sample to sample."""
+    held = log.between_samples is Intersample.ZERO_ORDER_HOLD
+    return held and not log.closed and bool(log.command[1].any())
+
+
+def _between_jumps(log: Log, begin: float, longest: float) -> Samples:
+    """Return the grid of a held input from ``begin`` in s on: its jumps, and steps between them.
+
+    A jump is more than a smooth command moves by in a sampling interval.
+    """
+    time, commands = log.command
+    jumps = np.diff(commands, prepend=0.0)
+    bends = np.abs(np.diff(jumps, prepend=0.0, append=0.0))
+    least = _ROUGH * float(np.sqrt(np.mean(commands**2)))
+    apart = (np.abs(jumps) > least) & (np.maximum(bends[:-1], bends[1:]) > least)
+    near = ROUNDING * log.mean_step
+    inside = apart & (time > begin + near) & (time < log.time[-1] - near)
+    edges = np.concatenate([[begin], time[inside], [log.time[-1]]])
+    counts = np.maximum(np.ceil(np.diff(edges) / longest * (1 - 1e-9)), 1)
+    ends = np.concatenate([[0.0], np.cumsum(counts)])
+    return np.asarray(np.interp(np.arange(ends[-1] + 1), ends, edges))
 
 
 def most_steps(log: Log, parameters: LumpedParameters, step: float) -> int:
@@ -178,7 +251,9 @@ def grid_step(log: Log, parameters: LumpedParameters) -> float:
     drive = log.excitation.omega if log.excitation else 0.0
     loaded = parameters.with_added_mass(log.added_mass)
     fastest = max(resonance_frequency(loaded), drive)
-    longest = LONGEST_STEP if log.roughness < _ROUGH else min(LONGEST_STEP, log.mean_step / 2)
+    longest = LONGEST_STEP
+    if log.roughness >= _ROUGH and not _is_held(log):
+        longest = min(LONGEST_STEP, log.mean_step / 2)
     if loaded.p2 * longest > loaded.p1:
         longest = min(longest, log.mean_step)
     if not fastest:

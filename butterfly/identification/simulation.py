@@ -90,9 +90,8 @@ class Simulation:
 
     @property
     def step(self) -> float:
-        """Step of the simulation in s."""
-        grid = self.segments[self._uncounted].grid
-        return float(grid[1] - grid[0])
+        """Mean step of the simulation in s."""
+        return float(np.mean(np.diff(self.segments[self._uncounted].grid)))
 
     def spend(self) -> int:
         """Return the number of steps of all simulations since the last call."""
