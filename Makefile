@@ -15,7 +15,7 @@ WITH_KERNELS = NUMBA_CACHE_DIR=$$($(BIN)/python -m tests.kernels) && export NUMB
 # A module is compiled when it is first imported, not by each process anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: constraints demo docs lowest outputs pictures profile test test-slow film lint types bench bench-short campaigns coverage faults sound repeats kinds forecasts fuzz readers readback record record-check texts units wheel clean
+.PHONY: constraints demo docs lowest outputs pictures profile test test-slow film lint types bench bench-short campaigns coverage faults sound repeats kinds strangers forecasts fuzz readers readback record record-check texts units wheel clean
 
 demo: $(VENV)/.runtime
 	$(BIN)/butterfly run experiments/quickstart.yaml
@@ -77,6 +77,12 @@ coverage: $(VENV)/.development
 # The same of robots of unknown kind, each as its owner knows it: 20 of each by ROBOTS=20.
 kinds: $(VENV)/.development
 	$(ONE_THREAD) $(BIN)/python -m tests.benchmarks.kinds --robots $(ROBOTS) --seed $(SEED)
+
+# The same of joints that nothing holds, balanced ones, and carts on a relay, beside the best that their
+# logs allow: STRANGERS_OPTIONS='--kind free --of 7 12'.
+STRANGERS_OPTIONS ?=
+strangers: $(VENV)/.development
+	$(WITH_KERNELS) $(BIN)/python -m tests.benchmarks.strangers --robots $(ROBOTS) --seed $(SEED) $(STRANGERS_OPTIONS)
 
 # How campaigns end on random robots, and on such as the model misses: 20 of each by ROBOTS=20.
 campaigns: $(VENV)/.development

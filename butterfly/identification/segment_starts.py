@@ -83,7 +83,7 @@ class SegmentStarts:
         explained[:, ~finite] = 0.0
         beside = -_over(explained[1], rest)
         forth = -_over(explained[0] + np.where(both, along, 0.0) * beside, length)
-        counts = np.diff(bounds)
+        counts = np.maximum(np.diff(bounds), 1)
         cost = squares / counts
         left = np.sum(explained**2, axis=0) / counts
         return cls(
@@ -111,8 +111,11 @@ class SegmentStarts:
 
 
 def _sums(rows: Samples, bounds: NDArray[np.int64]) -> Samples:
-    """(s, ...) sums of (m, ...) rows over segments."""
-    return np.asarray(np.add.reduceat(rows, bounds[:-1], axis=0))
+    """(s, ...) sums of (m, ...) rows over segments, some of which may have none."""
+    full = np.diff(bounds) > 0
+    found = np.zeros((full.size, *rows.shape[1:]))
+    found[full] = np.add.reduceat(rows, bounds[:-1][full], axis=0)
+    return found
 
 
 def _spread(values: Samples, bounds: NDArray[np.int64]) -> Samples:

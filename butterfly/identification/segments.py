@@ -2,19 +2,21 @@
 
 Between two instants of the grid the input is the parabola that has the mean and the first two
 moments of the recorded one, so that no impulse is lost or gained where steps fall between them.
+That does not say when friction lets go of a joint or catches it. So a held input is simulated on
+its own clock: the instants at which it jumps are on the grid, and a delay moves what is read.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from butterfly.arrays import Samples, joined
-from butterfly.identification.levels import PRECISE
+from butterfly.identification.levels import PRECISE, ROUNDING
 from butterfly.identification.servo_drive import loop_on_grid, needs_loop
 from butterfly.logs.log import Intersample, Log
 from butterfly.model.greybox import (
@@ -35,8 +37,8 @@ LONGEST_STEP = 0.01
 """Longest integration step in s; RK4's error is then 1.5e-7 rad over 70 s of small swings."""
 
 _ROUGH = 0.005
-"""Share of noise in an input above which no two of its samples share a step: where the joint turns
-back or sticks the effect of a noisy input is not that of its mean."""
+"""Share of an input's rms value by which it may bend from sample to sample within a step: where the
+joint turns back or sticks the effect of a rough input is not that of its mean."""
 
 FINEST = 100
 """Largest number of steps per sample: logs have no information on faster motions. A trial of a fit
@@ -49,12 +51,22 @@ Starts = Samples
 """(s, 2) angles in rad, from the encoder's zero, and velocities in rad/s at s segments' begins."""
 
 
+class _Read(NamedTuple):
+    """What is read of a simulation, and m averages of what was measured."""
+
+    readings: Readings
+    measured: Samples  # (m,)
+    counts: NDArray[np.int64]  # (m,) of averaged samples
+    bounds: NDArray[np.int64]  # (s + 1,) numbers of the first of each segment, and of all
+
+
 class Segments:
     """Simulates a log on a fixed grid, from an initial state in each of s segments.
 
     The step follows the resonance of the ``parameters`` of the bare hand and the log's drive, but
     is at most ``longest`` s. Segments begin at the samples numbered ``edges``, which are on the
-    grid. Errors count from the sample numbered ``first`` on.
+    grid. Errors count from the sample numbered ``first`` on. The grid of a held input is on its
+    clock, and begins before the log by the delay of the ``parameters``.
     """
 
     def __init__(
@@ -71,32 +83,35 @@ class Segments:
         step, self._every = min(grid_step(log, parameters), longest), 1
         if log.closed and log.servo is not None:
             step, self._every = log.servo.updates(step)
-        bounds = [*log.time[[*edges]].tolist(), float(log.time[-1])]
-        grids = [_grid(*ends, step) for ends in pairwise(bounds)]
-        self.grid = np.append(joined(grids), log.time[-1])
-        ends = np.cumsum([0, *(each.size for each in grids)])
-        self.pieces = np.column_stack([ends[:-1], ends[1:]])
+        self._held = _is_held(log)
+        begins, end = log.time[[*edges]], log.time[-1:]
+        if self._held:
+            begins = begins - parameters.delay
+            self.grid = _between_jumps(log, np.append(begins, end), step)
+        else:
+            ends = pairwise([*begins.tolist(), float(end[0])])
+            self.grid = np.append(joined([_grid(*each, step) for each in ends]), end)
+        firsts = np.searchsorted(self.grid, begins)
+        self.pieces = np.column_stack([firsts, np.append(firsts[1:], self.grid.size - 1)])
         """(s, 2) first and last instant of each segment on the grid, as numbers."""
         self._steps = 0  # since `spend`
         self._most = most_steps(log, parameters, step)
         self._latest: tuple[tuple[float, float, float, DriveTerms], Samples] | None = None
+        self._latest_read: tuple[float, _Read] | None = None
 
     def spend(self) -> int:
         """Return the number of steps of all simulations since the last call."""
         steps, self._steps = self._steps, 0
         return steps
 
-    @cached_property
-    def bounds(self) -> NDArray[np.int64]:
+    def bounds(self, joint: LumpedParameters) -> NDArray[np.int64]:
         """(s + 1,) numbers of the first error of each segment, and of all errors."""
-        averaged = self._averages[0].into >= 0
-        before = np.concatenate([[0], np.cumsum(averaged)])
-        return np.asarray(before[[*self.pieces[:, 0], self.pieces[-1, 1]]])
+        return self._read(joint).bounds
 
     def run(
         self, joint: LumpedParameters, zero: float, begins: Starts
     ) -> tuple[tuple[Samples, Samples, Samples], ...]:
-        """Return of each segment its (n,) grid in s, and angle in rad and velocity in rad/s on it.
+        """Return of each segment (n,) instants in s, and at them angle in rad, velocity in rad/s.
 
         The ``joint`` has its added mass; ``zero`` is the encoder's in rad.
         """
@@ -107,7 +122,8 @@ class Segments:
             grid, start = self.grid[first : last + 1], (angle - zero, velocity)
             motion = simulate_counted(joint, grid, inputs[first:last], *start, loop)
             self._steps += motion.steps
-            found.append((grid, zero + motion.angle, motion.velocity))
+            found.append((grid + self._late(joint), zero + motion.angle, motion.velocity))
+        found[0][0][0] = min(found[0][0][0], self.log.time[0])
         return tuple(found)
 
     def linearised(
@@ -125,32 +141,36 @@ class Segments:
         increasing numbers, of which ``begins`` has the starts; of all if not given.
         """
         joint, starts = columns.joint, begins - [zero, 0.0]
-        inputs, (readings, measured, _) = self._inputs(joint, columns.drives), self._averages
+        inputs, read = self._inputs(joint, columns.drives), self._read(joint)
+        readings, measured = read.readings, read.measured
         pieces, loop = self.pieces, self.loop(joint, zero)
         if len(begins) < len(pieces):
-            kept = self.errors_of(chosen)
+            kept = self.errors_of(chosen, joint)
             numbers = np.append(np.where(kept, np.cumsum(kept) - 1, -1), -1)
             readings = Readings(into=numbers[readings.into], weights=readings.weights[:, kept])
             pieces, measured = pieces[np.asarray(chosen)], measured[kept]
-        values, rows, steps = differentiate(
+        values, rows, steps, later = differentiate(
             self.grid, inputs, starts, readings, columns, pieces=pieces, loop=loop, most=self._most
         )
         self._steps += steps
+        if self._held and "delay" in columns.names:
+            rows[:, columns.names.index("delay")] = later
         rise = 0 if self.log.integrated else 1  # no velocity depends on the zero
         if "zero" in columns.names:  # it moves the start back, and all readings on
             rows[:, columns.names.index("zero")] += rise
         return values + (rise * zero - measured), rows
 
-    def errors_of(self, chosen: ArrayLike) -> NDArray[np.bool_]:
+    def errors_of(self, chosen: ArrayLike, joint: LumpedParameters) -> NDArray[np.bool_]:
         """(m,) whether each error is of one of some segments, by number."""
-        return np.repeat(np.isin(np.arange(len(self.pieces)), chosen), np.diff(self.bounds))
+        return np.repeat(np.isin(np.arange(len(self.pieces)), chosen), np.diff(self.bounds(joint)))
 
     def averages(self, joint: LumpedParameters) -> tuple[NDArray[np.int64], Samples, Samples]:
         """Return for (m,) errors samples averaged, middles of steps in s, and mean inputs."""
-        readings, _, counts = self._averages
-        averaged = readings.into >= 0
-        middles = np.asarray((self.grid[:-1] + self.grid[1:])[averaged] / 2)
-        return counts, middles, np.asarray((self._delivered(joint)[0] @ hold.SIMPSON)[averaged])
+        read = self._read(joint)
+        averaged = read.readings.into >= 0
+        middles = (self.grid[:-1] + self.grid[1:])[averaged] / 2 + self._late(joint)
+        inputs = np.asarray((self._delivered(joint)[0] @ hold.SIMPSON)[averaged])
+        return read.counts, np.asarray(middles), inputs
 
     def loop(self, joint: LumpedParameters, zero: float) -> Loop | None:
         """Return the loop of a servo that drives the joint; None where the input is open-loop."""
@@ -158,14 +178,35 @@ class Segments:
             return None
         return loop_on_grid(self.log, joint, zero, self.grid, self._inputs(joint), self._every)
 
-    @cached_property
-    def _averages(self) -> tuple[Readings, Samples, NDArray[np.int64]]:
-        """Readings, (m,) averages of the measured signal, and numbers of averaged samples."""
-        log, first = self.log, self._first
-        into, weights, measured, counts = polynomials.averages(
-            self.grid, log.time[first:], log.measured[first:], log.integrated
-        )
-        return Readings(into=into, weights=weights), measured, counts
+    def _late(self, joint: LumpedParameters) -> float:
+        """Return the delay in s that moves readings; 0 where it moves the input."""
+        return joint.delay if self._held else 0.0
+
+    def _read(self, joint: LumpedParameters) -> _Read:
+        """Return what is read of a joint, and of a held input what a delay changes of it.
+
+        A delay moves readings from step to step by tenths of a sampling interval, and by what is
+        left along the polynomial of theirs: so the same ones are averaged while it hardly changes.
+        Keeps the last.
+        """
+        late, short = self._late(joint), ROUNDING * self.log.mean_step
+        if self._latest_read is None or self._latest_read[0] != late:
+            into, weights, measured, counts = self._averages(late)
+            if self._held:
+                earlier, later = (self._averages(late, more)[1] for more in (-short, short))
+                weights = np.concatenate([weights, (later - earlier) / (2 * short)])
+            before = np.append(0, np.cumsum(into >= 0))
+            bounds = before[[*self.pieces[:, 0], self.pieces[-1, 1]]]
+            readings = Readings(into=into, weights=weights)
+            self._latest_read = late, _Read(readings, measured, counts, bounds)
+        return self._latest_read[1]
+
+    def _averages(self, late: float, more: float = 0.0) -> polynomials.Averages:
+        """Return averages of readings that are late by so many s, and ``more`` within steps."""
+        log, unit = self.log, PRECISE * self.log.mean_step
+        moved = round(late / unit) * unit
+        samples = log.time[self._first :] - moved, log.measured[self._first :]
+        return polynomials.averages(self.grid, *samples, log.integrated, late - moved + more)
 
     def _inputs(self, joint: LumpedParameters, drives: int = 2) -> Samples:
         """(2 or more, n - 1, 3) input and its derivatives (see `Columns.drives`); keeps the last.
@@ -202,7 +243,33 @@ class Segments:
 
     def _parabolas(self, joint: LumpedParameters, time: Samples, inputs: Samples) -> Samples:
         """(2, n - 1, 3) late inputs and their derivatives by the delay (see `hold.parabolas`)."""
-        return hold.parabolas(time, inputs, self.grid - joint.delay, self.log.between_samples)
+        edges = self.grid if self._held else self.grid - joint.delay
+        return hold.parabolas(time, inputs, edges, self.log.between_samples)
+
+
+def _is_held(log: Log) -> bool:
+    """Whether a log is simulated with a recorded input that is held from sample to sample."""
+    held = log.between_samples is Intersample.ZERO_ORDER_HOLD
+    return held and not log.closed and bool(log.command[1].any())
+
+
+def _between_jumps(log: Log, bounds: Samples, longest: float) -> Samples:
+    """Return the grid of a held input between increasing bounds in s: its jumps, and steps between.
+
+    A jump is more than a smooth command moves by in a sampling interval.
+    """
+    time, commands = log.command
+    jumps = np.diff(commands, prepend=0.0)
+    bends = np.abs(np.diff(jumps, prepend=0.0, append=0.0))
+    least = _ROUGH * float(np.sqrt(np.mean(commands**2)))
+    apart = (np.abs(jumps) > least) & (np.maximum(bends[:-1], bends[1:]) > least)
+    jumped = time[apart & (time > bounds[0]) & (time < bounds[-1])]
+    after = np.searchsorted(bounds, jumped)
+    nearest = np.minimum(jumped - bounds[after - 1], bounds[after] - jumped)
+    edges = np.union1d(bounds, jumped[nearest > ROUNDING * log.mean_step])
+    counts = np.maximum(np.ceil(np.diff(edges) / longest * (1 - 1e-9)), 1)
+    ends = np.concatenate([[0.0], np.cumsum(counts)])
+    return np.asarray(np.interp(np.arange(ends[-1] + 1), ends, edges))
 
 
 def _grid(begin: float, end: float, step: float) -> Samples:
@@ -226,7 +293,9 @@ def grid_step(log: Log, parameters: LumpedParameters) -> float:
     drive = log.excitation.omega if log.excitation else 0.0
     loaded = parameters.with_added_mass(log.added_mass)
     fastest = max(resonance_frequency(loaded), drive)
-    longest = LONGEST_STEP if log.roughness < _ROUGH else min(LONGEST_STEP, log.mean_step / 2)
+    longest = LONGEST_STEP
+    if log.roughness >= _ROUGH and not _is_held(log):
+        longest = min(LONGEST_STEP, log.mean_step / 2)
     if loaded.p2 * longest > loaded.p1:
         longest = min(longest, log.mean_step)
     if not fastest:

@@ -89,10 +89,8 @@ class Simulation:
 
     @property
     def step(self) -> float:
-        """Step of the simulation in s."""
-        first = self.segments.pieces[self._uncounted, 0]
-        begin, end = self.segments.grid[first : first + 2].tolist()
-        return float(end - begin)
+        """Mean step of the simulation in s."""
+        return float(np.mean(np.diff(self.segments.grid)))
 
     def spend(self) -> int:
         """Return the number of steps of all simulations since the last call."""
@@ -145,7 +143,8 @@ class Simulation:
             bounds = np.array([0, errors.size])
             return errors, rows[:, : len(names)], StartEffects(_orthonormal(by_start), bounds)
         errors, rows, found = self._about_best_starts(names, parameters, zero)
-        bounds = self.segments.bounds[self._uncounted :]
+        joint = parameters.with_added_mass(self.log.added_mass)
+        bounds = self.segments.bounds(joint)[self._uncounted :]
         errors, rows = errors[bounds[0] :], rows[bounds[0] :, : len(names)]
         directions = found.effects.directions[bounds[0] :]
         effects = StartEffects(directions, bounds - bounds[0])
@@ -156,7 +155,7 @@ class Simulation:
     def averages(self, parameters: LumpedParameters) -> tuple[NDArray[np.int64], Samples, Samples]:
         """Return for (m,) errors samples averaged, middles of steps in s, and mean inputs."""
         joint = parameters.with_added_mass(self.log.added_mass)
-        first = self.segments.bounds[self._uncounted]
+        first = self.segments.bounds(joint)[self._uncounted]
         counts, middles, inputs = self.segments.averages(joint)
         return counts[first:], middles[first:], inputs[first:]
 
@@ -186,7 +185,7 @@ class Simulation:
         at.take(whole, tried)
         self._search(at, by_start, zero)
         if (moved := np.flatnonzero((at.begins != begins).any(axis=1))).size:
-            kept = self.segments.errors_of(moved)
+            kept = self.segments.errors_of(moved, every.joint)
             errors[kept], rows[kept], _ = self._expanded(every, zero, at.begins[moved], moved)
             tried = self._assessed(errors, rows, every, at.begins, whole)
         if self._warm:
@@ -227,7 +226,7 @@ class Simulation:
             begins,
             errors,
             self._by_start(rows[:, [columns.names.index(each) for each in _START]]),
-            np.append(0, np.cumsum(np.diff(self.segments.bounds)[some])),
+            np.append(0, np.cumsum(np.diff(self.segments.bounds(columns.joint))[some])),
             at_rest=self.recorded[some, 1] == 0,
             unit=self.log.rms_speed / (self.log.rms_motion or 1.0),
         )

@@ -183,7 +183,8 @@ class Readings:
     """Outputs of a simulation: m sums of the state at both ends of single intervals."""
 
     into: NDArray[np.int64]  # (n - 1,) number of the sum that an interval gives; -1 for none
-    weights: Samples  # (4, m) of angle and velocity at the start, and of those at the end
+    # (4, m) of angle and velocity at the start, and of those at the end; 4 more are of other sums
+    weights: Samples
 
 
 class Differentiated(NamedTuple):
@@ -192,6 +193,7 @@ class Differentiated(NamedTuple):
     values: Samples  # (m,)
     rows: Samples  # (m, n) derivatives by n parameters
     steps: int
+    others: Samples  # (m,) the other sums of `Readings`, where it has them
 
 
 def differentiate(
@@ -221,10 +223,10 @@ def differentiate(
             columns.joint, time, inputs[0], begins[0, 0], begins[0, 1], loop, most
         )
         ends = np.array([angle[:-1], velocity[:-1], angle[1:], velocity[1:]])
-        values = np.sum(readings.weights * ends[:, readings.into >= 0], axis=0)
-        return Differentiated(values, np.empty((values.size, 0)), steps)
-    values = np.empty(readings.weights.shape[1])
-    rows = np.empty((values.size, columns.column.size))
+        values = np.sum(readings.weights[:4] * ends[:, readings.into >= 0], axis=0)
+        return Differentiated(values, np.empty((values.size, 0)), steps, np.empty(0))
+    values = np.empty((2, readings.weights.shape[1]))
+    rows = np.empty((values.shape[1], columns.column.size))
     joint, moving, constants = columns.joint, columns.moving, columns.constants
     numbers, moved = columns.column, inputs if loop is None else inputs[:0]
     gives, steps = numbers == COLUMNS["begin_to_give"], 0
@@ -245,7 +247,7 @@ def differentiate(
         *(numbers, columns.initial, moved, rows, loop, _open_circuit(constants), moving, most),
         kernel.Work.of(columns.initial, 0 if loop is None else time.size - 1),
     )
-    return Differentiated(values, rows @ columns.mixture, steps)
+    return Differentiated(values[0], rows @ columns.mixture, steps, values[1])
 
 
 _ALONE: dict[str, Mapping[str, float]] = {name: {name: 1.0} for name in (*COLUMNS, *INITIAL)}

@@ -17,31 +17,36 @@ from butterfly.compiled import compiled
 _BLOCK = 1024  # samples that stay in the fastest cache
 
 
+Averages = tuple[NDArray[np.int64], Samples, Samples, NDArray[np.int64]]
+"""What `averages` returns."""
+
+
 def averages(
-    grid: Samples, instants: Samples, values: Samples, slopes: bool
-) -> tuple[NDArray[np.int64], Samples, Samples, NDArray[np.int64]]:
+    grid: Samples, instants: Samples, values: Samples, slopes: bool, early: float = 0.0
+) -> Averages:
     """Average the polynomials, or their ``slopes``, and values over the instants in each interval.
 
-    The average is linear in the ends of the interval, so four weights replace many instants.
+    The average is linear in the ends of the interval, so four weights replace many instants. An
+    interval's polynomial is evaluated ``early`` by so many s, also beyond its ends.
     Returns (n - 1,) numbers of the average of each interval of a grid, -1 if it has no instant; (4,
     k) weights of angle and velocity at its start and end; (k,) mean values; and (k,) counts.
     """
     size = grid.size - 1
     into, counts = np.full(size, -1), np.empty(size, dtype=np.int64)
     weights, means = np.empty((4, size)), np.empty(size)
-    rows = _average(grid, instants, values, slopes, into, weights, means, counts)
+    rows = _average(grid, instants, values, slopes, early, into, weights, means, counts)
     return into, weights[:, :rows].copy(), means[:rows], counts[:rows]
 
 
 @compiled
-def _average(grid, instants, values, slopes, into, weights, means, counts):
+def _average(grid, instants, values, slopes, early, into, weights, means, counts):
     """Write `averages`, and return how many there are."""
     last, k, row = grid.size - 2, 0, 0
     for cell in range(last + 1):
         length, first, one, two, three, total = grid[cell + 1] - grid[cell], k, 0.0, 0.0, 0.0, 0.0
         rate = 1.0 / length
         while k < instants.size and (instants[k] < grid[cell + 1] or cell == last):
-            s = (instants[k] - grid[cell]) * rate
+            s = (instants[k] - early - grid[cell]) * rate
             one, two, three, total = one + s, two + s * s, three + s * s * s, total + values[k]
             k += 1
         if k > first:

@@ -9,7 +9,7 @@ A page marks it so, the lines between as a quotation:
 `head N` keeps the first N sentences, `grep TEXT` those with TEXT, `table TEXT` the table from the
 line with TEXT on. Commands run in a folder with the quick start's results (also as `my-robot`), or
 with the logs needed from BUTTERFLY_STRANGERS and the page's manifests (none if `bare`); without
-these logs the page stays as it was.
+these logs the page stays as it was. `needs examples.NAME as FOLDER` runs that program for them.
 """
 
 from __future__ import annotations
@@ -51,6 +51,15 @@ def _quickstart() -> tuple[Path, str]:
 
 
 @cache
+def made(module: str) -> Path:
+    """Let a program of examples/ write its folders of logs."""
+    folder = Path(tempfile.mkdtemp())
+    command = [sys.executable, "-m", module, "--out", str(folder)]
+    subprocess.run(command, cwd=DOCS.parent, check=True, capture_output=True)  # noqa: S603 - our own
+    return folder
+
+
+@cache
 def _strangers(logs: str, name: str, manifests: tuple[str, ...]) -> Path | None:
     """Make the folder of logs that a page describes, if these logs are here."""
     found = Path(os.environ.get("BUTTERFLY_STRANGERS", "nowhere")) / logs
@@ -79,7 +88,9 @@ def _butterfly(command: str, folder: Path) -> str:
 
 def quoted(mark: re.Match[str], page: str) -> str:
     """Return what stands between the marks, as the program prints it now."""
-    if mark["logs"]:
+    if mark["logs"] and mark["logs"].startswith("examples."):
+        folder = made(mark["logs"])
+    elif mark["logs"]:
         manifests = () if mark["bare"] else re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
         folder = _strangers(mark["logs"], mark["folder"], tuple(manifests))
         if folder is None:

@@ -1,8 +1,9 @@
 """Draw the pictures of docs/ anew: `make pictures`, after pages or figures have changed.
 
 Nearly all come from the quick start, as docs/start.md runs it: the figures from the program, the
-first screens of its pages from the system's Chromium. The servo's and the pendulum's come from
-their logs, in the folders xl330 and dfki of BUTTERFLY_STRANGERS, where that is set.
+first screens of its pages from the system's Chromium. Cart and arm come from
+examples/free_joints.py, the servo's and the pendulum's from their logs, in the folders xl330 and
+dfki of BUTTERFLY_STRANGERS, where that is set.
 """
 
 from __future__ import annotations
@@ -45,6 +46,7 @@ def main() -> None:
             _keep(results / f"report-figures/{figure}.png", figure)
         _keep(results / "report-figures/parameters.png", "intervals")
         _pages_of_tasks(folder)
+        _free_joints(folder)
         draw_front_page(results, PICTURES)
         _keep(_first_screen(results / "report.html"), "report")
         _keep(_first_screen(folder / "wrong.html"), "wrong-mass")
@@ -89,6 +91,19 @@ def _pages_of_tasks(folder: Path) -> None:
     }
     for name, page in pages.items():
         _keep(_first_screen(page), name)
+
+
+def _free_joints(folder: Path) -> None:
+    """Draw a log of joints that nothing holds, with its simulation."""
+    module = [sys.executable, "-m", "examples.free_joints", "--out", str(folder)]
+    subprocess.run(module, cwd=EXAMPLES.parent, check=True)  # noqa: S603 - our own
+    page = (PICTURES.parent / "others-logs.md").read_text(encoding="utf-8")
+    for name in ("cart", "arm"):
+        found = re.search(rf"^    butterfly (identify {name} .*)$", page, re.MULTILINE)
+        if found is None:
+            sys.exit(f"docs/others-logs.md identifies no {name}")
+        _butterfly(*found[1].split(), "--report", f"{name}.html", "--figures", folder=folder)
+        _keep(folder / f"{name}-figures/time.png", name)
 
 
 def _butterfly(*command: str, folder: Path, ends: int = 0) -> None:

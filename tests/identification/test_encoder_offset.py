@@ -161,7 +161,7 @@ def test_output_error_holds_a_told_zero_and_weighs_an_uncertain_one():
     assert (held.simulations.fits(found) > 99).all()
     rough = DataSet.of([replace(log, zero=(0.33, 1e-4)) for log in logs])
     weighed = fit.of_logs(rough.logs, starts(rough, ())[:1])
-    assert 0.3 < weighed.local[None]["zero"] < 0.33
+    assert 0.3 - 1e-6 < weighed.local[None]["zero"] < 0.33  # but for rounding: the logs are exact
 
 
 def test_output_error_tells_a_bias_from_a_zero_that_is_told():

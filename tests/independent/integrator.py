@@ -5,13 +5,14 @@
     base xdd + base_viscous xd + base_spring x + imbalance (cos th thdd - sin th thd^2) = 0
 
 The motor gives gain u(t - delay) + bias - back_emf thd. Friction is coulomb + excess
-exp(-(thd/excess_velocity)^2) + |motor_friction motor + load_friction gravity sin th| against the
-motion; at rest it holds up to that. All that damps the joint changes by a share ``wear`` a second.
-The base is one that moves sideways by x where it has a mass, at rest in the beginning;
-``imbalance`` is the joint's first moment in kg m. The input is held from stamp to stamp, 0 before
-the first. A step ends where a stamp, a change of the input or a zero of the velocity is: the torque
-is constant within it, so that a joint at rest slips at the beginning of a step or not at all. The
-input is given, or a law makes it at every stamp of what an encoder reads there.
+exp(-(thd/excess_velocity)^2) + |motor_friction motor + load_friction gravity sin th|, times
+1 + uneven sin th, against the motion; at rest it holds up to that. All that damps the joint changes
+by a share ``wear`` a second. The base is one that moves sideways by x where it has a mass, at rest
+in the beginning; ``imbalance`` is the joint's first moment in kg m. The input is held from stamp to
+stamp, 0 before the first. A step ends where a stamp, a change of the input or a zero of the
+velocity is: the torque is constant within it, so that a joint at rest slips at the beginning of a
+step or not at all. The input is given, or a law makes it at every stamp of what an encoder reads
+there.
 """
 
 import math
@@ -50,6 +51,7 @@ class Joint(NamedTuple):
     back_emf: float = 0.0
     motor_friction: float = 0.0
     load_friction: float = 0.0
+    uneven: float = 0.0
 
 
 class Law(NamedTuple):
@@ -218,6 +220,8 @@ def _level(joint, state, motor):
         level += abs(joint.motor_friction * motor + by_load * math.sin(state[0]))
     if joint.excess > 0.0:
         level += joint.excess * math.exp(-((state[1] / joint.excess_velocity) ** 2))
+    if joint.uneven != 0.0:
+        level *= 1.0 + joint.uneven * math.sin(state[0])
     return level
 
 

@@ -286,7 +286,7 @@ def _closed_loop(rng, number):
 
 def _wave(rng, pace):
     torque, _ = multisine(0.6 * pace, rng.uniform(0.3, 1.0), rng)
-    return lambda time: _followed(time, torque(time) - torque(np.zeros(1)))
+    return lambda time: followed(time, torque(time) - torque(np.zeros(1)))
 
 
 def _levels(rng, pace):
@@ -302,7 +302,7 @@ def _to_the_upright(rng, pace):
 
     def plan(time):
         level = np.tanh(hold * np.cos(2.0 * np.pi * time / period)) / math.tanh(hold)
-        return _followed(time, top * 0.5 * (1.0 - level))
+        return followed(time, top * 0.5 * (1.0 - level))
 
     return plan
 
@@ -310,10 +310,11 @@ def _to_the_upright(rng, pace):
 def _round(rng, pace):
     """Turns one way and back."""
     turns, period = rng.uniform(1.0, 2.5), rng.uniform(5.0, 8.0) * 2.0 * np.pi / pace
-    return lambda time: _followed(time, np.pi * turns * (1.0 - np.cos(2.0 * np.pi * time / period)))
+    return lambda time: followed(time, np.pi * turns * (1.0 - np.cos(2.0 * np.pi * time / period)))
 
 
-def _followed(time, angle):
+def followed(time, angle):
+    """Plan an angle with its rate."""
     return angle, np.gradient(angle, time), np.zeros(time.size)
 
 

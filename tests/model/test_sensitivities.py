@@ -183,7 +183,7 @@ def test_a_joint_that_rests_and_breaks_loose_within_one_step_has_the_derivatives
         return simulate(moved, time, inputs + by.get("delay", 0.0) * late, *start)[0][1:]
 
     columns, both = Columns.of(names, joint), np.stack([inputs, late])
-    _, rows, _ = differentiate(time, both, (0.3, speed), readings, columns)
+    _, rows, *_ = differentiate(time, both, (0.3, speed), readings, columns)
     for name, row in zip(names, rows.T, strict=True):
         assert _agrees(row, lambda h, name=name: angles(**{name: h}), (1e-4, 1e-5, 1e-6)), name
 
@@ -256,7 +256,7 @@ def test_a_velocity_that_touches_0_leaves_derivatives_finite(beside):
     columns = Columns.of(["coulomb", "stribeck", "p1", "p2", "velocity"], unit)
     readings = angle_readings(10)
     start = (0.0, 1.0 + beside)
-    values, rows, _ = differentiate(time, inputs[None], start, readings, columns)
+    values, rows, *_ = differentiate(time, inputs[None], start, readings, columns)
     expected = (1 - (1 - time[1:]) ** 3) / 3 + beside * time[1:]
     np.testing.assert_allclose(values, expected, atol=1e-9)
     assert np.isfinite(rows).all()
@@ -284,7 +284,7 @@ def test_they_solve_the_variational_equations_as_another_integrator_does():
     at = time[1::100]
     expected = solve_ivp(rates, time[[0, -1]], start, "DOP853", at, rtol=1e-12, atol=1e-12).y[2:9]
     columns, readings = Columns.of(names, p), angle_readings(time.size - 1)
-    _, rows, _ = differentiate(time, inputs[None], (angle, velocity), readings, columns)
+    _, rows, *_ = differentiate(time, inputs[None], (angle, velocity), readings, columns)
     found = rows[::100].T
     errors = np.linalg.norm(found - expected, axis=1) / np.linalg.norm(expected, axis=1)
     assert errors.max() < 1e-8

@@ -115,11 +115,13 @@ def differentiate(
     pieces, starts, time, drives, c, into, weights, values, column, initial, moved, rows,
     loop, without_drive, moving, most, work,
 ):  # fmt: skip
-    """Write (m,) sums of angle and velocity at both ends of intervals, and (m, k) derivatives.
+    """Write (2, m) sums of angle and velocity at both ends of intervals, and (m, k) derivatives.
 
-    Interval k writes the sum ``into[k]``, unless that is negative. Each of (s, 2) ``pieces``, from
-    one instant to another, begins anew at its row of (s, 2) ``starts``. ``initial`` is (4, k)
-    derivatives of the state; `butterfly.model.greybox.differentiate` has the other arrays. The
+    The second sums are by the second four of ``weights``, if these are eight; they have no
+    derivatives. Interval k writes the sums ``into[k]``, unless that is negative. Each of (s, 2)
+    ``pieces``, from one instant to another, begins anew at its row of (s, 2) ``starts``.
+    ``initial`` is (4, k) derivatives of the state; `butterfly.model.greybox.differentiate` has the
+    other arrays. The
     ``loop`` of a servo, unless None, drives the joint instead of ``drives``, with the constants
     ``without_drive`` while it is off. ``moving`` is None for a fixed base; ``work`` is fresh.
     An interval that needs more than ``most`` steps diverges. Returns the number of steps taken.
@@ -136,7 +138,9 @@ def differentiate(
         for k in range(pieces[piece, 0], pieces[piece, 1]):
             row, h = into[k], time[k + 1] - time[k]
             if row >= 0:
-                values[row] = weights[0, row] * state[X] + weights[1, row] * state[V]
+                for i in range(weights.shape[0] // 4):
+                    x, v = weights[4 * i, row], weights[4 * i + 1, row]
+                    values[i, row] = x * state[X] + v * state[V]
             if loop is None:
                 drive = (drives[k, 0], drives[k, 1], drives[k, 2])
             else:
@@ -157,7 +161,9 @@ def differentiate(
                         loop, without_drive, moving, work,
                     )  # fmt: skip
             if row >= 0:
-                values[row] += weights[2, row] * state[X] + weights[3, row] * state[V]
+                for i in range(weights.shape[0] // 4):
+                    x, v = weights[4 * i + 2, row], weights[4 * i + 3, row]
+                    values[i, row] += x * state[X] + v * state[V]
         _play(
             time, drives, c, into, weights, column, initial, moved, rows,
             loop, without_drive, moving, work,
