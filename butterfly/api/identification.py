@@ -31,7 +31,7 @@ from butterfly.model.parameters import (
 )
 from butterfly.model.prior import Prior
 from butterfly.outputs import call
-from butterfly.report.finding_texts import estimate_sentences, estimate_verdict, require_possible
+from butterfly.report.finding_texts import estimate_sentences, estimate_verdict, require_values
 from butterfly.report.format import fit_text
 from butterfly.report.numbers import (
     chosen_options,
@@ -210,7 +210,7 @@ class Identification(Identified, Result):
     @property
     def model(self) -> IdentifiedModel:
         """The robot that they make."""
-        require_possible(self.estimate)
+        require_values(self.estimate, "a model of the joint")
         return IdentifiedModel(self.parameters, self.estimate.joint, self)
 
     def physical(self, **known: Any) -> Separated:  # noqa: ANN401 - see `known_of`

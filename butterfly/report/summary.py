@@ -343,6 +343,8 @@ def next_step(
             if better
             else f"butterfly inspect {read}"
         )
+    if found.estimate.open:
+        return f"butterfly design {read}"
     if missing:
         names = (n for n in found.estimate.names if n not in PARAMETERS and not TERMS[n].follows)
         terms = ",".join([*names, *missing])

@@ -49,6 +49,7 @@ _ELSEWHERE = 1.05  # ratio of costs, above which two ends are not the same
 _PASSES = 4  # of a descent at another delay, or one that is given up if not lower than another
 _PARABOLAS = 2  # how often a delay is sought at the vertex of the last ones
 _RATIOS = Prior.of({"p4": 1.0})
+_AT_ONCE = Prior.of({"delay": 0.0})
 _GEAR = 0.1  # of each of a gear's torques that friction takes, from where on it is sought
 
 
@@ -96,13 +97,19 @@ def _from_sines(data: DataSet, terms: tuple[str, ...] | None) -> Start:
 
 
 def _from_any(data: DataSet, terms: tuple[str, ...] | None) -> Start:
-    """Fit the weak form; the offset of gravity seen corrects rest angles, unless told."""
+    """Fit the weak form; the offset of gravity seen corrects rest angles, unless told.
+
+    Slow motion lags by inertia and by delay alike: an inertia below 0 is fitted again without one.
+    """
     zeros = data.equilibria
     wanted, open_ = _known(WeakForm, terms), bool(data.unread)
     if open_ and wanted is not None and "p3_offset" not in wanted:
         wanted = (*wanted, "p3_offset")
-    closed_form = WeakForm(terms=wanted)
-    estimate = closed_form.of_logs(data.glance, zeros, usable(closed_form.method, data.known))
+    closed_form, least = WeakForm(terms=wanted), min(mass.inertia for mass in data.masses)
+    known = usable(closed_form.method, data.known)
+    estimate = closed_form.of_logs(data.glance, zeros, known)
+    if estimate.parameters.p1 + least <= 0 and "delay" in estimate.names:
+        estimate = closed_form.of_logs(data.glance, zeros, known | _AT_ONCE)
     found = _moving(estimate, data)
     if not open_:
         return Start(found, zeros)
