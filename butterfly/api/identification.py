@@ -199,7 +199,10 @@ class Identification(Identified, Result):
         return [*self.summary, *(physical_sentences(self.separated()) if weighed else ())]
 
     def __repr__(self) -> str:
-        values = ", ".join(f"{n} {value:.4g}" for n, value in self.estimate.named.items())
+        estimate = self.estimate
+        said = {n: f"{value:.4g}" for n, value in estimate.named.items()}
+        said |= dict.fromkeys(estimate.open, "open")
+        values = ", ".join(f"{n} {value}" for n, value in said.items())
         return visible(f"<Identification: {self.title}{self._unless_good()}: {values}>")
 
     @property

@@ -257,8 +257,8 @@ def next_experiments(
     Candidates with a warning come last: they swing too far, friction may hold them, or their angle
     depends so much on uncertain parameters that it is not predictable. ``command``: largest input,
     by default of the logs; ``swing``: in rad or m, by default `LARGEST_SWING`, or the largest one
-    logged of slides and servos, in whose loops, and no longer than their logs, runs are planned. An
-    inertia that is open is planned at its limit: what shows that much shows it, or lowers the limit.
+    logged of slides and servos, in whose loops, and no longer than their logs, runs are planned.
+    An inertia that is open is planned at its limit: a run that shows that much lowers the limit.
     """
     estimate.parameters.require_gain("design")
     if not np.isfinite(estimate.covariance).all():
@@ -311,9 +311,7 @@ def masses_at_hand(data: DataSet) -> list[AddedMass]:
     return sorted({mass.inertia_and_moment: mass for mass in (bare, *data.masses)}.values())
 
 
-def _inputs(
-    loaded: LumpedParameters, widest: float, most: float, pace: float
-) -> list[Excitation]:
+def _inputs(loaded: LumpedParameters, widest: float, most: float, pace: float) -> list[Excitation]:
     """Propose inputs up to a command, around the resonance of the hand with its added mass.
 
     ``pace``: in its place in rad/s, where nothing brings the hand back.

@@ -98,8 +98,8 @@ def live_section(found: Identified) -> Section:
 def _not_here(data: DataSet, estimate: Estimate) -> str:
     """Say why a page cannot simulate a result; nothing if it can."""
     p = estimate.parameters
-    if estimate.open:
-        return f"{' and '.join(estimate.open)} open."
+    if names := estimate.open:
+        return f"{' and '.join(names)} {'is' if len(names) == 1 else 'are'} open."
     if any(each.impossible for each in estimate.findings):
         return "no joint has these values."
     if any(map(needs_loop, data.logs)):

@@ -67,10 +67,8 @@ def _value(row: Parameter, *, limited: bool = False) -> str:
 
 def badge_of(row: Parameter) -> Marked:
     """Return how well a parameter is known, in short, as in the verdict; "" if unknown."""
-    if row.known:
-        return Marked("known", level=Level.NOTE)
-    if row.value is None:
-        return Marked("open", level=Level.CARE)
+    if row.value is None or row.known:
+        return Marked("known", level=Level.NOTE) if row.known else Marked("open", level=Level.CARE)
     if row.on_bound:
         return Marked("at bound", level=Level.CARE)
     if row.claim == "not-from-zero":

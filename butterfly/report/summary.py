@@ -335,16 +335,15 @@ def next_step(
     if advice := _ADVICE.search(" ".join(verdict.lines)):
         return _again(words, advice[1], advice[2], merged=True)
     read = shlex.join(map(str, data))
-    if verdict.level is Level.WARNING:
+    if verdict.level is Level.WARNING or found.estimate.open:
         poor = (each for each in found.estimate.findings if each.kind is FindingKind.POOR_FIT)
         better = next((each.parameters for each in poor), ())
+        look = "inspect" if verdict.level is Level.WARNING else "design"
         return (
             f"butterfly identify {read} --method {better[0]}"
             if better
-            else f"butterfly inspect {read}"
+            else f"butterfly {look} {read}"
         )
-    if found.estimate.open:
-        return f"butterfly design {read}"
     if missing:
         names = (n for n in found.estimate.names if n not in PARAMETERS and not TERMS[n].follows)
         terms = ",".join([*names, *missing])
