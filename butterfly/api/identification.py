@@ -16,6 +16,7 @@ from butterfly.arguments import checked
 from butterfly.errors import InputError, visible
 from butterfly.files import write_document
 from butterfly.identification.diagnostics.residuals import residual_units
+from butterfly.identification.free_run import WholeRuns
 from butterfly.identification.identified import Identified
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.parameter import or_nan
@@ -59,7 +60,7 @@ if TYPE_CHECKING:
     from butterfly.report.identification_figures import IdentificationPlots
     from butterfly.twin.twin import Twin, Written
 
-_UNITS = {"fit.horizon": "s", "zeros": "rad"} | dict.fromkeys(
+_UNITS = {"fit.horizon": "s", "fit.longest": "s", "zeros": "rad"} | dict.fromkeys(
     ("fit", "fits", "velocity_fits", "held_out", "drive_fits", "against.fit"), "%"
 )
 _OF_LOGS = ("fits", "velocity_fits", "held_out", "mean_errors", "drive_fits", "zeros")  # by name
@@ -102,6 +103,7 @@ class Identification(Identified, Result):
             estimator=text(content["estimator"]),
             origin=origin | {"name": text(origin["name"])},
             **of_logs,
+            whole=_whole(content["fit"]),
             truth=LumpedParameters(**true) if true else None,
             saved={key: content[key] for key in _SAVED if key in content},
         )
@@ -417,6 +419,11 @@ class IdentifiedModel:
         options = Options(timestep=timestep, integrator=integrator)
         root = stand_alone(self.twin(added_mass, hand_mass=hand_mass), options).root
         return mujoco.MjSpec.from_string(text_of(root))
+
+
+def _whole(fit: dict[str, Any]) -> WholeRuns | None:
+    longest = fit.get("longest")
+    return None if longest is None else WholeRuns(or_nan(fit.get("whole")), float(longest))
 
 
 def _fits(content: dict[str, Any]) -> dict[str, float]:

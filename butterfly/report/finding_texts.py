@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from butterfly.errors import IdentifiabilityError, UnusableError, listed
 from butterfly.identification.findings import Finding, FindingKind
+from butterfly.identification.free_run import over_segments
 from butterfly.identification.inference.blocks import Condition
 from butterfly.identification.inference.estimate import OF_VERDICT, Estimate
 from butterfly.identification.parameter import or_nan
@@ -187,7 +188,7 @@ def model_sentence(estimate: Estimate) -> str:
         return "Model: some logs cannot be simulated with these values, or show no motion."
     beyond, within = found.get(FindingKind.MISFIT), found.get(FindingKind.NO_MISFIT)
     missing, times = found.get(FindingKind.MISSING_TERM), (beyond or within)
-    text = f"Model: error {percent(share)} of the motion"
+    text = f"Model: error {percent(share)} of the motion{over_segments(estimate.horizon)}"
     if times is not None and times.number is not None and math.isfinite(times.number):
         text += f", {times_text(times.number)} times the sensor noise"
     if missing is not None:

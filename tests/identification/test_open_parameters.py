@@ -118,7 +118,7 @@ def test_a_saved_result_is_as_open_as_before(found, tmp_path):
     assert Estimate.from_dict(content).open == ("p1",)
 
 
-def test_what_needs_the_inertia_says_so(found, logs_and_truth):
+def test_what_needs_the_inertia_says_so(found):
     for use in (
         lambda: found.model,
         lambda: bf.predict(found.data, found),
