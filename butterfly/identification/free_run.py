@@ -163,11 +163,11 @@ class FitSummary:
         if self.whole is None or self.longest is None:
             return ""
         fit = f"median FIT {self.whole:.1f} %" if self.whole > _FAR_OFF else "they diverge"
-        runs = f"whole runs of up to {self.longest:.3g} s, from their start alone,"
+        runs = f"Whole runs of up to {self.longest:.3g} s, from their start alone,"
         if self.whole >= 100 * (1 - LOST):
-            return f"{runs.capitalize()} follow too ({fit})."
-        begun = f"Simulations hold over {self.horizon:g} s from a fitted start"
-        return f"{begun}; {runs} drift away ({fit})."
+            return f"{runs} follow too ({fit})."
+        near = f"over {self.horizon:g} s at a time the median FIT is {self.median:.1f} %"
+        return f"{runs} drift away ({fit}); {near}."
 
     def numbers(self) -> dict[str, float]:
         """Return it for programs."""

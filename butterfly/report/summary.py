@@ -336,14 +336,13 @@ def next_step(
     if advice := _ADVICE.search(" ".join(verdict.lines)):
         return _again(words, advice[1], advice[2], merged=True)
     read = shlex.join(map(str, data))
-    if verdict.level is Level.WARNING or found.estimate.open:
+    if verdict.level is Level.WARNING:
         poor = (each for each in found.estimate.findings if each.kind is FindingKind.POOR_FIT)
         better = next((each.parameters for each in poor), ())
-        look = "inspect" if verdict.level is Level.WARNING else "design"
         return (
             f"butterfly identify {read} --method {better[0]}"
             if better
-            else f"butterfly {look} {read}"
+            else f"butterfly inspect {read}"
         )
     if missing:
         names = (n for n in found.estimate.names if n not in PARAMETERS and not TERMS[n].follows)
@@ -353,7 +352,8 @@ def next_step(
         return f"butterfly identify {read} --terms {terms}"
     if saved is None:
         return _again(words, "--save", "joint.json")
-    use = "validate" if verdict.level is Level.GOOD else "design"
+    done = verdict.level is Level.GOOD and not found.estimate.open
+    use = "validate" if done else "design"
     return f"butterfly {use} {shlex.quote(str(saved))}"
 
 

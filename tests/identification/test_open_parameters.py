@@ -10,6 +10,7 @@ import butterfly as bf
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.design import next_experiments, wanted
 from butterfly.identification.inference.estimate import Estimate
+from butterfly.report.summary import next_step
 from butterfly.verdict import Level
 from tests.independent.slow_joints import NOTHING_HOLDS, creeping, played, steady
 
@@ -127,6 +128,13 @@ def test_what_needs_the_inertia_says_so(found):
     ):
         with pytest.raises(IdentifiabilityError, match=r"p1 is open, and a .* needs it: add a run"):
             use()
+
+
+def test_the_next_command_plans_the_run_that_closes_it(found):
+    assert next_step(found, ["identify", "my"], ["my"]).endswith("--save joint.json")
+    assert next_step(found, ["identify", "my"], ["my"], "a.json") == "butterfly design a.json"
+    plan = bf.design(found.data)
+    assert plan.summary[-1].startswith("Run next: ")
 
 
 def test_its_page_has_no_sliders_and_names_it_open(found, tmp_path):
