@@ -102,7 +102,7 @@ def physical_parameters(
         _combined(estimate, covariance, known, input_kind, carrier)
         for covariance in (estimate.covariance, estimate.interval_covariance)
     )
-    names = {*by_errors.names} - {*estimate.unestimated, *estimate.open}
+    names = {*by_errors.names} - {*estimate.unestimated}
     well = {row.name for row in estimate.table() if row.claim in {"precise", "known"}}
     ways = [
         way
