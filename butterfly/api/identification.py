@@ -16,6 +16,7 @@ from butterfly.arguments import checked
 from butterfly.errors import InputError, visible
 from butterfly.files import write_document
 from butterfly.identification.diagnostics.residuals import residual_units
+from butterfly.identification.free_run import WholeRuns
 from butterfly.identification.identified import Identified
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.parameter import or_nan
@@ -31,7 +32,7 @@ from butterfly.model.parameters import (
 )
 from butterfly.model.prior import Prior
 from butterfly.outputs import call
-from butterfly.report.finding_texts import estimate_sentences, estimate_verdict, require_possible
+from butterfly.report.finding_texts import estimate_sentences, estimate_verdict, require_values
 from butterfly.report.format import fit_text
 from butterfly.report.numbers import (
     chosen_options,
@@ -59,7 +60,7 @@ if TYPE_CHECKING:
     from butterfly.report.identification_figures import IdentificationPlots
     from butterfly.twin.twin import Twin, Written
 
-_UNITS = {"fit.horizon": "s", "zeros": "rad"} | dict.fromkeys(
+_UNITS = {"fit.horizon": "s", "fit.longest": "s", "zeros": "rad"} | dict.fromkeys(
     ("fit", "fits", "velocity_fits", "held_out", "drive_fits", "against.fit"), "%"
 )
 _OF_LOGS = ("fits", "velocity_fits", "held_out", "mean_errors", "drive_fits", "zeros")  # by name
@@ -102,6 +103,7 @@ class Identification(Identified, Result):
             estimator=text(content["estimator"]),
             origin=origin | {"name": text(origin["name"])},
             **of_logs,
+            whole=_whole(content["fit"]),
             truth=LumpedParameters(**true) if true else None,
             saved={key: content[key] for key in _SAVED if key in content},
         )
@@ -199,7 +201,10 @@ class Identification(Identified, Result):
         return [*self.summary, *(physical_sentences(self.separated()) if weighed else ())]
 
     def __repr__(self) -> str:
-        values = ", ".join(f"{n} {value:.4g}" for n, value in self.estimate.named.items())
+        estimate = self.estimate
+        said = {n: f"{value:.4g}" for n, value in estimate.named.items()}
+        said |= dict.fromkeys(estimate.open, "open")
+        values = ", ".join(f"{n} {value}" for n, value in said.items())
         return visible(f"<Identification: {self.title}{self._unless_good()}: {values}>")
 
     @property
@@ -210,7 +215,7 @@ class Identification(Identified, Result):
     @property
     def model(self) -> IdentifiedModel:
         """The robot that they make."""
-        require_possible(self.estimate)
+        require_values(self.estimate, "a model of the joint")
         return IdentifiedModel(self.parameters, self.estimate.joint, self)
 
     def physical(self, **known: Any) -> Separated:  # noqa: ANN401 - see `known_of`
@@ -414,6 +419,11 @@ class IdentifiedModel:
         options = Options(timestep=timestep, integrator=integrator)
         root = stand_alone(self.twin(added_mass, hand_mass=hand_mass), options).root
         return mujoco.MjSpec.from_string(text_of(root))
+
+
+def _whole(fit: dict[str, Any]) -> WholeRuns | None:
+    longest = fit.get("longest")
+    return None if longest is None else WholeRuns(or_nan(fit.get("whole")), float(longest))
 
 
 def _fits(content: dict[str, Any]) -> dict[str, float]:

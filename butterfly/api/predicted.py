@@ -16,7 +16,7 @@ from butterfly.api.identification import Identification, IdentifiedModel
 from butterfly.api.results import Tabulated, about_log
 from butterfly.arguments import checked
 from butterfly.files import write_xml
-from butterfly.identification.free_run import FitSummary
+from butterfly.identification.free_run import FitSummary, WholeRuns, over_segments
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.parameter import unit_of
 from butterfly.identification.predict import OF_NEW_LOG, OF_PARAMETERS, ParameterDraws, Prediction
@@ -195,7 +195,7 @@ class Predicted(Tabulated):
             title=f"{name!r} predicted",
             summary=(
                 *verdict.lines,
-                *_followed(predictions, measured=measured),
+                *_followed(predictions, estimate.horizon, measured=measured),
                 *more,
                 *estimate_notes(estimate),
             ),
@@ -241,17 +241,22 @@ def _row(prediction: Prediction, *, measured: bool) -> dict[str, Any]:
     return row
 
 
-def _followed(predictions: Sequence[Prediction], *, measured: bool) -> list[str]:
+def _followed(
+    predictions: Sequence[Prediction], horizon: float | None, *, measured: bool
+) -> list[str]:
     """State the fit of the logs, and the share of samples inside the bands."""
     count = f"{len(predictions)} logs" if len(predictions) > 1 else "1 log"
     if not measured:
-        return [f"{count} simulated from rest; there is no measurement to compare with."]
+        within = over_segments(horizon)
+        longer = f" The logs were followed{within}: a longer run may drift away." if within else ""
+        return [f"{count} simulated from rest; there is no measurement to compare with.{longer}"]
     fits = np.array([each.run.fit for each in predictions])
-    fit = FitSummary.of(fits, predictions[0].run.horizon)
+    whole = WholeRuns.of([(each.run.log, each.setting) for each in predictions])
+    fit = FitSummary.of(fits, predictions[0].run.horizon, whole)
     start = "in segments, each from a fitted start" if fit.over else "from the initial angle"
     sentences = [
         f"{count} predicted {start}: median FIT{fit.over} {fit_text(fit.median)} % (mean "
-        f"{fit_text(fit.mean)} %, worst {fit_text(fit.worst)} %)."
+        f"{fit_text(fit.mean)} %, worst {fit_text(fit.worst)} %). {fit.holds}".rstrip()
     ]
     sizes = [each.samples.size for each in predictions]
     shares = {

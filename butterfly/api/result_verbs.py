@@ -41,7 +41,7 @@ from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Known
 from butterfly.progress import Track, untracked
-from butterfly.report.finding_texts import require_possible
+from butterfly.report.finding_texts import require_possible, require_values
 
 _NO_ERRORS = "The band of a new log is missing: it needs the errors of these logs."
 
@@ -111,7 +111,7 @@ def predict(
         sentences = _of_gain(given, estimate, whole)
     else:
         found = _identified(result)
-        require_possible(found.estimate)
+        require_values(found.estimate, "a prediction")
         own = found.origin["input"]
         if source.input_kind not in {own, InputKind.NONE}:
             expected = f"{own}, the input kind of the identification"
@@ -153,7 +153,7 @@ def draws(result: Identification | Named, n: int = BAND_DRAWS, seed: int = 0) ->
         Random seed.
     """
     found = _identified(result)
-    require_possible(found.estimate)
+    require_values(found.estimate, "a draw")
     if n < 1:
         raise InputError("draws", "n", n, "1 or more")
     drawn, _, said = _left_open(found, (), max(n, LEAST), seed)

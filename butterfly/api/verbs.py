@@ -32,7 +32,7 @@ from butterfly.identification.validate import cross_validate, cross_validate_cho
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import COMMON, OF_ANGLE, offered
 from butterfly.progress import Track, untracked
-from butterfly.report.finding_texts import require_possible
+from butterfly.report.finding_texts import require_possible, require_values
 
 Method = str | Estimator
 
@@ -237,7 +237,7 @@ def compare(
     if not isinstance(hand_mass, Real | None):
         raise InputError("compare", "hand_mass", hand_mass, "a number in kg")
     whole, estimator, found = _estimated(data, method, options, holdout)
-    require_possible(found)
+    require_values(found, "a simulation in MuJoCo")
     numbers = numbers_of_logs("compare", logs, len(whole.logs))
     compared = compare_three(whole, found, numbers, mass=hand_mass, track=track)
     return Compared.of(whole, estimator, compared, residuals_of(whole, found), found)
@@ -278,7 +278,7 @@ def design(
     share = share_of(goal)
     logs, estimator, found = _estimated(data, None, {}, ())
     require_possible(found)
-    aim = wanted(found, logs.logs, share)
+    aim = wanted(found.at_limit, logs.logs, share)
     told: dict[str, Any] = {"duration": duration, "command": command, "swing": swing}
     ranked = next_experiments(logs, found, aim, **told, price=price, track=track)
     now = float(np.max(found.farther / aim))

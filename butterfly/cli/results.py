@@ -24,6 +24,7 @@ from butterfly.logs.log import InputKind
 from butterfly.report.finding_texts import estimate_verdict
 from butterfly.report.format import field_label, field_name, field_unit, with_error
 from butterfly.report.numbers import rows_document, write_columns
+from butterfly.report.parameter_table import parameter_texts
 from butterfly.result import document
 
 Folder = Annotated[Path, Option(help="A sweep's results, such as results/NAME.")]
@@ -244,6 +245,8 @@ def compare_runs(one: Path, other: Path) -> ExitCode:
 
 
 def _difference(row: Parameter, twin: Parameter) -> tuple[str, ...]:
+    if row.value is None or twin.value is None:
+        return *(parameter_texts(each)["value"] for each in (row, twin)), "–", "–"
     change, errors = twin.value - row.value, [or_nan(each.standard_error) for each in (row, twin)]
     spread = math.hypot(*errors)
     values = map(with_error, (row.value, twin.value), errors)

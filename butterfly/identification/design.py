@@ -50,6 +50,8 @@ _PAUSE = 3.0  # s of robot time between two runs
 _SWINGS = (0.15, 0.4)  # target swings of the amplitudes, over the allowed one
 # harmonics of a base, of a multisine or one sine each, and the one at the resonance
 _HARMONICS, _RESONANCE = (10, 15, 18, 20, 22, 27, 40), 20
+_PACE = 2.0  # rad/s, of a joint that nothing brings back, at least
+_FASTEST = math.pi / (10 * LONGEST_STEP)  # where ten steps are a period of the last harmonic
 _OF_FRICTION = 4 / math.pi  # amplitude of the first harmonic of dry friction, over its torque
 
 _T = TypeVar("_T")
@@ -256,6 +258,7 @@ def next_experiments(
     depends so much on uncertain parameters that it is not predictable. ``command``: largest input,
     by default of the logs; ``swing``: in rad or m, by default `LARGEST_SWING`, or the largest one
     logged of slides and servos, in whose loops, and no longer than their logs, runs are planned.
+    An inertia that is open is planned at its limit: a run that shows that much lowers the limit.
     """
     estimate.parameters.require_gain("design")
     if not np.isfinite(estimate.covariance).all():
@@ -272,13 +275,14 @@ def next_experiments(
     require_number("design", positive=True, command=command, duration=duration)
     require_number("design", price=price)
     require_room("design", "duration", f"{duration:g} s", 8 * duration / LONGEST_STEP)
+    planned = estimate.at_limit
     mounted, widest = data.logs[-1].added_mass, min(swing, LARGEST_SWING)
     fastest = math.sqrt(2) * max((log.rms_speed for log in servos), default=0.0)
     recipes: list[tuple[Candidate, Log]] = []
     for mass in masses_at_hand(data):
         if recipes and out_of_time("candidates with some of the added masses"):
             break
-        loaded = estimate.parameters.with_added_mass(mass)
+        loaded = planned.parameters.with_added_mass(mass)
         jobs: list[tuple[Excitation, Log | None]] = [
             (each, log)
             for log in servos
@@ -286,13 +290,16 @@ def next_experiments(
         ]
         if not servos:
             way = swing if data.joint is JointKind.SLIDE else widest
-            jobs = [(each, None) for each in _inputs(loaded, way, command)]
+            pace = _PACE
+            if estimate.open:  # where inertia takes as much torque as viscous friction
+                pace = min(max(_PACE, loaded.p2 / loaded.p1), _FASTEST)
+            jobs = [(each, None) for each in _inputs(loaded, way, command, pace)]
         for signal, servo in jobs:
-            log = expected_log(data, estimate.parameters, mass, signal, duration, servo=servo)
+            log = expected_log(data, planned.parameters, mass, signal, duration, servo=servo)
             recipes.append((Candidate(signal=signal, log=log), log))
-    every = plans(data, estimate, recipes, aim, mounted=mounted, price=price, track=track)
+    every = plans(data, planned, recipes, aim, mounted=mounted, price=price, track=track)
     ranked = [
-        replace(each, recipe=replace(each.recipe, warning=_warning(each, estimate, swing)))
+        replace(each, recipe=replace(each.recipe, warning=_warning(each, planned, swing)))
         for each in every
     ]
     return sorted(ranked, key=lambda p: (bool(p.recipe.warning), p.cost, p.expected[1]))
@@ -304,13 +311,16 @@ def masses_at_hand(data: DataSet) -> list[AddedMass]:
     return sorted({mass.inertia_and_moment: mass for mass in (bare, *data.masses)}.values())
 
 
-def _inputs(loaded: LumpedParameters, widest: float, most: float) -> list[Excitation]:
-    """Propose inputs up to a command, around the resonance of the hand with its added mass."""
+def _inputs(loaded: LumpedParameters, widest: float, most: float, pace: float) -> list[Excitation]:
+    """Propose inputs up to a command, around the resonance of the hand with its added mass.
+
+    ``pace``: in its place in rad/s, where nothing brings the hand back.
+    """
     swings = [widest * swing for swing in _SWINGS]
     resonance = resonance_frequency(loaded)
     if resonance == 0.0:
         # Without a restoring moment any frequency will do that friction lets pass.
-        resonance = (abs(loaded.p3) / loaded.p1) ** 0.5 or 2.0
+        resonance = (abs(loaded.p3) / loaded.p1) ** 0.5 or pace
     inputs: list[Excitation] = []
     for harmonic in _HARMONICS:
         omega = harmonic / _RESONANCE * resonance

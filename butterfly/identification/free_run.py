@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,6 +29,8 @@ _WINDOW = VELOCITY_SHARE * HALF_WIDTH  # s to either side
 
 LEAST_FIT = 100 * (1 - LOST)
 """FIT in per cent below which a simulation does not follow a log."""
+
+_FAR_OFF = -1000.0  # FIT in per cent, below which there is no more to know
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -104,6 +107,27 @@ class FreeRun:
             return float(np.sqrt(error @ error / error.size))
 
 
+class WholeRuns(NamedTuple):
+    """Runs of whole logs from their start alone, where these are simulated in segments."""
+
+    fit: float  # median FIT in per cent
+    longest: float  # in s
+
+    @classmethod
+    def of(cls, runs: Sequence[tuple[Log, Setting]]) -> WholeRuns | None:
+        """Simulate whole logs with their settings; None where all these are of whole logs."""
+        if all(math.isinf(setting.horizon) for _, setting in runs):
+            return None
+        whole = [FreeRun.of(log, replace(each, horizon=math.inf)) for log, each in runs]
+        longest = max(float(np.ptp(log.time)) for log, _ in runs)
+        return cls(float(np.median([run.fit for run in whole])), longest)
+
+
+def over_segments(horizon: float | None) -> str:
+    """Return the text on a horizon in s, to follow what is over it; empty for whole logs."""
+    return f" over segments of {horizon:g} s" if horizon and math.isfinite(horizon) else ""
+
+
 @dataclass(frozen=True)
 class FitSummary:
     """Median, mean and worst FIT over a set of logs, in per cent."""
@@ -112,22 +136,40 @@ class FitSummary:
     mean: float
     worst: float
     horizon: float | None = None  # longest segment in s simulated at a time; None for whole logs
+    # median FIT of runs of whole logs from their start alone, where others are over segments, and
+    # the length of the longest in s
+    whole: float | None = None
+    longest: float | None = None
 
     @classmethod
-    def of(cls, fits: Samples, horizon: float | None = None) -> FitSummary:
+    def of(
+        cls, fits: Samples, horizon: float | None = None, whole: WholeRuns | None = None
+    ) -> FitSummary:
         """Summarise the (n,) FIT values of n logs; an infinite horizon is one of whole logs."""
         finite = horizon if horizon is not None and math.isfinite(horizon) else None
-        return cls(float(np.median(fits)), float(fits.mean()), float(fits.min()), finite)
+        of_whole = (None, None) if finite is None or whole is None else whole
+        return cls(float(np.median(fits)), float(fits.mean()), float(fits.min()), finite, *of_whole)
 
     @property
     def over(self) -> str:
         """Text on the horizon, to follow the word FIT; empty for whole logs."""
-        return "" if self.horizon is None else f" over segments of {self.horizon:g} s"
+        return over_segments(self.horizon)
+
+    @property
+    def holds(self) -> str:
+        """A sentence on the time over which simulations stay near logs; empty for whole logs."""
+        if self.whole is None or self.longest is None:
+            return ""
+        fit = f"median FIT {self.whole:.1f} %" if self.whole > _FAR_OFF else "they diverge"
+        runs = f"Whole runs of up to {self.longest:.3g} s, from their start alone,"
+        if self.whole >= LEAST_FIT:
+            return f"{runs} follow too ({fit})."
+        near = f"over {self.horizon:g} s at a time the median FIT is {self.median:.1f} %"
+        return f"{runs} drift away ({fit}); {near}."
 
     def numbers(self) -> dict[str, float]:
         """Return it for programs."""
-        found = {"median": self.median, "mean": self.mean, "worst": self.worst}
-        return found if self.horizon is None else found | {"horizon": self.horizon}
+        return {name: value for name, value in asdict(self).items() if value is not None}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,7 +15,7 @@ from butterfly.errors import InputError, listed
 from butterfly.identification.data import DataSet, read_data_set
 from butterfly.identification.diagnostics.residuals import Residuals, residuals_of
 from butterfly.identification.estimators import Estimator
-from butterfly.identification.free_run import FitSummary, FreeRun
+from butterfly.identification.free_run import FitSummary, FreeRun, WholeRuns
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.parameters_by_hand import OtherParameters
 from butterfly.identification.physical import PhysicalParameters, physical_parameters
@@ -76,6 +76,9 @@ class Identified:
     made_by: Estimator | None = None
     """The estimator; None for a result that was loaded."""
 
+    whole: WholeRuns | None = None
+    """Runs of whole logs from their start alone, where the free runs are over segments."""
+
     truth: LumpedParameters | None = None
     """The true parameters of the bare hand, where the logs were simulated."""
 
@@ -106,7 +109,7 @@ class Identified:
     @property
     def fit(self) -> FitSummary:
         """Median, mean and worst FIT in per cent."""
-        return FitSummary.of(self.fit_of_logs, self.estimate.horizon)
+        return FitSummary.of(self.fit_of_logs, self.estimate.horizon, self.whole)
 
     @property
     def velocity_fit(self) -> FitSummary:

@@ -21,7 +21,7 @@ from butterfly.identification.diagnostics.unit_error_search import find_slow_clo
 from butterfly.identification.estimators import Estimator, OutputError, WeakForm
 from butterfly.identification.estimators.between_samples import as_taken
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.free_run import FreeRun
+from butterfly.identification.free_run import FreeRun, WholeRuns
 from butterfly.identification.identified import Identified
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.levels import LOST
@@ -251,6 +251,9 @@ def simulated(
         },
         logs=data,
         runs=runs,
+        whole=WholeRuns.of(
+            [(log, data.simulations.setting(k, estimate)) for k, log in enumerate(data.logs)]
+        ),
         comparisons=tuple(others),
     )
 

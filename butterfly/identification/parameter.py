@@ -30,8 +30,8 @@ class Parameter:
     name: str
     meaning: str
     unit: str
-    value: float
-    standard_error: float | None
+    value: float | None  # None if open: its data give limits alone
+    standard_error: float | None = None
     lower: float | None  # of its 95 % interval
     upper: float | None
     least_left_out: float | None = None  # of the estimates without the logs of one added mass
@@ -39,19 +39,19 @@ class Parameter:
     true: float | None = None
     on_bound: bool = False
     known: bool = False  # whether it was given exactly, and is no estimate
-    claim: str = ""  # how well it is known: precise, rough, not-from-zero, known, unit-unread
+    claim: str = ""  # how well it is known: precise, rough, not-from-zero, open, known, unit-unread
 
     @property
     def farther(self) -> float | None:
         """How far the farther limit of its interval is from the value."""
-        if self.lower is None or self.upper is None:
+        if self.value is None or self.lower is None or self.upper is None:
             return None
         return max(self.upper - self.value, self.value - self.lower)
 
     @property
     def deviation(self) -> float | None:
         """Relative deviation from the truth, where that is known and not 0."""
-        return self.value / self.true - 1 if self.true else None
+        return self.value / self.true - 1 if self.true and self.value is not None else None
 
 
 def meaning_of(name: str, joint: JointKind = JointKind.HINGE) -> str:

@@ -189,6 +189,7 @@ class Prediction:
     run: FreeRun
     samples: NDArray[np.intp]  # numbered (m,), at which the bands are
     bands: dict[str, Band]  # `OF_PARAMETERS` and `OF_NEW_LOG`, as far as there are any
+    setting: Setting  # of the free run
 
     @property
     def time(self) -> Samples:
@@ -290,7 +291,7 @@ def predict_logs(
                 rng = np.random.default_rng(seeds[number])
                 wrong = _drawn_errors(run, samples, errors, len(angles), rng)
                 bands[OF_NEW_LOG] = _band(angles + wrong)
-        return Prediction(run=run, samples=samples, bands=bands)
+        return Prediction(run=run, samples=samples, bands=bands, setting=best)
 
     return in_threads(predicted, range(len(logs)), track, "Predicting logs")
 

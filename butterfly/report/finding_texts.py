@@ -6,10 +6,12 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 
-from butterfly.errors import UnusableError, listed
+from butterfly.errors import IdentifiabilityError, UnusableError, listed
 from butterfly.identification.findings import Finding, FindingKind
+from butterfly.identification.free_run import over_segments
 from butterfly.identification.inference.blocks import Condition
 from butterfly.identification.inference.estimate import OF_VERDICT, Estimate
+from butterfly.identification.parameter import or_nan
 from butterfly.identification.plausibility import BETTER_METHOD
 from butterfly.identification.repeatability import contradiction_text
 from butterfly.identification.unit_errors import unit_error_text
@@ -17,7 +19,7 @@ from butterfly.logs.units import Unread, taken_text
 from butterfly.model.terms import TERMS
 from butterfly.progress import stopped_text
 from butterfly.report.agreement_texts import contrast_text
-from butterfly.report.format import counted, fit_text, percent, times_text, upwards
+from butterfly.report.format import counted, fit_text, limit_text, percent, times_text, upwards
 from butterfly.verdict import Level, Verdict
 
 Values = Mapping[str, float]
@@ -91,7 +93,7 @@ def _outdone(finding: Finding, estimate: Estimate) -> bool:
 
 
 def estimate_verdict(estimate: Estimate) -> Verdict:
-    """Return the verdict on an estimate: a line on its values, a line on its model."""
+    """Return the verdict on an estimate: a line on its values, what closes open ones, its model."""
     forbidden = estimate.level is Level.WARNING
     kept = [each for each in estimate.findings if each.forbids] if forbidden else _doubts(estimate)
     said = [finding_text(each, values_of(estimate)) for each in kept]
@@ -99,7 +101,8 @@ def estimate_verdict(estimate: Estimate) -> Verdict:
         said.append(values_sentence(estimate))
     elif estimate.unsettled:
         said.append("The fit did not converge.")
-    lines = " ".join(said), model_sentence(estimate)
+    closing = "" if forbidden else closing_sentence(estimate)
+    lines = " ".join(said), closing, model_sentence(estimate)
     return Verdict(estimate.level, tuple(filter(None, lines)))
 
 
@@ -111,6 +114,34 @@ def require_possible(estimate: Estimate) -> Verdict:
     return verdict
 
 
+def require_values(estimate: Estimate, use: str) -> Verdict:
+    """Return the verdict on an estimate for a use of all values.
+
+    UnusableError if no joint has them, IdentifiabilityError if one is open.
+    """
+    verdict = require_possible(estimate)
+    if names := estimate.open:
+        are = "is" if len(names) == 1 else "are"
+        raise IdentifiabilityError(
+            f"{_both(names)} {are} open, and {use} needs {'it' if len(names) == 1 else 'both'}: "
+            f"{_closing(names)}, or give what you know (--known {names[0]}=...)"
+        )
+    return verdict
+
+
+def closing_sentence(estimate: Estimate) -> str:
+    """Say which run gives what is open; nothing if all is known."""
+    names = estimate.open
+    if not names:
+        return ""
+    planned = "" if names == ("p4",) else " (`butterfly design` plans one)"
+    return f"To know {_both(names)}, {_closing(names)}{planned}."
+
+
+def _closing(names: Sequence[str]) -> str:
+    return _both([_CLOSING[name] for name in names])
+
+
 def values_of(estimate: Estimate) -> dict[str, float]:
     """Return the values by parameter, as sentences need them."""
     return estimate.fixed | estimate.named
@@ -120,12 +151,14 @@ def values_sentence(estimate: Estimate) -> str:
     """Say how well each value is known, by its 95 % interval; p1 and p4 first."""
     names = sorted(estimate.names, key=lambda name: name not in OF_VERDICT)
     names = [name for name in names if name not in estimate.unestimated]
-    limits = zip(estimate.names, estimate.lower.tolist(), estimate.upper.tolist(), strict=True)
-    zero = {name for name, lower, upper in limits if lower <= 0 <= upper}
+    ends = zip(estimate.names, estimate.lower.tolist(), estimate.upper.tolist(), strict=True)
+    zero = {name for name, lower, upper in ends if lower <= 0 <= upper}
+    opened = [row for row in estimate.table() if row.value is None]
     ratios = {name for name in names if estimate.ratios and not TERMS[name].of_gain}
     shown = {name: f"{name}/p1" if name in ratios else name for name in estimate.names}
     widths = estimate.relative_half_widths
-    known = [name for name in names if name not in zero and math.isfinite(widths[name])]
+    rest = zero.union(estimate.open)
+    known = [name for name in names if name not in rest and math.isfinite(widths[name])]
     parts = [
         ", ".join(f"{shown[name]} ±{upwards(widths[name])}" for name in group)
         for group in (
@@ -133,12 +166,15 @@ def values_sentence(estimate: Estimate) -> str:
             [name for name in known if name not in OF_VERDICT],
         )
     ]
-    unknown = [shown[name] for name in names if name not in {*known, *zero}]
+    unknown = [shown[name] for name in names if name not in {*known, *rest}]
     parts += [f"{_both(unknown)} without an interval"] if unknown else []
     missing = [name for name in estimate.unestimated if name in OF_VERDICT]
     parts += [f"{_both(missing)} not estimated"] if missing else []
-    at_zero = [shown[name] for name in names if name in zero]
+    at_zero = [shown[name] for name in names if name in zero and name not in estimate.open]
     parts += [f"{_both(at_zero)} not significant"] if at_zero else []
+    limits = [(shown[row.name], limit_text(or_nan(row.upper)), row.unit) for row in opened]
+    limited = [f"{name} (at most {most} {unit})" for name, most, unit in limits]
+    parts += [f"open: {', '.join(limited)}"] if limited else []
     return f"{'; '.join(filter(None, parts)) or 'all values were given'}."
 
 
@@ -152,7 +188,7 @@ def model_sentence(estimate: Estimate) -> str:
         return "Model: some logs cannot be simulated with these values, or show no motion."
     beyond, within = found.get(FindingKind.MISFIT), found.get(FindingKind.NO_MISFIT)
     missing, times = found.get(FindingKind.MISSING_TERM), (beyond or within)
-    text = f"Model: error {percent(share)} of the motion"
+    text = f"Model: error {percent(share)} of the motion{over_segments(estimate.horizon)}"
     if times is not None and times.number is not None and math.isfinite(times.number):
         text += f", {times_text(times.number)} times the sensor noise"
     if missing is not None:
@@ -274,6 +310,12 @@ def _scatter(*findings: Finding) -> str:
     sizes = (f"{', '.join(each.parameters)} by {percent(_number(each))}" for each in findings)
     return f"Scatter between logs: {'; '.join(sizes)}."
 
+
+_CLOSING = {
+    "p1": "add a run that reverses faster, in which inertia takes more torque than friction",
+    "p4": "add a run with a larger input",
+}
+"""Runs that give a value of the scale that is open."""
 
 _ONE_LOAD = "With one load, {} friction and Coulomb friction are one number: add a run with another"
 _MORE_RUNS = {

@@ -65,8 +65,10 @@ def forest(rows: Sequence[Parameter]) -> list[Bar]:
     return [Bar(axis, *each) for each in found]
 
 
-def _farthest(value: float, *limits: float | None) -> float | None:
+def _farthest(value: float | None, *limits: float | None) -> float | None:
     """Return how far the farther limit is from a value, in per cent of it; endless of 0."""
+    if value is None:
+        return None
     known = [limit for limit in limits if limit is not None and math.isfinite(limit - value)]
     if len(known) < len(limits):
         return None

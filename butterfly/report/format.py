@@ -57,9 +57,14 @@ def percent(share: float) -> str:
 
 def upwards(share: float) -> str:
     """Return a share in per cent with two digits, rounded up, as a limit has to be."""
-    percent = 100 * share * (1 - 1e-9)
-    digit = 10.0 ** (math.floor(math.log10(percent)) - 1) if percent > 0 else 1.0
-    return f"{math.ceil(percent / digit) * digit:.4g} %"
+    return f"{limit_text(100 * share)} %"
+
+
+def limit_text(limit: float) -> str:
+    """Return a limit of a size with two digits, rounded up."""
+    least = limit * (1 - 1e-9)
+    digit = 10.0 ** (math.floor(math.log10(least)) - 1) if least > 0 else 1.0
+    return f"{math.ceil(least / digit) * digit:.4g}"
 
 
 def counted(number: float, thing: str) -> str:

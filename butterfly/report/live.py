@@ -19,7 +19,7 @@ from butterfly.arrays import Samples
 from butterfly.identification.data import DataSet
 from butterfly.identification.identified import Identified
 from butterfly.identification.inference.estimate import Estimate
-from butterfly.identification.parameter import Parameter
+from butterfly.identification.parameter import Parameter, or_nan
 from butterfly.identification.servo_drive import needs_loop
 from butterfly.model.terms import LOOP_TERMS, TERMS
 from butterfly.report.format import counted
@@ -57,8 +57,8 @@ class Slider:
 
     @classmethod
     def of(cls, row: Parameter) -> Slider:
-        """Make it of a row of the estimate's table."""
-        value = row.value
+        """Make it of a row of the estimate's table, whose value is not open."""
+        value = or_nan(row.value)
         least = _LEAST * value if row.name in _POSITIVE else TERMS[row.name].lower
         return cls(
             name=row.name,
@@ -98,6 +98,8 @@ def live_section(found: Identified) -> Section:
 def _not_here(data: DataSet, estimate: Estimate) -> str:
     """Say why a page cannot simulate a result; nothing if it can."""
     p = estimate.parameters
+    if names := estimate.open:
+        return f"{' and '.join(names)} {'is' if len(names) == 1 else 'are'} open."
     if any(each.impossible for each in estimate.findings):
         return "no joint has these values."
     if any(map(needs_loop, data.logs)):

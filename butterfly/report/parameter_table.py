@@ -11,7 +11,7 @@ from butterfly.identification.levels import CLEARLY, PRECISE
 from butterfly.identification.parameter import Parameter, or_nan, or_none
 from butterfly.identification.physical import Missing, PhysicalParameters
 from butterfly.model.prior import plain
-from butterfly.report.format import interval, upwards, with_error
+from butterfly.report.format import interval, limit_text, upwards, with_error
 from butterfly.report.page import Marked, PageTable
 from butterfly.result import Answer
 from butterfly.verdict import Level, Verdict
@@ -31,7 +31,9 @@ def parameter_texts(row: Parameter) -> dict[str, str]:
         if row.standard_error is not None:
             error = f"{row.standard_error:#.2g}"
         limits = interval(or_nan(row.lower), or_nan(row.upper))
-        if row.lower is not None and row.upper is not None and row.lower <= 0 <= row.upper:
+        if row.value is None:
+            width = "open"
+        elif row.lower is not None and row.upper is not None and row.lower <= 0 <= row.upper:
             width = "may be 0"
         elif row.value and row.farther is not None:
             width = f"± {upwards(row.farther / abs(row.value))}"
@@ -42,8 +44,8 @@ def parameter_texts(row: Parameter) -> dict[str, str]:
         "name": row.name,
         "meaning": row.meaning,
         "unit": row.unit,
-        "value": with_error(row.value, or_nan(row.standard_error)),
-        "estimate": with_limit(row.value, None if row.known else row.farther),
+        "value": _value(row),
+        "estimate": _value(row, limited=True),
         "mark": str(badge_of(row)),
         "error": error,
         "interval": limits,
@@ -54,10 +56,19 @@ def parameter_texts(row: Parameter) -> dict[str, str]:
     }
 
 
+def _value(row: Parameter, *, limited: bool = False) -> str:
+    """Write a value to the digits of its error, or with its limit; of an open one what is known."""
+    if row.value is None:
+        return f"at most {limit_text(or_nan(row.upper))}" if limited else "open"
+    if limited:
+        return with_limit(row.value, None if row.known else row.farther)
+    return with_error(row.value, or_nan(row.standard_error))
+
+
 def badge_of(row: Parameter) -> Marked:
     """Return how well a parameter is known, in short, as in the verdict; "" if unknown."""
-    if row.known:
-        return Marked("known", level=Level.NOTE)
+    if row.value is None or row.known:
+        return Marked("known", level=Level.NOTE) if row.known else Marked("open", level=Level.CARE)
     if row.on_bound:
         return Marked("at bound", level=Level.CARE)
     if row.claim == "not-from-zero":

@@ -120,8 +120,8 @@ def _fit(identification: Identified) -> str:
     return (
         f"From {source} alone, the model reproduces the measured {measured} "
         f"with a median FIT of {fit_text(fit.median)} % (mean {fit_text(fit.mean)} %, worst "
-        f"{fit_text(fit.worst)} %, {worst}){velocity}."
-    )
+        f"{fit_text(fit.worst)} %, {worst}){velocity}. {fit.holds}"
+    ).rstrip()
 
 
 def tables(identification: Identified) -> list[PageTable]:
@@ -160,6 +160,7 @@ def facts(identification: Identified, numbers: Mapping[str, Any]) -> list[Fact]:
     return [
         Fact("FIT, median of all logs", f"{fit_text(fit.median)} %", f"100 % is perfect{fit.over}"),
         Fact("FIT, worst log", f"{fit_text(fit.worst)} %", worst.rsplit("/", maxsplit=1)[-1]),
+        *([] if fit.whole is None else [Fact("FIT, whole runs", f"{fit_text(fit.whole)} %")]),
         *_of_logs(identification, numbers.get("residuals") or {}),
         Fact(
             "logs",
@@ -351,7 +352,8 @@ def next_step(
         return f"butterfly identify {read} --terms {terms}"
     if saved is None:
         return _again(words, "--save", "joint.json")
-    use = "validate" if verdict.level is Level.GOOD else "design"
+    done = verdict.level is Level.GOOD and not found.estimate.open
+    use = "validate" if done else "design"
     return f"butterfly {use} {shlex.quote(str(saved))}"
 
 

@@ -77,7 +77,7 @@ def as_bam(twin: Twin, options: Options) -> Written:
         content["max_velocity"] = servo.speed_limit if servo is not None and slowed else _FAST
         content["error_gain_ratio"] = p.loop_kp
     notes = (f"kt and R: {source}.", *_notes(p, model, added), *_of_loop(p, name, servo))
-    text = json_text(content | {"notes": [*twin.zero_lines, *notes]})
+    text = json_text(content | {"notes": [*twin.log_lines, *notes]})
     return Written(text=text, about=f"BAM's {model} of {name}", left_out=notes)
 
 

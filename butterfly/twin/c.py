@@ -79,7 +79,7 @@ def as_c(twin: Twin, options: Options) -> Written:
     substeps = _substeps(yardstick)
     accuracy = yardstick.accuracy(partial(_moved, step=yardstick.step, substeps=substeps))
     left_out = tuple(unheard(twin))
-    said = (*twin.zero_lines, *left_out, *accuracy.lines)
+    said = (*twin.log_lines, *left_out, *accuracy.lines)
     return Written(
         text=header(twin, options.timestep, substeps, said),
         about=f"{twin.identifier}.h, a C99 header in steps of {1e3 * options.timestep:g} ms",

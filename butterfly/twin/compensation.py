@@ -316,7 +316,7 @@ def as_wpilib(twin: Twin, options: Options) -> Written:  # noqa: ARG001 - every 
         gains[each] = {"value": value, "lower": value - half, "upper": value + half, "unit": unit}
         said.append(f"{each} {value:.5g} ± {half:.2g} {unit}.")
     missing = tuple(left_out(twin, "A feedforward of WPILib"))
-    notes = [*arm, *twin.zero_lines, *missing]
+    notes = [*arm, *twin.log_lines, *missing]
     return Written(
         text=json_text({"name": twin.name, "class": name, "gains": gains, "notes": notes}),
         about=f"{name} of WPILib, with 95 % intervals",

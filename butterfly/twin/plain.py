@@ -53,7 +53,7 @@ def as_urdf(twin: Twin, options: Options) -> Written:
             "Importers may drop damping and friction (Isaac Sim 6.1.0, IsaacSim#841): check both."
         )
     missing += left_out(twin, "URDF")
-    first = (f"{twin.name}, as identified.", *twin.zero_lines)
+    first = (f"{twin.name}, as identified.", *twin.log_lines)
     notes = (*first, *missing, "In MuJoCo, driven this way:", *error.lines)
     comments, name = "\n  ".join(map(xml_comment, notes)), twin.identifier
     kind, own, axis = "continuous", "hinge", "0 -1 0"
@@ -152,7 +152,7 @@ def as_actuator(twin: Twin, options: Options) -> Written:
         "isaaclab": {"class": name, "fields": isaaclab},
         "gain": {"value": p.p4 or 1.0, "unit": unit_of("p4", twin.kind, twin.joint)},
         "body": {"inertia_about_axis": p.p1, "gravity_moment": p.p3},
-        "notes": [*twin.zero_lines, *notes, *measured],
+        "notes": [*twin.log_lines, *notes, *measured],
     }
     about = f"{own} of mjlab, {name} of Isaac Lab"
     return Written(text=json_text(content), about=about, left_out=tuple(notes), accuracy=error)

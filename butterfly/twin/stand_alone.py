@@ -90,7 +90,7 @@ def stand_alone(twin: Twin, options: Options = DEFAULTS) -> StandAlone:
         root=_root(twin, options, form),
         accuracy=yardstick.accuracy(mover(options, form)),
         left_out=tuple(_left_out(twin, form)),
-        said=(*twin.zero_lines, *_late(twin.parameters.delay, form, options.timestep)),
+        said=(*twin.log_lines, *_late(twin.parameters.delay, form, options.timestep)),
     )
 
 

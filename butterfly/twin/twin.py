@@ -55,6 +55,7 @@ class Twin:
     known: Prior = NO_PRIOR  # what was known of it
     ratios: bool = False  # whether the parameters are ratios to p1
     robot: Robot | None = None  # that of an experiment, whose shape is known, not its motion alone
+    holds: str = ""  # over which time simulations stay near its logs, where that is not all of them
     zeros: tuple[float, ...] = ()  # readings in rad of the logs' encoders at angle 0
     mass: float | None = None  # in kg, on which no motion depends; a possible one if None
     # whether what swings across the ground's gravity is drawn as the Butterfly robot's hand
@@ -92,6 +93,7 @@ class Twin:
             servo=ServoLoop.of(loop, whole=False) if loop else None,
             known=Prior.of(origin.get("known", {})),
             ratios=estimate.ratios,
+            holds=found.fit.holds,
             zeros=tuple(found.zeros.values()),
             mass=mass,
             is_butterfly=manifest.get("shape") == "butterfly",
@@ -132,13 +134,14 @@ class Twin:
         return Body(mass, beside, below, p1 - mass * (beside**2 + below**2))
 
     @property
-    def zero_lines(self) -> tuple[str, ...]:
-        """Say how the encoder's angle follows from the twin's, if that is known."""
+    def log_lines(self) -> tuple[str, ...]:
+        """Say over which time it follows its logs, and how the encoder's angle follows from its."""
+        held = (self.holds,) if self.holds else ()
         if not self.zeros:
-            return ()
+            return held
         ends = dict.fromkeys(f"{round(each(self.zeros), 4) + 0.0:g}" for each in (min, max))
         said = f"Encoder's angle = angle here + zero; zero = {' to '.join(ends)} rad in the logs."
-        return (said,)
+        return *held, said
 
     @property
     def identifier(self) -> str:

@@ -204,8 +204,10 @@ def test_without_gravity_sines_lie_about_those_of_a_hand_that_resonates_at_2_rad
     p1, p3 = found.names.index("p1"), found.names.index("p3")
     omegas = []
     for moment in (0.0, 4 * found.values[p1]):
-        values = np.where(np.arange(found.values.size) == p3, moment, found.values)
-        ranked = next_runs(data, replace(found, values=values, lower=-found.upper))
+        of_gravity = np.arange(found.values.size) == p3
+        values = np.where(of_gravity, moment, found.values)
+        lower = np.where(of_gravity, -found.upper, found.lower)
+        ranked = next_runs(data, replace(found, values=values, lower=lower))
         own = [each.recipe for each in ranked if each.recipe.log.added_mass == NO_ADDED_MASS]
         omegas.append(sorted({c.signal.omega for c in own if isinstance(c.signal, Sine)}))
     assert omegas[0] == pytest.approx(omegas[1], rel=0.01)

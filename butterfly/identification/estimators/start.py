@@ -24,6 +24,7 @@ from butterfly.identification.estimators.harmonic_balance import HarmonicBalance
 from butterfly.identification.estimators.weak_form import WeakForm
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Equations, Minimum
+from butterfly.identification.free_run import LEAST_FIT
 from butterfly.identification.inference.equations import scaled_least_squares
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.levels import (
@@ -33,7 +34,6 @@ from butterfly.identification.levels import (
     PASSES,
     ROUNDING,
     SHOWS,
-    SPREADS,
 )
 from butterfly.identification.problem import Problem, Start
 from butterfly.identification.sensor_errors import white_variance
@@ -49,13 +49,16 @@ _ELSEWHERE = 1.05  # ratio of costs, above which two ends are not the same
 _PASSES = 4  # of a descent at another delay, or one that is given up if not lower than another
 _PARABOLAS = 2  # how often a delay is sought at the vertex of the last ones
 _RATIOS = Prior.of({"p4": 1.0})
+_AT_ONCE = Prior.of({"delay": 0.0})
 _GEAR = 0.1  # of each of a gear's torques that friction takes, from where on it is sought
 
 
 def starts(data: DataSet, terms: tuple[str, ...] | None) -> list[Start]:
     """Return what closed forms find: the weak form, and steady responses where there are sines.
 
-    Where neither does, it is a guess of the scale. ButterflyError if there is none either.
+    A weak form whose chosen terms follow no log, as with a friction that holds the joint, also
+    without them. Where none finds any, it is a guess of the scale. ButterflyError if there is none
+    either.
     """
     found: list[Start] = []
     refusals: list[ButterflyError] = []
@@ -65,17 +68,34 @@ def starts(data: DataSet, terms: tuple[str, ...] | None) -> list[Start]:
         except ButterflyError as refusal:
             refusals.insert(0, refusal)
             continue
-        inertia = start.parameters.p1 + min(mass.inertia for mass in data.masses)
+        inertia = _least_inertia(start, data)
         if inertia > 0:
             found.append(start)
         else:
             refusals.insert(0, _without_inertia(data, inertia))
+    if found and terms is None and not _follows(data, found[0]):
+        with suppress(ButterflyError):
+            bare = _from_any(data, ())
+            found += [bare] if _least_inertia(bare, data) > 0 else []
     if not found:
         guess = None if data.known.scale() else _of_ratios(data)
         if guess is None:
             raise refusals[-1]
         found.append(guess)
     return found
+
+
+def _least_inertia(start: Start, data: DataSet) -> float:
+    """Return the inertia of a first guess with the least of the added masses."""
+    return start.parameters.p1 + min(mass.inertia for mass in data.masses)
+
+
+def _follows(data: DataSet, start: Start) -> bool:
+    """Whether free runs of a first guess follow the logs; servos have a start of their own."""
+    if any(log.closed for log in data.logs):
+        return True
+    with np.errstate(all="ignore"):
+        return bool(np.median(data.simulations.fits_with(start.parameters)) >= LEAST_FIT)
 
 
 def _without_inertia(data: DataSet, inertia: float) -> ButterflyError:
@@ -96,13 +116,19 @@ def _from_sines(data: DataSet, terms: tuple[str, ...] | None) -> Start:
 
 
 def _from_any(data: DataSet, terms: tuple[str, ...] | None) -> Start:
-    """Fit the weak form; the offset of gravity seen corrects rest angles, unless told."""
+    """Fit the weak form; the offset of gravity seen corrects rest angles, unless told.
+
+    Slow motion lags by inertia and by delay alike: an inertia below 0 is fitted again without one.
+    """
     zeros = data.equilibria
     wanted, open_ = _known(WeakForm, terms), bool(data.unread)
     if open_ and wanted is not None and "p3_offset" not in wanted:
         wanted = (*wanted, "p3_offset")
-    closed_form = WeakForm(terms=wanted)
-    estimate = closed_form.of_logs(data.glance, zeros, usable(closed_form.method, data.known))
+    closed_form, least = WeakForm(terms=wanted), min(mass.inertia for mass in data.masses)
+    known = usable(closed_form.method, data.known)
+    estimate = closed_form.of_logs(data.glance, zeros, known)
+    if estimate.parameters.p1 + least <= 0 and "delay" in estimate.names:
+        estimate = closed_form.of_logs(data.glance, zeros, known | _AT_ONCE)
     found = _moving(estimate, data)
     if not open_:
         return Start(found, zeros)
@@ -115,8 +141,7 @@ def _from_any(data: DataSet, terms: tuple[str, ...] | None) -> Start:
 def _moving(found: Estimate, data: DataSet) -> LumpedParameters:
     """Return an estimate's parameters; an inertia below 0 that may be above hardly shows."""
     parameters, least = found.parameters, min(mass.inertia for mass in data.masses)
-    errors = dict(zip(found.names, found.standard_errors.tolist(), strict=True))
-    most = parameters.p1 + least + SPREADS * errors.get("p1", 0.0)
+    most = found.limits_of("p1", parameters.p1)[1] + least
     if parameters.p1 + least > 0 or not most > 0 or not data.known.scale():
         return parameters
     settling = parameters.p2 * min(log.mean_step for log in data.logs)

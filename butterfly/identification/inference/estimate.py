@@ -24,11 +24,11 @@ from butterfly.logs.log import InputKind, Log
 from butterfly.logs.units import taken_text
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
 from butterfly.model.prior import NO_PRIOR, Prior
-from butterfly.model.terms import TERMS, lower_bounds
+from butterfly.model.terms import PARAMETERS, TERMS, lower_bounds
 from butterfly.verdict import Level
 
 OF_VERDICT = ("p1", "p4")
-"""Parameters of the scale, whose half-widths decide the verdict."""
+"""Parameters of the scale, whose half-widths decide the verdict; no joint has a 0 of either."""
 
 _OF_UNIT = {FindingKind.UNIT_ASSUMED, FindingKind.UNIT_UNREAD}
 _LARGEST = float(np.finfo(float).max) ** 0.25  # of any number: squares of such are numbers too
@@ -102,6 +102,24 @@ class Estimate:
         found = (each for each in self.findings if each.kind is FindingKind.NOT_ESTIMATED)
         return next((each.parameters for each in found), ())
 
+    @property
+    def open(self) -> tuple[str, ...]:
+        """Names of values of the scale of which these data give a limit alone.
+
+        Their half-width is as large as they are, so that they might be 0, which no joint has.
+        """
+        widths = self.relative_half_widths
+        scale = (name for name in OF_VERDICT if name not in self.unestimated)
+        return tuple(name for name in scale if 1 <= widths.get(name, 0.0) < math.inf)
+
+    @property
+    def at_limit(self) -> Estimate:
+        """The same with an inertia that is open at its limit."""
+        if "p1" not in self.open:
+            return self
+        at = np.array(self.names) == "p1"
+        return replace(self, values=np.where(at, abs(self.values) + self.farther, self.values))
+
     def table(self, truth: Truth | None = None) -> tuple[Parameter, ...]:
         """Return a row per parameter, with the truth if given; those known exactly come last."""
         if isinstance(truth, LumpedParameters):
@@ -110,6 +128,12 @@ class Estimate:
         rows = []
         for k, name in enumerate(self.names):
             if name in self.unestimated:
+                continue
+            if name in self.open:
+                most = float(abs(self.values[k]) + self.farther[k])
+                least = 0.0 if name == "p1" else -most
+                limits = {"lower": least, "upper": most}
+                rows.append(self._row(name, truth, value=None, claim="open", **limits))
                 continue
             left_out = [float(values[k]) for values in self.left_out.values()]
             known = math.isfinite(self.lower[k]) and math.isfinite(self.upper[k])
@@ -167,7 +191,8 @@ class Estimate:
             "joint": str(self.joint),
             "ratios": self.ratios,
             "parameters": rows,
-            "unestimated": {name: self.named[name] for name in self.unestimated},
+            # what simulations use for them
+            "unestimated": {name: self.named[name] for name in (*self.unestimated, *self.open)},
             "covariance": {"names": list(self.names), "matrix": self.covariance.tolist()},
             "left_out": left_out_content(self.names, self.left_out),
             "rivals": [each.tolist() for each in self.rivals],
@@ -262,11 +287,18 @@ class Estimate:
 
     @cached_property
     def level(self) -> Level:
-        """Verdict on the values: good if the relative half-widths of the scale are small."""
+        """Verdict on the values: good if the relative half-widths of the scale are small.
+
+        Of a scale that is open, no value is given: the others decide.
+        """
         if self.unsettled or any(each.forbids for each in self.findings):
             return Level.WARNING
         widths = self.relative_half_widths
-        near = all(widths.get(name, 0.0) <= PRECISE for name in OF_VERDICT)
+        deciding = [name for name in OF_VERDICT if name in widths]
+        if self.open:  # then all others that are not 0 decide
+            deciding = [n for n in PARAMETERS if n != "delay" and widths.get(n, math.inf) < 1]
+        near = all(widths[name] <= PRECISE for name in deciding)
+        near = near and bool(deciding or not self.open)
         doubted = any(each.doubts for each in self.findings)
         return Level.GOOD if near and not doubted else Level.CARE
 
