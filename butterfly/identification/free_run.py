@@ -16,14 +16,12 @@ from butterfly.identification.levels import LOST
 from butterfly.identification.segment import LONGEST_STEP, grid_step
 from butterfly.identification.sensor_errors import white_variance
 from butterfly.identification.simulation import Simulation, segment_length
-from butterfly.identification.test_functions import HALF_WIDTH, VELOCITY_SHARE
+from butterfly.identification.test_functions import VELOCITY_SHARE, half_width_of
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.progress import current_search
 from butterfly.signals.polynomials import slope
 from butterfly.signals.spectrum import resample, uniform_grid
-
-_WINDOW = VELOCITY_SHARE * HALF_WIDTH  # s to either side
 
 GROWTH = 30.0
 """Times by which an error at the start of a segment may grow within it."""
@@ -87,7 +85,8 @@ class FreeRun:
         """Rms error, motion and noise of the velocity in rad/s, by local slopes of the angle."""
         grid = uniform_grid(self.log.time)
         step = float(grid[1] - grid[0])
-        half = min(max(round(_WINDOW / step), 2), (grid.size - 1) // 2)
+        window = VELOCITY_SHARE * half_width_of(self.log)
+        half = min(max(round(window / step), 2), (grid.size - 1) // 2)
         angles = (self.log.angle, self.simulated - self.log.angle)
         with np.errstate(over="ignore", invalid="ignore"):
             measured, error = (

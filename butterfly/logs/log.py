@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, nearest, require_number
 from butterfly.logs.clock import clock_reading, interval_reading, with_clock
+from butterfly.logs.free_swing import sine_at_start
 from butterfly.logs.regimes import Regime, between_regimes
 from butterfly.logs.units import AS_IS, ColumnReading, Heading, Units, apportioned, read_unit
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, JointKind
@@ -537,7 +538,10 @@ class Log:
 
     @cached_property
     def initial_state(self) -> InitialState:
-        """Initial state: of a steady sine, by samples at rest, or a cubic of what moves at once."""
+        """Initial state: of a steady sine, by samples at rest, or a cubic of what moves at once.
+
+        Of a free swing with too few samples for a cubic it is that of a sine, at rest or not.
+        """
         time, angle = self.time, self.angle
         if not self.rms_speed > 0:
             return InitialState(float(angle[0]), 0.0)
@@ -545,8 +549,11 @@ class Log:
         if steady:
             return steady
         span = _REACH * min(self.rms_motion, _WIDE) / self.rms_speed
-        count = max(int(np.searchsorted(time, time[0] + span, "right")), _FEWEST)
+        seen = int(np.searchsorted(time, time[0] + span, "right"))
+        count = max(seen, _FEWEST)
         time, angle = time[:count], angle[:count]
+        if seen < _FEWEST and not self.input.any():
+            return InitialState(*sine_at_start(time, angle))
         if self.lead is None and not _moves(time, angle, self.rms_speed):
             return InitialState(_rest(angle), 0.0)
         return _fitted(time, angle, 3)[0]

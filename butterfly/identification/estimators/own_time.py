@@ -11,8 +11,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-import numpy as np
-
 from butterfly.arrays import Samples
 from butterfly.identification.chosen_terms import Fitted
 from butterfly.identification.estimators.start import refitted, white_cost
@@ -20,10 +18,9 @@ from butterfly.identification.fit import Minimum
 from butterfly.identification.inference.blocks import CELLS
 from butterfly.identification.levels import FEW, PRECISE, WEIGHED
 from butterfly.identification.problem import Problem, Start
-from butterfly.logs.log import Log
 from butterfly.model.parameters import LumpedParameters
 from butterfly.progress import out_of_time
-from butterfly.signals.spectrum import periodogram, resample, uniform_grid
+from butterfly.signals.spectrum import dominant_period
 
 
 def own_time(fitted: Fitted) -> tuple[float, Start] | None:
@@ -65,7 +62,7 @@ def _is_held(problem: Problem, end: Minimum) -> bool:
 def _time_of(problem: Problem, end: Minimum) -> float:
     """Return the own time in s of a joint that nothing holds."""
     settles = (2 * math.pi * each.p1 / each.p2 for each in _loaded(problem, end) if each.p2 > 0)
-    return min([*settles, *map(_period, problem.logs)])
+    return min([*settles, *(dominant_period(log.time, log.angle) for log in problem.logs)])
 
 
 def _explained(end: Minimum) -> bool:
@@ -97,12 +94,3 @@ def over_shorter(problem: Problem, end: Minimum) -> list[Samples]:
         return []
     found = _over(problem, end, third)
     return [found.values[: problem.shared]] if found is not None and found.converged else []
-
-
-def _period(log: Log) -> float:
-    """Return the period in s of the peak of a log's spectrum, through a Hann window."""
-    grid = uniform_grid(log.time)
-    centred = resample(log.time, log.angle, grid)
-    centred -= centred.mean()
-    _, power = periodogram(centred * np.hanning(grid.size), 1.0)
-    return float(grid[-1] - grid[0]) / (1 + int(np.argmax(power)))
