@@ -15,7 +15,7 @@ WITH_KERNELS = NUMBA_CACHE_DIR=$$($(BIN)/python -m tests.kernels) && export NUMB
 # A module is compiled when it is first imported, not by each process anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: constraints demo docs lowest outputs pictures profile test test-slow film lint types bench bench-short campaigns coverage faults sound repeats kinds forecasts fuzz readers readback record record-check texts units wheel clean
+.PHONY: constraints demo docs lowest outputs pictures profile test test-slow film lint types bench bench-short campaigns coverage faults sound repeats kinds paces forecasts fuzz readers readback record record-check texts units wheel clean
 
 demo: $(VENV)/.runtime
 	$(BIN)/butterfly run experiments/quickstart.yaml
@@ -77,6 +77,10 @@ coverage: $(VENV)/.development
 # The same of robots of unknown kind, each as its owner knows it: 20 of each by ROBOTS=20.
 kinds: $(VENV)/.development
 	$(ONE_THREAD) $(BIN)/python -m tests.benchmarks.kinds --robots $(ROBOTS) --seed $(SEED)
+
+# Of runs of two periods or five time constants, and of slow films: 60 of each by ROBOTS=60.
+paces: $(VENV)/.development
+	$(ONE_THREAD) $(BIN)/python -m tests.benchmarks.paces --robots $(ROBOTS) --seed $(SEED)
 
 # How campaigns end on random robots, and on such as the model misses: 20 of each by ROBOTS=20.
 campaigns: $(VENV)/.development

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError
-from butterfly.identification.levels import ROUNDING
+from butterfly.identification.levels import LOST, ROUNDING
 from butterfly.identification.sensor_errors import white_variance
 from butterfly.logs.log import Log
 from butterfly.model.linear import resonance_frequency
@@ -44,7 +44,8 @@ LEAST_SAMPLES = 5
 """Samples on either side of a test function's centre with which sums are integrals."""
 VELOCITY_SHARE = 0.25
 """Half-width of the velocity's window over that of the test functions."""
-_OF_PERIOD, _OF_LOG = 1 / 4, 1 / 8  # longest half-width: a dozen have room
+_PERIOD_SHARE = 0.25  # longest half-width over the motion's period
+_LOG_SHARE = 0.125  # the same over the log: a dozen test functions have room
 _QUIET = 0.03  # of the acceleration, largest noise of its averages
 _ROUGH = 59.5  # integral of the square of a bump's second derivative, of half-width and area 1
 _VELOCITY_ORDER = 4  # of the polynomial whose slope it is
@@ -321,11 +322,17 @@ def half_width_of(log: Log) -> float:
     the noise of averaged accelerations small; at most a quarter of the motion's period and an
     eighth of the log, but at least `LEAST_SAMPLES`.
     """
-    sine, step = log.excitation, log.mean_step
-    period = 2 * math.pi / sine.omega if sine else dominant_period(log.time, log.angle)
-    longest = min(_OF_PERIOD * period, _OF_LOG * float(log.time[-1] - log.time[0]))
+    step, length = log.mean_step, float(log.time[-1] - log.time[0])
+    variance = white_variance(log.angle)
+    if log.excitation is not None:
+        period = 2 * math.pi / log.excitation.omega
+    elif variance < LOST * log.rms_motion**2:
+        period = dominant_period(log.time, log.angle)
+    else:
+        period = length  # the noise hides it
+    longest = min(_PERIOD_SHARE * period, _LOG_SHARE * length)
     if acceptable := _QUIET * log.rms_motion * (2 * math.pi / period) ** 2:
-        noise = math.sqrt(_ROUGH * step * white_variance(log.angle))  # with a half-width of 1 s
+        noise = math.sqrt(_ROUGH * step * variance)  # with a half-width of 1 s
         longest = min(longest, max(HALF_WIDTH, (noise / acceptable) ** 0.4))
     return max(longest, LEAST_SAMPLES * step)
 

@@ -160,27 +160,25 @@ class WeakForm(Estimator):
         ]
         terms = optional_terms(self.terms, offers, masses, known)
         base, choosing = known.fitted(PARAMETERS), self.terms is None
-        _require_enough(windows, base, known)
+        _require_enough(windows, base, known.fixed.get("delay", 0.0))
         return fitted_terms(windows, base, terms, known, choosing=choosing)
 
     def _periods(self, known: Prior) -> float:
         return known.fixed.get("cogging_periods", self.cogging_periods)
 
 
-def _require_enough(windows: Sequence[Averaging], names: Sequence[str], known: Prior) -> None:
-    """Raise IdentifiabilityError if the joint moves in fewer windows than values are unknown."""
-    delay = known.fixed.get("delay", 0.0)
+def _require_enough(windows: Sequence[Averaging], names: Sequence[str], delay: float) -> None:
+    """Raise IdentifiabilityError if the joint moves in fewer windows than there are values."""
     moving = sum(int(each.moving(delay).sum()) for each in windows)
-    unknown = sum(name not in known.uncertain for name in names)
-    if moving >= unknown:
+    if moving >= len(names):
         return
     longest = max(windows, key=lambda each: each.duration)
     hold = f"{longest.duration:.3g} s hold" if len(windows) == 1 else f"{len(windows)} logs hold"
     plural, length = "" if moving == 1 else "s", 2 * longest.half_width
     raise IdentifiabilityError(
         f"{hold} {moving or 'no'} window{plural} of {length:.3g} s in which the joint moves, fewer "
-        f"than the {unknown} unknown values ({', '.join(names)}): record longer, or in motion, or "
-        "give a shorter half_width"
+        f"than the {len(names)} values to be found ({', '.join(names)}): record longer, or in "
+        "motion, or give a shorter half_width"
     )
 
 
