@@ -35,7 +35,7 @@ _SPAN = 0.05  # s in which an angle changes by more than noise
 _REACH = 0.7  # rad of the motion's phase that a cubic can follow
 _WIDE = 1.0  # rad, beyond which a wider motion is no slower
 _FEWEST = 12  # samples that a cubic is fitted to
-_FEW, _SAME = 4, 2.0  # samples whose mean is compared with the next, and standard errors of it
+_FEW, _SAME = 4, 2.0  # samples whose mean is compared with the next; standard errors that are none
 _SURE = 6.0  # standard errors from 0 at which a velocity counts
 _SETTLED = 0.3  # by which the velocity may change for half the samples
 _NOTABLE = 0.1  # of the rms velocity, above which a log begins in motion
@@ -552,11 +552,17 @@ class Log:
         seen = int(np.searchsorted(time, time[0] + span, "right"))
         count = max(seen, _FEWEST)
         time, angle = time[:count], angle[:count]
-        if seen < _FEWEST and not self.input.any():
+        free = not self.input.any()
+        if free and seen < _FEWEST:
             return InitialState(*sine_at_start(time, angle))
-        if self.lead is None and not _moves(time, angle, self.rms_speed):
-            return InitialState(_rest(angle), 0.0)
-        return _fitted(time, angle, 3)[0]
+        begun, error = _fitted(time, angle, 3)
+        if self.lead is not None:
+            return begun
+        if free:  # no input sets it going, so that it moves as it did before
+            moves = abs(begun.velocity) > max(_SAME * error, _NOTABLE * self.rms_speed)
+        else:
+            moves = _moves(time, angle, self.rms_speed)
+        return begun if moves else InitialState(_rest(angle), 0.0)
 
     @cached_property
     def roughness(self) -> float:

@@ -80,7 +80,7 @@ def test_kept_averages_are_those_of_a_log_made_ready_anew(logs):
 
 def test_a_log_shorter_than_its_averages_is_refused(logs):
     short = [logs[0].take(np.arange(100)), logs[1]]
-    with pytest.raises(InputError, match="at least 0.5 s, the length of one window"):
+    with pytest.raises(InputError, match=r"at least 0\.5 s, the length of one window"):
         WeakForm(half_width=0.25).of_logs(short, ZEROS)
     assert WeakForm().of_logs(short, ZEROS).parameters.p1 == pytest.approx(PLAIN.p1, rel=0.01)
 
