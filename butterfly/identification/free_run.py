@@ -16,7 +16,7 @@ from butterfly.identification.levels import LOST
 from butterfly.identification.segment import LONGEST_STEP, grid_step
 from butterfly.identification.sensor_errors import white_variance
 from butterfly.identification.simulation import Simulation, segment_length
-from butterfly.identification.test_functions import VELOCITY_SHARE, half_width_of
+from butterfly.identification.test_functions import HALF_WIDTH, VELOCITY_SHARE, half_width_of
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.progress import current_search
@@ -85,7 +85,7 @@ class FreeRun:
         """Rms error, motion and noise of the velocity in rad/s, by local slopes of the angle."""
         grid = uniform_grid(self.log.time)
         step = float(grid[1] - grid[0])
-        window = VELOCITY_SHARE * half_width_of(self.log)
+        window = VELOCITY_SHARE * min(HALF_WIDTH, half_width_of(self.log))
         half = min(max(round(window / step), 2), (grid.size - 1) // 2)
         angles = (self.log.angle, self.simulated - self.log.angle)
         with np.errstate(over="ignore", invalid="ignore"):

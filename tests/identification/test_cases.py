@@ -236,7 +236,7 @@ def test_a_noisy_velocity_refuses_no_film_that_is_followed_to_its_noise():
     """Twenty seconds of a slow swing at ten frames a second, in windows of its own time."""
     found = identify(_slow_film(), WeakForm(half_width=2.0))
     (run,) = found.runs
-    assert run.velocity_fit > 50  # in such windows too
+    assert run.velocity_fit < 50
     assert run.followed > 80
     assert found.estimate.parameters.p3 == pytest.approx(0.49, rel=0.03)
     assert found.estimate.level.usable
