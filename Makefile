@@ -15,7 +15,7 @@ WITH_KERNELS = NUMBA_CACHE_DIR=$$($(BIN)/python -m tests.kernels) && export NUMB
 # A module is compiled when it is first imported, not by each process anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: constraints demo docs lowest outputs pictures profile test test-slow film lint types bench bench-short campaigns coverage faults sound repeats kinds strangers forecasts fuzz readers readback record record-check texts units wheel clean
+.PHONY: constraints demo docs lowest outputs pictures profile test test-slow film lint types bench bench-short campaigns coverage faults sound repeats kinds strangers paces forecasts fuzz readers readback record record-check texts units wheel clean
 
 demo: $(VENV)/.runtime
 	$(BIN)/butterfly run experiments/quickstart.yaml
@@ -83,6 +83,10 @@ kinds: $(VENV)/.development
 STRANGERS_OPTIONS ?=
 strangers: $(VENV)/.development
 	$(WITH_KERNELS) $(BIN)/python -m tests.benchmarks.strangers --robots $(ROBOTS) --seed $(SEED) $(STRANGERS_OPTIONS)
+
+# Of runs of two periods or five time constants, and of slow films: 60 of each by ROBOTS=60.
+paces: $(VENV)/.development
+	$(ONE_THREAD) $(BIN)/python -m tests.benchmarks.paces --robots $(ROBOTS) --seed $(SEED)
 
 # How campaigns end on random robots, and on such as the model misses: 20 of each by ROBOTS=20.
 campaigns: $(VENV)/.development

@@ -18,19 +18,15 @@ from butterfly.identification.own_time import falls, is_held, own_time
 from butterfly.identification.segments import grid_step
 from butterfly.identification.sensor_errors import white_variance
 from butterfly.identification.simulation import Simulation, segment_length
-from butterfly.identification.test_functions import HALF_WIDTH, VELOCITY_SHARE
+from butterfly.identification.test_functions import HALF_WIDTH, VELOCITY_SHARE, half_width_of
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.progress import current_search
 from butterfly.signals.polynomials import slope
 from butterfly.signals.spectrum import resample, uniform_grid
 
-_WINDOW = VELOCITY_SHARE * HALF_WIDTH  # s to either side
-
 LEAST_FIT = 100 * (1 - LOST)
 """FIT in per cent below which a simulation does not follow a log."""
-
-_FAR_OFF = -1000.0  # FIT in per cent, below which there is no more to know
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -87,7 +83,8 @@ class FreeRun:
         """Rms error, motion and noise of the velocity in rad/s, by local slopes of the angle."""
         grid = uniform_grid(self.log.time)
         step = float(grid[1] - grid[0])
-        half = min(max(round(_WINDOW / step), 2), (grid.size - 1) // 2)
+        window = VELOCITY_SHARE * min(HALF_WIDTH, half_width_of(self.log))
+        half = min(max(round(window / step), 2), (grid.size - 1) // 2)
         angles = (self.log.angle, self.simulated - self.log.angle)
         with np.errstate(over="ignore", invalid="ignore"):
             measured, error = (
@@ -160,7 +157,7 @@ class FitSummary:
         """A sentence on the time over which simulations stay near logs; empty for whole logs."""
         if self.whole is None or self.longest is None:
             return ""
-        fit = f"median FIT {self.whole:.1f} %" if self.whole > _FAR_OFF else "they diverge"
+        fit = f"median FIT {self.whole:.1f} %" if math.isfinite(self.whole) else "they diverge"
         runs = f"Whole runs of up to {self.longest:.3g} s, from their start alone,"
         if self.whole >= LEAST_FIT:
             return f"{runs} follow too ({fit})."

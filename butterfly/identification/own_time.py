@@ -15,7 +15,7 @@ import numpy as np
 
 from butterfly.logs.log import Log
 from butterfly.model.parameters import LumpedParameters
-from butterfly.signals.spectrum import periodogram, resample, uniform_grid
+from butterfly.signals.spectrum import dominant_period
 
 _UPRIGHT = 0.9 * math.pi  # rad from the rest angle
 
@@ -47,18 +47,9 @@ def is_held(log: Log, joint: LumpedParameters, zero: float) -> bool:
 
 def own_time(log: Log, joint: LumpedParameters) -> float:
     """Return the own time in s of a loaded joint in a log."""
-    times = [_period(log)]
+    times = [dominant_period(log.time, log.angle)]
     if joint.p2 > 0:
         times.append(2 * math.pi * joint.p1 / joint.p2)
     if joint.p3 > 0:
         times.append(math.pi * math.sqrt(max(joint.p1, 0.0) / joint.p3))
     return float(f"{min(each for each in times if each > 0):.2g}")  # which hardly depends on values
-
-
-def _period(log: Log) -> float:
-    """Return the period in s of the peak of a log's spectrum, through a Hann window."""
-    grid = uniform_grid(log.time)
-    centred = resample(log.time, log.angle, grid)
-    centred -= centred.mean()
-    _, power = periodogram(centred * np.hanning(grid.size), 1.0)
-    return float(grid[-1] - grid[0]) / (1 + int(np.argmax(power)))

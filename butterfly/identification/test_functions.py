@@ -17,31 +17,37 @@ from collections.abc import Hashable, Iterable
 from copy import copy
 from dataclasses import dataclass
 from enum import StrEnum
-from functools import cached_property
+from functools import cache, cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError
-from butterfly.identification.levels import ROUNDING
+from butterfly.identification.inference.blocks import CELLS
+from butterfly.identification.levels import LOST, ROUNDING
+from butterfly.identification.sensor_errors import white_variance
 from butterfly.logs.log import Log
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.terms import GEAR, IDEAL, TERMS, DriveTerms, FrictionTerms, Motion, Term
 from butterfly.signals import hold
 from butterfly.signals.polynomials import slope
-from butterfly.signals.spectrum import resample, uniform_grid
+from butterfly.signals.spectrum import dominant_period, resample, uniform_grid
 
 SPACING = 0.5
 """Of the test functions, in half-widths."""
 
 HALF_WIDTH = 0.25
-"""Longest half-width of the test functions in s; a sine's logs use at most a quarter period."""
+"""Half-width of the test functions in s where noise asks for none longer (see `half_width_of`)."""
 VELOCITY_SHARE = 0.25
 """Half-width of the velocity's window over that of the test functions."""
+_QUIET = 0.03  # of the acceleration, largest noise of its averages
 _VELOCITY_ORDER = 4  # of the polynomial whose slope it is
+LEAST_SAMPLES = _VELOCITY_ORDER + 1
+"""Samples on either side of a test function's centre with which sums are integrals."""
 _LARGEST_STICK = 0.05  # share of a window that may stand still
 _STANDSTILL = 0.02  # share of the rms velocity below which the joint may stick
 _DRIVEN = {"p4", *(row.name for row in TERMS.values() if row.of_gain)}  # what the input enters
@@ -148,7 +154,7 @@ class Averaging:
         settings: FrictionTerms,
         balance: Balance = Balance.MOMENTUM,
     ) -> None:
-        self._log, self._zero, self._half_width = log, zero, half_width
+        self._log, self._zero, self.half_width = log, zero, half_width
         self._settings, self._balance = settings, balance
         self._column_of = _momentum if balance is Balance.MOMENTUM else _energy
         self._grid = uniform_grid(log.time)
@@ -168,7 +174,7 @@ class Averaging:
     def moving_so(self, measured: Samples) -> Averaging:
         """Return averages of another motion (see `Log.moving_so`) over the same test functions."""
         log, settings = self._log.moving_so(measured), self._settings
-        found = Averaging(log, self._zero, self._half_width, settings, self._balance)
+        found = Averaging(log, self._zero, self.half_width, settings, self._balance)
         found._rests = self._rests
         return found
 
@@ -235,15 +241,17 @@ class Averaging:
 
     def _place(self, delay: float) -> _Place:
         """Place the test functions where the input is known a delay before."""
-        margin = math.ceil((self._half_width + abs(delay)) / self._step)
+        margin = math.ceil((self.half_width + abs(delay)) / self._step)
         if margin not in self._places:
             time = self._grid
             if time.size < 2 * margin + 1:
-                longer = f"at least {2 * margin * self._step:.3g} s"
-                raise InputError(self._log.source, "time", f"{time[-1] - time[0]:.3g} s", longer)
+                least = f"at least {2 * margin * self._step:.3g} s, the length of one window"
+                wider = f" of half-width {self.half_width:.3g} s, and the delay before it"
+                given = f"{time[-1] - time[0]:.3g} s"
+                raise InputError(self._log.source, "time", given, least + wider)
             lead = margin if self._rests else 0
             size = time.size + lead
-            bumps = Bumps(half_width=self._half_width, step=self._step, size=size, margin=margin)
+            bumps = Bumps(half_width=self.half_width, step=self._step, size=size, margin=margin)
             place = _Place(bumps, lead, np.empty(0), {})
             self._places[margin] = place._replace(still=place.means(self._still))
         return self._places[margin]
@@ -286,7 +294,9 @@ class ResidualTorque:
         """Subtract all terms: tau_eps = p1 thdd + p2 thd + p3 sin th + ... - p4 v (5)."""
         loaded = values.with_added_mass(log.added_mass)
         omega = log.excitation.omega if log.excitation else resonance_frequency(loaded)
-        width = min(HALF_WIDTH, math.pi / (4 * omega)) if omega else HALF_WIDTH
+        width = half_width_of(log)
+        if omega:
+            width = min(width, max(math.pi / (4 * omega), LEAST_SAMPLES * log.mean_step))
         acting = [row.name for row in TERMS.values() if row.basis or row.derivative]
         signals = Averaging(log, zero, width, loaded).signals(
             acting, delay=values.delay, drive=values.drive
@@ -302,6 +312,34 @@ class ResidualTorque:
             velocity=signals.velocity[moving],
             torque=np.asarray(torque)[moving],
         )
+
+
+def half_width_of(log: Log) -> float:
+    """Return the half-width in s of the test functions of a log, in its own time.
+
+    Short ones see fast motion, long ones less noise. So they are `HALF_WIDTH`, or as long as makes
+    the noise of averaged accelerations small; at most a quarter of the motion's period and one of
+    the `CELLS` of a log, but at least `LEAST_SAMPLES`.
+    """
+    step, length = log.mean_step, float(log.time[-1] - log.time[0])
+    variance, omega = white_variance(log.angle), 2 * math.pi / length
+    if log.excitation is not None:
+        omega = log.excitation.omega
+    elif variance < LOST * log.rms_motion**2:  # else noise hides it
+        omega = 2 * math.pi / dominant_period(log.time, log.angle)
+    longest = min(math.pi / (2 * omega), length / CELLS)
+    if acceptable := _QUIET * log.rms_motion * omega**2:
+        noise = math.sqrt(step * variance * _bump_roughness())  # with a half-width of 1 s
+        longest = min(longest, max(HALF_WIDTH, (noise / acceptable) ** 0.4))
+    return max(longest, LEAST_SAMPLES * step)
+
+
+@cache
+def _bump_roughness() -> float:
+    """Return the integral of the square of a bump's second derivative, of half-width and area 1."""
+    bump = Polynomial([1, 0, -1]) ** 4
+    area, square = bump.integ(), (bump.deriv(2) ** 2).integ()
+    return float((square(1) - square(-1)) / (area(1) - area(-1)) ** 2)
 
 
 def _velocity(angle: Samples, half_width: float, step: float) -> Samples:

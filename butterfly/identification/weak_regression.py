@@ -18,9 +18,14 @@ from butterfly.identification.inference.linear_terms import (
     TermChoice,
     usual_velocity,
 )
-from butterfly.identification.levels import MOST, SHOWS, WEIGHED
+from butterfly.identification.levels import LOST, MOST, SHOWS, WEIGHED
 from butterfly.identification.segments import LONGEST_STEP
-from butterfly.identification.test_functions import HALF_WIDTH, Averaging
+from butterfly.identification.test_functions import (
+    HALF_WIDTH,
+    LEAST_SAMPLES,
+    Averaging,
+    half_width_of,
+)
 from butterfly.logs.log import Log
 from butterfly.model.prior import Penalty, Prior
 from butterfly.model.terms import DRIVE, IDEAL, TERMS, DriveTerms, FrictionTerms
@@ -32,12 +37,18 @@ _LEAST = np.finfo(float).tiny
 
 
 def averaging_of(
-    log: Log, zero: float, half_width: float = HALF_WIDTH, periods: float = 1.0
+    log: Log, zero: float, half_width: float | None = None, periods: float = 1.0
 ) -> Averaging:
-    """Return averages of a log about a zero in rad, of a sine over a quarter period at most."""
-    if log.excitation is not None:
-        half_width = min(half_width, math.pi / 2 / log.excitation.omega)
-    return Averaging(log, zero, half_width, FrictionTerms(cogging_periods=periods))
+    """Return averages of a log about a zero in rad, over its own half-width if none is given.
+
+    A joint that stands between its moves has short windows, whatever its noise.
+    """
+    own, settings = half_width_of(log), FrictionTerms(cogging_periods=periods)
+    found = Averaging(log, zero, own if half_width is None else half_width, settings)
+    short = max(HALF_WIDTH, LEAST_SAMPLES * log.mean_step)
+    if half_width is None and own > short and np.mean(found.moving(0.0)) < LOST:
+        return Averaging(log, zero, short, settings)
+    return found
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, nearest, require_number
 from butterfly.logs.clock import clock_reading, interval_reading, with_clock
+from butterfly.logs.free_swing import sine_at_start
 from butterfly.logs.regimes import Regime, between_regimes
 from butterfly.logs.units import AS_IS, ColumnReading, Heading, Units, apportioned, read_unit
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, JointKind
@@ -34,7 +35,7 @@ _SPAN = 0.05  # s in which an angle changes by more than noise
 _REACH = 0.7  # rad of the motion's phase that a cubic can follow
 _WIDE = 1.0  # rad, beyond which a wider motion is no slower
 _FEWEST = 12  # samples that a cubic is fitted to
-_FEW, _SAME = 4, 2.0  # samples whose mean is compared with the next, and standard errors of it
+_FEW, _SAME = 4, 2.0  # samples whose mean is compared with the next; standard errors that are none
 _SURE = 6.0  # standard errors from 0 at which a velocity counts
 _SETTLED = 0.3  # by which the velocity may change for half the samples
 _NOTABLE = 0.1  # of the rms velocity, above which a log begins in motion
@@ -537,7 +538,10 @@ class Log:
 
     @cached_property
     def initial_state(self) -> InitialState:
-        """Initial state: of a steady sine, by samples at rest, or a cubic of what moves at once."""
+        """Initial state: of a steady sine, by samples at rest, or a cubic of what moves at once.
+
+        Of a free swing with too few samples for a cubic it is that of a sine, at rest or not.
+        """
         time, angle = self.time, self.angle
         if not self.rms_speed > 0:
             return InitialState(float(angle[0]), 0.0)
@@ -545,11 +549,20 @@ class Log:
         if steady:
             return steady
         span = _REACH * min(self.rms_motion, _WIDE) / self.rms_speed
-        count = max(int(np.searchsorted(time, time[0] + span, "right")), _FEWEST)
+        seen = int(np.searchsorted(time, time[0] + span, "right"))
+        count = max(seen, _FEWEST)
         time, angle = time[:count], angle[:count]
-        if self.lead is None and not _moves(time, angle, self.rms_speed):
-            return InitialState(_rest(angle), 0.0)
-        return _fitted(time, angle, 3)[0]
+        free = not self.input.any()
+        if free and seen < _FEWEST:
+            return InitialState(*sine_at_start(time, angle))
+        begun, error = _fitted(time, angle, 3)
+        if self.lead is not None:
+            return begun
+        if free:  # no input sets it going, so that it moves as it did before
+            moves = abs(begun.velocity) > max(_SAME * error, _NOTABLE * self.rms_speed)
+        else:
+            moves = _moves(time, angle, self.rms_speed)
+        return begun if moves else InitialState(_rest(angle), 0.0)
 
     @cached_property
     def roughness(self) -> float:

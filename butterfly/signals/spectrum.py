@@ -9,6 +9,8 @@ from scipy.optimize import minimize_scalar
 from butterfly.arrays import Samples
 
 _MOST = 2**15  # samples that are looked at, where a signal has more
+_GLANCED = 2**12  # the same where a hundredth is near enough
+_FINER = 4  # times a spectrum is finer than one value a period
 
 
 def periodogram(values: Samples, step: float) -> tuple[Samples, Samples]:
@@ -30,30 +32,42 @@ def rms_amplitude(centred: Samples) -> float:
     return float(np.sqrt(2.0 * np.mean(centred**2)))
 
 
-def dominant_frequency(time: Samples, values: Samples) -> tuple[float, float]:
-    """Return the frequency in rad/s of the sine that explains most of a signal, and its share."""
-    grid = np.linspace(time[0], time[-1], min(time.size, _MOST))
-    if time.size <= _MOST:
+def dominant_frequency(time: Samples, values: Samples, most: int = _MOST) -> tuple[float, float]:
+    """Return the frequency in rad/s of the sine that explains most of a signal, and its share.
+
+    The spectrum of the signal less a straight line peaks nearby, at one period in the signal or
+    more: few periods, damping and noise move a peak. Least squares of a sine beside an offset say
+    where it is. At ``most`` so many samples are looked at.
+    """
+    grid = np.linspace(time[0], time[-1], min(time.size, most))
+    if time.size <= most:
         grid = uniform_grid(time)
     centred = resample(time, values, grid)
     centred -= centred.mean()
     power = float(centred @ centred)
     if not power > 0:
         return 0.0, 0.0
-    size = 4 * grid.size
-    spectrum = np.abs(np.fft.rfft(centred, size))
+    line = np.linspace(-1.0, 1.0, grid.size)
+    size = _FINER * grid.size
+    spectrum = np.abs(np.fft.rfft(centred - line * (line @ centred / (line @ line)), size))
     spacing = 2 * np.pi / (size * (grid[1] - grid[0]))
-    peak = (1 + int(np.argmax(spectrum[1:]))) * spacing
+    peak = (_FINER + int(np.argmax(spectrum[_FINER:]))) * spacing
 
     def unexplained(omega: float) -> float:
-        columns = np.column_stack([np.ones(grid.size), np.cos(omega * grid), np.sin(omega * grid)])
-        rest = centred - columns @ np.linalg.lstsq(columns, centred)[0]
-        return float(rest @ rest) / power
+        rows = np.vstack([np.ones(grid.size), np.cos(omega * grid), np.sin(omega * grid)])
+        waves = np.linalg.lstsq(rows @ rows.T, rows @ centred)[0]
+        return 1.0 - float(waves @ (rows @ centred)) / power
 
-    found = minimize_scalar(
-        unexplained, bounds=(max(peak - spacing, spacing / 8), peak + spacing), method="bounded"
-    )
+    reach = (_FINER - 1) * spacing  # within the peak's main lobe
+    found = minimize_scalar(unexplained, bounds=(peak - reach, peak + reach), method="bounded")
     return float(found.x), 1.0 - float(found.fun)
+
+
+def dominant_period(time: Samples, values: Samples) -> float:
+    """Return the period in s of the sine that explains most of a signal, at most its length."""
+    omega, _ = dominant_frequency(time, values, _GLANCED)
+    length = float(time[-1] - time[0])
+    return min(2 * np.pi / omega, length) if omega else length
 
 
 def uniform_grid(time: Samples, step: float | None = None) -> Samples:

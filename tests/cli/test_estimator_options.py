@@ -52,7 +52,7 @@ def test_an_option_of_another_estimator_is_refused_with_the_valid_ones(method, n
 
 
 def test_help_is_what_the_docstrings_say_with_owners_terms_and_defaults():
-    assert HELP["half_width"].endswith("Only for weak-form. Default: 0.25.")
+    assert HELP["half_width"].endswith("Only for weak-form. Default: chosen from the data.")
     assert HELP["loss"].endswith("Only for output-error. Default: linear.")
     assert "mass_inertia, stribeck" in HELP["terms"]
     assert "cogging" not in HELP["terms"]

@@ -5,10 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from butterfly.errors import InputError
+from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.estimators import WeakForm
 from butterfly.identification.estimators.weak_form import instruments_of, refined
-from butterfly.identification.test_functions import Averaging, Bumps
+from butterfly.identification.test_functions import Averaging, Bumps, half_width_of
+from butterfly.identification.weak_regression import averaging_of
+from butterfly.logs.log import Log, Sine
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import IDEAL, DriveTerms, FrictionTerms
@@ -77,8 +79,10 @@ def test_kept_averages_are_those_of_a_log_made_ready_anew(logs):
 
 
 def test_a_log_shorter_than_its_averages_is_refused(logs):
-    with pytest.raises(InputError, match="at least"):
-        WeakForm().of_logs([logs[0].take(np.arange(100)), logs[1]], ZEROS)
+    short = [logs[0].take(np.arange(100)), logs[1]]
+    with pytest.raises(InputError, match=r"at least 0\.5 s, the length of one window"):
+        WeakForm(half_width=0.25).of_logs(short, ZEROS)
+    assert WeakForm().of_logs(short, ZEROS).parameters.p1 == pytest.approx(PLAIN.p1, rel=0.01)
 
 
 HALF, STEP = 0.25, 1e-3
@@ -137,7 +141,7 @@ def clean():
 
 
 def _plain(logs, known=NO_PRIOR):
-    return WeakForm(terms=()).least_squares(logs, AT_ZERO, known)[0]
+    return WeakForm(terms=(), half_width=HALF).least_squares(logs, AT_ZERO, known)[0]
 
 
 def test_least_squares_is_biased_by_noise_and_the_weak_form_is_not(clean):
@@ -147,7 +151,7 @@ def test_least_squares_is_biased_by_noise_and_the_weak_form_is_not(clean):
         for sign in (1, -1):
             logs = noisy(clean, sign * NOISE, np.random.default_rng(seed))
             plain = _plain(logs).values
-            free = WeakForm(terms=()).of_logs(logs, AT_ZERO).parameters
+            free = WeakForm(terms=(), half_width=HALF).of_logs(logs, AT_ZERO).parameters
             errors.append([[plain["p3"], plain["p4"]], [free.p3, free.p4]])
     plain, free = np.mean(errors, axis=0) / [PLAIN.p3, PLAIN.p4] - 1
     assert np.all(plain < -1e-3)
@@ -191,3 +195,40 @@ def test_a_parameter_on_its_bound_stays_there():
     assert found.on_bound
     for name in found.on_bound:
         assert found.values[found.names.index(name)] == 0.0
+
+
+def _swing(period, samples, periods, noise, seed=0):
+    """A swing of .3 rad; noise over it, and samples in a period."""
+    time = period / samples * np.arange(round(periods * samples) + 1)
+    angle = 0.3 * np.cos(2 * np.pi * time / period)
+    angle += 0.3 * noise * np.random.default_rng(seed).standard_normal(time.size)
+    return Log(time, np.zeros_like(time), angle)
+
+
+def test_windows_have_the_log_s_own_time():
+    assert half_width_of(_swing(2.0, 1000, 10, 1e-4)) == HALF  # of an ordinary log
+    slow = half_width_of(_swing(20.0, 1000, 10, 1e-4))
+    assert HALF <= slow < 2.0  # without noise as short
+    assert half_width_of(_swing(20.0, 1000, 10, 0.1)) == pytest.approx(5.0, rel=0.05)
+    assert half_width_of(_swing(0.4, 1000, 10, 1e-4)) == pytest.approx(0.1, rel=0.01)
+    assert half_width_of(_swing(0.4, 1000, 1.5, 1e-4)) == pytest.approx(0.6 / 8, rel=0.01)
+    assert half_width_of(_swing(0.4, 10, 10, 1e-4)) == pytest.approx(5 * 0.04)  # few samples
+    assert half_width_of(_swing(2.0, 1000, 10, 30.0)) >= HALF  # noise has no period
+    assert half_width_of(_swing(2.0, 500, 10, 0.0)) == HALF
+    still = replace(_swing(2.0, 500, 10, 0.0), angle=np.zeros(5001))
+    assert half_width_of(still) > 0
+
+
+def test_windows_that_are_asked_for_are_those_of_sines_too(logs):
+    sine = replace(logs[0], excitation=Sine(omega=10.0, amplitude=0.1))
+    assert averaging_of(sine, 0.3).half_width == pytest.approx(np.pi / 20)
+    assert averaging_of(sine, 0.3, 0.3).half_width == 0.3
+
+
+def test_fewer_windows_than_values_are_refused_in_these_words(logs):
+    short = logs[0].take(np.arange(700))
+    with pytest.raises(
+        IdentifiabilityError, match=r"hold \d+ windows of 0.5 s in which"
+    ) as refused:
+        WeakForm(half_width=HALF).of_logs([short], ZEROS, Prior.of({"p4": ROBOT.p4}))
+    assert "cannot be identified" not in str(refused.value)

@@ -5,7 +5,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from butterfly.signals.spectrum import dominant_frequency, periodogram, rms_amplitude, uniform_grid
+from butterfly.signals.spectrum import (
+    dominant_frequency,
+    dominant_period,
+    periodogram,
+    rms_amplitude,
+    uniform_grid,
+)
+from tests.independent.integrator import Joint, motion
 
 
 @given(periods=st.integers(1, 30), length=st.integers(3, 20), amplitude=st.floats(0.1, 10))
@@ -58,3 +65,26 @@ def test_a_long_log_is_thinned_and_a_constant_has_no_frequency():
     time = np.arange(0, 100, 1e-3)
     assert dominant_frequency(time, np.sin(3 * time))[0] == pytest.approx(3.0, rel=1e-5)
     assert dominant_frequency(time, np.ones_like(time)) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("samples", [10, 60])
+@pytest.mark.parametrize("ratio", [0.01, 0.15])
+def test_two_noisy_periods_of_a_damped_swing_show_their_period(ratio, samples):
+    """A film's noise is up to a tenth of the swing; half of the swings are about another rest."""
+    time = 9.0 / samples * np.arange(2 * samples + 1)
+    omega, rng = 2 * np.pi / 9.0, np.random.default_rng(1)
+    joint = Joint(inertia=1.0, viscous=2 * ratio * omega, gravity=omega**2, gain=1.0)
+    true = 9.0 / np.sqrt(1 - ratio**2)
+    for start in (0.4, 0.0):
+        torque = np.full(time.size, 0.2 * omega**2 * (start == 0))
+        angle, _ = motion(joint, time, torque, start, step=0.02)
+        for noise in (0.0, 0.03, 0.1):
+            seen = angle + noise * 0.4 * rng.standard_normal(time.size)
+            assert dominant_period(time, seen) == pytest.approx(true, rel=0.12)
+
+
+def test_a_drift_hides_no_period_and_a_drift_alone_has_that_of_its_length():
+    time = np.arange(0.0, 40.0, 0.05)
+    assert dominant_period(time, 0.2 * time + np.sin(1.5 * time)) == pytest.approx(4.19, rel=0.05)
+    assert dominant_period(time, 0.2 * time) == pytest.approx(time[-1])
+    assert dominant_period(time, np.ones_like(time)) == pytest.approx(time[-1])

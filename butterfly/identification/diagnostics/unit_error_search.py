@@ -32,7 +32,7 @@ from butterfly.identification.levels import CLEARLY, FEW, LOST, MATTERS, PRECISE
 from butterfly.identification.plausibility import is_possible
 from butterfly.identification.problem import Start
 from butterfly.identification.sensor_errors import white_variance
-from butterfly.identification.test_functions import Averaging
+from butterfly.identification.test_functions import HALF_WIDTH, Averaging
 from butterfly.identification.unit_errors import (
     RIGHT,
     UnitError,
@@ -291,7 +291,7 @@ class _Search:
         shares = [each.share for each in contrasts if each.condition not in _NO_RIVALS]
         rival = min(
             *(here.score({name: [mass.mass for mass in given]})[0] for name in _NAMES),
-            here.misfit * math.sqrt(1 - max(shares, default=0.0)),
+            here.misfit * math.sqrt(max(0.0, 1 - max(shares, default=0.0))),
         )
         suspects = [(log.added_mass, log.name) for log in logs if given.count(log.added_mass) > 1]
         # to call one of two the same as the other explains everything
@@ -315,10 +315,14 @@ class _Search:
                 yield _Trial(UnitError.LATE, -late, change, log.name).tried(self._thin)
 
     def _without(self, trial: _Trial) -> Estimate | None:
-        """Return what is quickly identified without a mistake, if a joint then follows better."""
+        """Return what is quickly identified without a mistake, if a joint then follows better.
+
+        In windows of the data's own time every unit of time fits.
+        """
+        width = HALF_WIDTH if trial.error.column == "time" else None
         try:
             undone = trial.undone(self.data)
-            found = WeakForm()(undone)
+            found = WeakForm(half_width=width)(undone)
         except _FAILURES:
             return None
         possible = np.isfinite(found.values).all() and is_possible(found, undone.masses)

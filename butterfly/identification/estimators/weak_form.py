@@ -44,7 +44,7 @@ from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.identifiability import is_driven, prior_of_fit
 from butterfly.identification.inference.infer import SolvedFit, infer
 from butterfly.identification.inference.linear_terms import TermChoice, optional_terms
-from butterfly.identification.test_functions import HALF_WIDTH, Averaging
+from butterfly.identification.test_functions import Averaging
 from butterfly.identification.weak_regression import WeakFit, averaging_of, fitted_terms
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters, require_periods
@@ -69,21 +69,23 @@ class WeakForm(Estimator):
         Terms fitted besides p1..p4, coulomb and delay; if not given, those that improve the
         prediction of held-out logs.
     half_width
-        Half width of the test functions in s; sine logs use at most a quarter period.
+        Half width of the test functions in s; if not given, each log's own, from its duration, its
+        period and its noise.
     cogging_periods
         Periods of the cogging torque per turn; must be known. One period would be the same as p3.
     """
 
     method: Literal["weak-form"] = "weak-form"
     terms: tuple[str, ...] | None = None
-    half_width: float = HALF_WIDTH
+    half_width: float | None = None
     cogging_periods: float = 1.0
 
     summary: ClassVar[str] = "linear fit against test functions, for any input"
 
     def __post_init__(self) -> None:
         require_names(self.method, "terms", self.terms or (), offered(self.method))
-        require_number(self.method, positive=True, unit="s", half_width=self.half_width)
+        if self.half_width is not None:
+            require_number(self.method, positive=True, unit="s", half_width=self.half_width)
         require_periods(self.method, self.cogging_periods)
 
     def __call__(self, data: DataSet) -> Estimate:
@@ -157,10 +159,26 @@ class WeakForm(Estimator):
         ]
         terms = optional_terms(self.terms, offers, masses, known)
         base, choosing = known.fitted(PARAMETERS), self.terms is None
+        _require_enough(windows, base, known.fixed.get("delay", 0.0))
         return fitted_terms(windows, base, terms, known, choosing=choosing)
 
     def _periods(self, known: Prior) -> float:
         return known.fixed.get("cogging_periods", self.cogging_periods)
+
+
+def _require_enough(windows: Sequence[Averaging], names: Sequence[str], delay: float) -> None:
+    """Raise IdentifiabilityError if the joint moves in fewer windows than there are values."""
+    moving = sum(int(each.moving(delay).sum()) for each in windows)
+    if moving >= len(names):
+        return
+    longest = max(windows, key=lambda each: each.duration)
+    hold = f"{longest.duration:.3g} s hold" if len(windows) == 1 else f"{len(windows)} logs hold"
+    plural, length = "" if moving == 1 else "s", 2 * longest.half_width
+    raise IdentifiabilityError(
+        f"{hold} {moving or 'no'} window{plural} of {length:.3g} s in which the joint moves, fewer "
+        f"than the {len(names)} values to be found ({', '.join(names)}): record longer, or in "
+        "motion, or give a shorter half_width"
+    )
 
 
 def instruments_of(

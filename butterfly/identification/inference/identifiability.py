@@ -60,7 +60,8 @@ class Conditioning:
         largest = np.flatnonzero(right[-1] ** 2 > 1 / (1 + len(names)))
         number = float(singular[0] / singular[-1]) if singular[-1] > 0 else math.inf
         found = cls(number=number, weakest=tuple(names[k] for k in largest))
-        if about is None or largest.size != 2:  # noqa: PLR2004 - which are a sum
+        ours = largest.size == 2 and {*found.weakest} <= TERMS.keys()  # noqa: PLR2004 - a sum
+        if about is None or not ours:
             return found
         values = about[0] - np.linalg.lstsq(scaled, about[1], rcond=1 / WEAK_CONDITION)[0] / size
         (first, second), (one, other) = found.weakest, right[-1][largest] / size[largest]

@@ -180,7 +180,8 @@ def conditioning_of(equations: CellEquations) -> Conditioning:
     """Return how well equations and prior determine the parameters; refuse singular ones."""
     cells = equations.independent
     active = None if cells.prior is None else cells.prior.active
-    found = Conditioning.of(cells.rows.reshape(-1, len(cells.names)), cells.names, active)
+    flat, about = cells.rows.reshape(-1, len(cells.names)), (cells.values, cells.residuals.ravel())
+    found = Conditioning.of(flat, cells.names, active, about)
     if found.singular:
         raise found.refusal
     return found

@@ -11,7 +11,7 @@ import butterfly as bf
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.residuals import LogResiduals, Residuals
-from butterfly.identification.diagnostics.unit_error_search import find_unit_errors
+from butterfly.identification.diagnostics.unit_error_search import find_slow_clock, find_unit_errors
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.identify import fitted, identify, judge
@@ -36,6 +36,7 @@ from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, SWINGS, noisy, simulated, steady, wild
 from tests.independent.defects import draw as draw_bench
 from tests.independent.integrator import Joint, motion
+from tests.independent.paces import draw as draw_paced
 from tests.independent.robots import draw
 from tests.independent.slips import CASES, NAMED, OF_SINES, ask, names_it
 
@@ -386,3 +387,19 @@ def test_where_nothing_tells_the_interval_holds_both(logs, wrong):
 
 def _told_wrong(log, what):
     return log.timed(0.996) if what == "clock" else log.tuned(0.996)
+
+
+def test_a_slow_robot_s_clock_is_not_called_wrong(tmp_path):
+    """Ten samples in up to twenty seconds; of a quick one, whose stamps are in ms, it is."""
+    found = []
+    for number in range(9):
+        folder = tmp_path / f"{number}"
+        draw_paced("slow", number).write(folder)
+        data = bf.read(folder)
+        found.append(data.logs[0].mean_step)
+        assert find_slow_clock(data) == []
+    assert max(found) > 1.0
+    quick = _with_names(steady(ROBOT, FEW))
+    slow = [replace(log, time=1e3 * log.time, excitation=None) for log in quick]
+    (said,) = find_slow_clock(DataSet.of(slow))
+    assert said.parameters[0] == UnitError.MILLISECONDS
