@@ -2,8 +2,9 @@
 
 Between two instants of the grid the input is the parabola that has the mean and the first two
 moments of the recorded one, so that no impulse is lost or gained where steps fall between them.
-That does not say when friction lets go of a joint or catches it. So a held input is simulated on
-its own clock: the instants at which it jumps are on the grid, and a delay moves what is read.
+That does not say when friction lets go of a joint or catches it. So a recorded input is simulated
+on its own clock: the stamps at which it jumps are on the grid, and a delay moves what is read.
+Whether it is held or goes straight on, the same readings are averaged: errors of both compare.
 """
 
 from __future__ import annotations
@@ -65,7 +66,7 @@ class Segments:
 
     The step follows the resonance of the ``parameters`` of the bare hand and the log's drive, but
     is at most ``longest`` s. Segments begin at the samples numbered ``edges``, which are on the
-    grid. Errors count from the sample numbered ``first`` on. The grid of a held input is on its
+    grid. Errors count from the sample numbered ``first`` on. The grid of a recorded input is on its
     clock, and begins before the log by the delay of the ``parameters``.
     """
 
@@ -83,9 +84,9 @@ class Segments:
         step, self._every = min(grid_step(log, parameters), longest), 1
         if log.closed and log.servo is not None:
             step, self._every = log.servo.updates(step)
-        self._held = _is_held(log)
+        self._driven = _is_driven(log)
         begins, end = log.time[[*edges]], log.time[-1:]
-        if self._held:
+        if self._driven:
             begins = begins - parameters.delay
             self.grid = _between_jumps(log, np.append(begins, end), step)
         else:
@@ -153,7 +154,7 @@ class Segments:
             self.grid, inputs, starts, readings, columns, pieces=pieces, loop=loop, most=self._most
         )
         self._steps += steps
-        if self._held and "delay" in columns.names:
+        if self._driven and "delay" in columns.names:
             rows[:, columns.names.index("delay")] = later
         rise = 0 if self.log.integrated else 1  # no velocity depends on the zero
         if "zero" in columns.names:  # it moves the start back, and all readings on
@@ -180,7 +181,7 @@ class Segments:
 
     def _late(self, joint: LumpedParameters) -> float:
         """Return the delay in s that moves readings; 0 where it moves the input."""
-        return joint.delay if self._held else 0.0
+        return joint.delay if self._driven else 0.0
 
     def _read(self, joint: LumpedParameters) -> _Read:
         """Return what is read of a joint, and of a held input what a delay changes of it.
@@ -192,7 +193,7 @@ class Segments:
         late, short = self._late(joint), ROUNDING * self.log.mean_step
         if self._latest_read is None or self._latest_read[0] != late:
             into, weights, measured, counts = self._averages(late)
-            if self._held:
+            if self._driven:
                 earlier, later = (self._averages(late, more)[1] for more in (-short, short))
                 weights = np.concatenate([weights, (later - earlier) / (2 * short)])
             before = np.append(0, np.cumsum(into >= 0))
@@ -243,18 +244,17 @@ class Segments:
 
     def _parabolas(self, joint: LumpedParameters, time: Samples, inputs: Samples) -> Samples:
         """(2, n - 1, 3) late inputs and their derivatives by the delay (see `hold.parabolas`)."""
-        edges = self.grid if self._held else self.grid - joint.delay
+        edges = self.grid if self._driven else self.grid - joint.delay
         return hold.parabolas(time, inputs, edges, self.log.between_samples)
 
 
-def _is_held(log: Log) -> bool:
-    """Whether a log is simulated with a recorded input that is held from sample to sample."""
-    held = log.between_samples is Intersample.ZERO_ORDER_HOLD
-    return held and not log.closed and bool(log.command[1].any())
+def _is_driven(log: Log) -> bool:
+    """Whether a log is simulated with a recorded input."""
+    return not log.closed and bool(log.command[1].any())
 
 
 def _between_jumps(log: Log, bounds: Samples, longest: float) -> Samples:
-    """Return the grid of a held input between increasing bounds in s: its jumps, and steps between.
+    """Return the grid of an input between increasing bounds in s: its jumps, and steps between.
 
     A jump is more than a smooth command moves by in a sampling interval.
     """
@@ -294,8 +294,6 @@ def grid_step(log: Log, parameters: LumpedParameters) -> float:
     loaded = parameters.with_added_mass(log.added_mass)
     fastest = max(resonance_frequency(loaded), drive)
     longest = LONGEST_STEP
-    if log.roughness >= _ROUGH and not _is_held(log):
-        longest = min(LONGEST_STEP, log.mean_step / 2)
     if loaded.p2 * longest > loaded.p1:
         longest = min(longest, log.mean_step)
     if not fastest:

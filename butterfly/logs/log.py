@@ -28,9 +28,6 @@ from butterfly.model.servo import ServoLoop
 MIN_SAMPLES = 16
 """Fewest samples that make a log."""
 
-_MOST = 0.9
-_MOST_OF_NOISE = 4.029  # that quantile of its second differences, over its standard deviation
-
 _SPAN = 0.05  # s in which an angle changes by more than noise
 _REACH = 0.7  # rad of the motion's phase that a cubic can follow
 _WIDE = 1.0  # rad, beyond which a wider motion is no slower
@@ -563,19 +560,6 @@ class Log:
         else:
             moves = _moves(time, angle, self.rms_speed)
         return begun if moves else InitialState(_rest(angle), 0.0)
-
-    @cached_property
-    def roughness(self) -> float:
-        """Sample-to-sample noise of the input over its rms value; rare steps do not count.
-
-        The standard deviation of white noise, from the 90 % quantile of its second differences:
-        noise from a coarse encoder is absent most of the time.
-        """
-        size = float(np.sqrt(np.mean(self.input**2)))
-        if size == 0.0:
-            return 0.0
-        most = np.quantile(np.abs(np.diff(self.input, 2)), _MOST)
-        return float(most) / (_MOST_OF_NOISE * size)
 
     @property
     def mean_step(self) -> float:

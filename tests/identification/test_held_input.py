@@ -71,3 +71,13 @@ def test_smooth_inputs_keep_long_steps_which_only_jumps_divide():
     assert grids[1].size <= grids[0].size + 2 < 1.02 * 6.0 / LONGEST_STEP
     assert time[late][0] in grids[1]
     assert time[late][0] not in grids[0]
+
+
+@pytest.mark.parametrize("kind", LOGS)
+def test_errors_of_held_and_of_straight_inputs_average_as_many_samples(kind):
+    """Else neither is told from the other by their errors, and a wrong one widens intervals."""
+    log = LOGS[kind]()
+    kinds = (Intersample.ZERO_ORDER_HOLD, Intersample.FIRST_ORDER_HOLD)
+    both = [Segments(replace(log, intersample=each), SAME) for each in kinds]
+    held, straight = (each.averages(SAME)[0] for each in both)
+    np.testing.assert_array_equal(held, straight)

@@ -16,19 +16,6 @@ def test_columns_of_different_lengths_are_refused(sine_log):
         replace(sine_log, angle=np.zeros(3))
 
 
-def test_roughness_is_the_share_of_noise_and_not_of_rare_steps():
-    time = np.arange(0, 20, 5e-3)
-    noise = np.random.default_rng(0).standard_normal(time.size)
-    smooth, stairs = np.sin(3 * time), np.sign(np.sin(time))
-
-    def roughness(inputs):
-        return Log(time=time, input=inputs, angle=smooth).roughness
-
-    assert roughness(smooth + 0.1 * noise) == pytest.approx(0.14, rel=0.1)
-    assert roughness(smooth) < 1e-3
-    assert roughness(stairs) == roughness(0.0 * time) == 0.0
-
-
 JOINT = Joint(inertia=0.004, viscous=0.002, gravity=0.1, gain=1.0, coulomb=0.002, delay=0.02)
 TIME = np.arange(0, 4, 0.004)
 
