@@ -192,8 +192,7 @@ def _rows(simulation: Simulation, names: Sequence[str], setting: Setting) -> Sam
     parameters, zero, velocity = setting.parameters, setting.zero, setting.velocity
     with np.errstate(all="ignore"):
         _, rows = simulation.linearised(names, parameters, zero, velocity)
-        counts, *_ = simulation.averages(parameters)
-        rows = rows * np.sqrt(counts * simulation.log.mean_step)[:, None]
+        rows = rows * math.sqrt(float(np.ptp(simulation.log.time)) / len(rows))
         finite = np.isfinite(rows.T @ rows).all()
     return rows if finite else np.zeros_like(rows)
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from butterfly.arrays import Samples, joined
-from butterfly.identification.levels import PRECISE, ROUNDING
+from butterfly.identification.levels import MATTERS, PRECISE, ROUNDING
 from butterfly.identification.servo_drive import loop_on_grid, needs_loop
 from butterfly.logs.log import Intersample, Log
 from butterfly.model.greybox import (
@@ -36,10 +36,6 @@ from butterfly.signals.spectrum import uniform_grid
 
 LONGEST_STEP = 0.01
 """Longest integration step in s; RK4's error is then 1.5e-7 rad over 70 s of small swings."""
-
-_ROUGH = 0.005
-"""Share of an input's rms value by which it may bend from sample to sample within a step: where the
-joint turns back or sticks the effect of a rough input is not that of its mean."""
 
 FINEST = 100
 """Largest number of steps per sample: logs have no information on faster motions. A trial of a fit
@@ -109,6 +105,11 @@ class Segments:
         """(s + 1,) numbers of the first error of each segment, and of all errors."""
         return self._read(joint).bounds
 
+    def roots(self, joint: LumpedParameters) -> Samples:
+        """(m,) weights of errors, by samples averaged: then white noise is alike in all."""
+        counts = self._read(joint).counts
+        return np.asarray(np.sqrt(counts / counts.mean()))
+
     def run(
         self, joint: LumpedParameters, zero: float, begins: Starts
     ) -> tuple[tuple[Samples, Samples, Samples], ...]:
@@ -136,20 +137,21 @@ class Segments:
     ) -> tuple[Samples, Samples]:
         """Return (m,) errors in rad or rad/s, and (m, n) derivatives by the ``columns``.
 
-        Errors are simulated less measured, averaged over the samples of each grid interval: that
-        keeps their information at a fraction of their number. They are NaN where a trial is stiffer
-        than any joint of such logs (see `most_steps`). They are those of ``chosen`` segments, by
-        increasing numbers, of which ``begins`` has the starts; of all if not given.
+        Errors are simulated less measured, averaged over the samples of each grid interval, and
+        both are weighted by `roots`: that keeps their information at a fraction of their number.
+        They are NaN where a trial is stiffer than any joint of such logs (see `most_steps`). They
+        are those of ``chosen`` segments, by increasing numbers, of which ``begins`` has the starts;
+        of all if not given.
         """
         joint, starts = columns.joint, begins - [zero, 0.0]
         inputs, read = self._inputs(joint, columns.drives), self._read(joint)
-        readings, measured = read.readings, read.measured
+        readings, measured, roots = read.readings, read.measured, self.roots(joint)
         pieces, loop = self.pieces, self.loop(joint, zero)
         if len(begins) < len(pieces):
             kept = self.errors_of(chosen, joint)
             numbers = np.append(np.where(kept, np.cumsum(kept) - 1, -1), -1)
             readings = Readings(into=numbers[readings.into], weights=readings.weights[:, kept])
-            pieces, measured = pieces[np.asarray(chosen)], measured[kept]
+            pieces, measured, roots = pieces[np.asarray(chosen)], measured[kept], roots[kept]
         values, rows, steps, later = differentiate(
             self.grid, inputs, starts, readings, columns, pieces=pieces, loop=loop, most=self._most
         )
@@ -159,7 +161,8 @@ class Segments:
         rise = 0 if self.log.integrated else 1  # no velocity depends on the zero
         if "zero" in columns.names:  # it moves the start back, and all readings on
             rows[:, columns.names.index("zero")] += rise
-        return values + (rise * zero - measured), rows
+        rows *= roots[:, np.newaxis]
+        return roots * (values + (rise * zero - measured)), rows
 
     def errors_of(self, chosen: ArrayLike, joint: LumpedParameters) -> NDArray[np.bool_]:
         """(m,) whether each error is of one of some segments, by number."""
@@ -256,12 +259,13 @@ def _is_driven(log: Log) -> bool:
 def _between_jumps(log: Log, bounds: Samples, longest: float) -> Samples:
     """Return the grid of an input between increasing bounds in s: its jumps, and steps between.
 
-    A jump is more than a smooth command moves by in a sampling interval.
+    At a jump the input bends by more than is negligible: where the joint turns back or sticks, the
+    effect of a rough input is not that of its mean.
     """
     time, commands = log.command
     jumps = np.diff(commands, prepend=0.0)
     bends = np.abs(np.diff(jumps, prepend=0.0, append=0.0))
-    least = _ROUGH * float(np.sqrt(np.mean(commands**2)))
+    least = MATTERS * float(np.sqrt(np.mean(commands**2)))
     apart = (np.abs(jumps) > least) & (np.maximum(bends[:-1], bends[1:]) > least)
     jumped = time[apart & (time > bounds[0]) & (time < bounds[-1])]
     after = np.searchsorted(bounds, jumped)

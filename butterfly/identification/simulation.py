@@ -46,6 +46,15 @@ class SimulatedMotion(NamedTuple):
         return joined([polynomials.interpolate(*piece, some, self.slopes) for piece, some in pairs])
 
 
+class Averages(NamedTuple):
+    """What m errors are averages of."""
+
+    counts: NDArray[np.int64]  # (m,) numbers of samples
+    roots: Samples  # (m,) weights of errors (see `Segments.roots`)
+    middles: Samples  # (m,) of steps in s
+    inputs: Samples  # (m,) mean delivered inputs
+
+
 class Simulation:
     """Simulates one log with the recorded input, in one or more segments.
 
@@ -139,7 +148,8 @@ class Simulation:
         if not self.fitted:
             more = tuple(dict.fromkeys((*names, *_START)))
             errors, rows = self.linearised(more, parameters, zero, velocity)
-            by_start = self._by_start(rows[:, [more.index(each) for each in _START]])
+            roots = self.segments.roots(parameters.with_added_mass(self.log.added_mass))
+            by_start = self._by_start(rows[:, [more.index(each) for each in _START]], roots)
             bounds = np.array([0, errors.size])
             return errors, rows[:, : len(names)], StartEffects(_orthonormal(by_start), bounds)
         errors, rows, found = self._about_best_starts(names, parameters, zero)
@@ -152,12 +162,13 @@ class Simulation:
         effects.take_away(rows)
         return errors, rows, effects
 
-    def averages(self, parameters: LumpedParameters) -> tuple[NDArray[np.int64], Samples, Samples]:
-        """Return for (m,) errors samples averaged, middles of steps in s, and mean inputs."""
+    def averages(self, parameters: LumpedParameters) -> Averages:
+        """Return what (m,) errors are averages of."""
         joint = parameters.with_added_mass(self.log.added_mass)
         first = self.segments.bounds(joint)[self._uncounted]
         counts, middles, inputs = self.segments.averages(joint)
-        return counts[first:], middles[first:], inputs[first:]
+        roots = self.segments.roots(joint)
+        return Averages(counts[first:], roots[first:], middles[first:], inputs[first:])
 
     def _columns(self, names: Sequence[str], parameters: LumpedParameters) -> Columns:
         """Return the columns of the derivatives, as the kernel computes them."""
@@ -222,23 +233,24 @@ class Simulation:
         some: NDArray[np.intp],
     ) -> SegmentStarts:
         """Assess the starts of some segments by the expansion about them."""
+        roots = self.segments.roots(columns.joint)[self.segments.errors_of(some, columns.joint)]
         return SegmentStarts.of(
             begins,
             errors,
-            self._by_start(rows[:, [columns.names.index(each) for each in _START]]),
+            self._by_start(rows[:, [columns.names.index(each) for each in _START]], roots),
             np.append(0, np.cumsum(np.diff(self.segments.bounds(columns.joint))[some])),
             at_rest=self.recorded[some, 1] == 0,
             unit=self.log.rms_speed / (self.log.rms_motion or 1.0),
         )
 
-    def _by_start(self, rows: Samples) -> Samples:
+    def _by_start(self, rows: Samples, roots: Samples) -> Samples:
         """Return (m, 2) derivatives by the true angle and the velocity at a start.
 
-        The ``rows`` are (m, 2) derivatives by the zero and the velocity: a start moves angles by 1
-        less what the zero does.
+        The ``rows`` are (m, 2) derivatives by the zero and the velocity: a start moves angles by 1,
+        weighted by ``roots``, less what the zero does.
         """
         by_zero, by_velocity = rows.T
-        return np.column_stack([1 - self.log.integrated - by_zero, by_velocity])
+        return np.column_stack([(1 - self.log.integrated) * roots - by_zero, by_velocity])
 
 
 def segment_length(

@@ -16,7 +16,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
@@ -46,6 +45,7 @@ from butterfly.identification.predict import covariance_root, honest_covariance
 from butterfly.identification.problem import Key, columns_of, labels_of
 from butterfly.identification.segment_starts import StartEffects
 from butterfly.identification.sensor_errors import Curve, SensorErrors, correlations
+from butterfly.identification.simulation import Averages
 from butterfly.logs.log import Log
 from butterfly.model.parameters import JointKind
 from butterfly.model.terms import PARAMETERS, TERMS, lower_bounds
@@ -271,10 +271,9 @@ class _RunErrors:
     run: FreeRun
     first: int  # number of the first sample that counts
     step: float  # of the simulation in s
-    # (m,) numbers of samples averaged, middles of steps in s, and mean delivered inputs
-    averages: tuple[NDArray[np.int64], Samples, Samples]
+    averages: Averages
     blank: LogResiduals  # name and motion of the log
-    errors: Samples  # (m,) simulated less measured angle in rad
+    errors: Samples  # (m,) simulated less measured angle in rad, weighted by roots of `averages`
     starts: StartEffects  # how the starts of segments move errors
     equations: LogEquations  # of errors over the motion, the starts projected out
     # (m,) standard deviations in rad of the simulated angle by the parameters, to first order
@@ -292,24 +291,24 @@ class _RunErrors:
     @property
     def waves(self) -> Samples:
         """(m, 2) relative effects on the errors of a reading that is a sine or cosine more."""
-        _, middles, _ = self.averages
+        middles, roots = self.averages.middles, self.averages.roots
         angle = np.interp(middles, self.run.log.time, self.run.simulated)
-        read = np.column_stack([-np.sin(angle), -np.cos(angle)])
+        read = np.column_stack([-np.sin(angle) * roots, -np.cos(angle) * roots])
         self.starts.take_away(read)
         return np.asarray(read / (self.blank.motion * middles.size**0.5))
 
     def drawn(self, left: Samples, random: np.random.Generator) -> tuple[SensorErrors, Samples]:
         """Return the sensor by (m,) residuals, and (m, k) draws of its errors; k is 0 if white."""
-        counts, middles, _ = self.averages
+        counts, roots, middles, _ = self.averages
         unit, counted = self.blank.motion * left.size**0.5, slice(self.first, None)  # rad
         angle = self.run.simulated[counted] - np.interp(
-            self.run.log.time[counted], middles, self.errors - unit * left
+            self.run.log.time[counted], middles, (self.errors - unit * left) / roots
         )
         sensor = SensorErrors.of(self.run.log.measured[counted], angle)
         if sensor.white:
             return sensor, np.empty((left.size, 0))
         shifts = self.negligible * random.standard_normal(DRAWS)
-        drawn = sensor.draw(angle, shifts, counts, random)
+        drawn = sensor.draw(angle, shifts, counts, random) * roots[:, np.newaxis]
         drawn /= unit
         self.starts.take_away(drawn)
         return sensor, drawn
@@ -321,7 +320,7 @@ class _RunErrors:
         lags = max(1, min(round(_LONGEST_LAG / self.step), count // 4))
         lag = np.asarray(self.step * np.arange(lags + 1), dtype=np.float64)
         allowed = self.negligible / size if size else 0.0
-        auto, crossed = correlations([left, *drawn.T], self.averages[2], lags)
+        auto, crossed = correlations([left, *drawn.T], self.averages.inputs, lags)
         white = sensor.spread * (count / (self.run.log.time.size - self.first)) ** 0.5
         by_draws = motion * float(np.linalg.norm(drawn)) / DRAWS**0.5
         # of the parameters, to first order, and of the readings
@@ -334,7 +333,7 @@ class _RunErrors:
             sensor=sensor,
             autocorrelation=Curve.of(lag[1:], auto, count, allowed**2),
             cross_correlation=Curve.of(lag, crossed, count, allowed),
-            band=ErrorBand(time=self.averages[1], half_width=half_width),
+            band=ErrorBand(time=self.averages.middles, half_width=half_width),
         )
 
 
@@ -381,6 +380,7 @@ class _Unknowns:
             squares = [run.fit, float(errors @ errors), float(np.vdot(rows, rows))]
         if not (blank.motion > 0 and np.isfinite(squares).all()):
             return None
+        averages = simulation.averages(parameters)
         deviation = np.linalg.norm(rows[:, : len(self.root)] @ self.root.T, axis=1)
         left = errors.copy()
         for each in () if simulation.fitted else (left, rows):  # else `with_starts` has done it
@@ -389,12 +389,12 @@ class _Unknowns:
             run=run,
             first=first,
             step=simulation.step,
-            averages=simulation.averages(parameters),
+            averages=averages,
             blank=blank,
             errors=errors,
             starts=starts,
             equations=LogEquations.relative(left, rows, [*columns.values()], blank.motion),
-            deviation=deviation,
+            deviation=deviation / averages.roots,
         )
 
     def equations(self, runs: Sequence[_RunErrors]) -> Equations:
