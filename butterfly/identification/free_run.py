@@ -206,7 +206,7 @@ class Simulations:
         self, logs: Sequence[Log], zeros: Mapping[AddedMass, float], counted: Sequence[int]
     ) -> None:
         self._logs, self._zeros, self._counted = logs, zeros, counted
-        self._simulations: dict[int, tuple[tuple[float, float | None], Simulation]] = {}
+        self._simulations: dict[int, tuple[tuple[float, float, float | None], Simulation]] = {}
         self._horizons: dict[LumpedParameters, float] = {}
         self._runs: dict[int, tuple[Setting, FreeRun]] = {}
 
@@ -263,7 +263,8 @@ class Simulations:
     def simulation(self, number: int, setting: Setting) -> Simulation:
         """Return the simulation of one log, by its index; the latest of each is cached."""
         log = self._logs[number]
-        key = grid_step(log, setting.parameters), setting.segment_length(log)
+        p = setting.parameters
+        key = grid_step(log, p), p.delay, setting.segment_length(log)
         latest = self._simulations.get(number)
         if latest is None or latest[0] != key:
             self._simulations[number] = latest = key, setting.simulation(log)

@@ -283,7 +283,8 @@ def predict_logs(
                 if len(motions) >= LEAST and out_of_time("some of the draws"):
                     break
                 drawn = setting(number, each)
-                motion = simulation.run(drawn.parameters, drawn.zero, drawn.velocity)
+                simulated = simulation if simulation.fitted else drawn.simulation(log)
+                motion = simulated.run(drawn.parameters, drawn.zero, drawn.velocity)
                 motions.append(motion.at(instants))
             angles = np.array(motions)
             bands[OF_PARAMETERS] = _band(angles)

@@ -29,9 +29,10 @@ class StartEffects:
 
     def take_away(self, rows: Samples) -> None:
         """Take from (m, ...) rows, in place, what other starts explain."""
-        for direction in self.directions.T:
-            along = direction.reshape(-1, *[1] * (rows.ndim - 1))
-            rows -= along * _spread(_sums(along * rows, self.bounds), self.bounds)
+        for column in rows.reshape(len(rows), -1).T:  # one at a time, which takes little memory
+            for direction in self.directions.T:
+                along = _spread(_sums(direction * column, self.bounds), self.bounds)
+                np.subtract(column, direction * along, out=column)
 
 
 @dataclass(eq=False)

@@ -80,10 +80,11 @@ class Segments:
         step, self._every = min(grid_step(log, parameters), longest), 1
         if log.closed and log.servo is not None:
             step, self._every = log.servo.updates(step)
-        self._driven = _is_driven(log)
+        self._driven, self._begun = _is_driven(log), 0.0
         begins, end = log.time[[*edges]], log.time[-1:]
         if self._driven:
-            begins = begins - parameters.delay
+            self._begun = parameters.delay
+            begins = begins - self._begun
             self.grid = _between_jumps(log, np.append(begins, end), step)
         else:
             ends = pairwise([*begins.tolist(), float(end[0])])
@@ -118,11 +119,10 @@ class Segments:
         The ``joint`` has its added mass; ``zero`` is the encoder's in rad.
         """
         inputs, loop, found = self._inputs(joint)[0], self.loop(joint, zero), []
-        for (first, last), (angle, velocity) in zip(
-            self.pieces.tolist(), begins.tolist(), strict=True
-        ):
-            grid, start = self.grid[first : last + 1], (angle - zero, velocity)
-            motion = simulate_counted(joint, grid, inputs[first:last], *start, loop)
+        starts = self._starts(joint, zero, begins).tolist()
+        for (first, last), (angle, velocity) in zip(self.pieces.tolist(), starts, strict=True):
+            grid = self.grid[first : last + 1]
+            motion = simulate_counted(joint, grid, inputs[first:last], angle, velocity, loop)
             self._steps += motion.steps
             found.append((grid + self._late(joint), zero + motion.angle, motion.velocity))
         found[0][0][0] = min(found[0][0][0], self.log.time[0])
@@ -143,7 +143,7 @@ class Segments:
         are those of ``chosen`` segments, by increasing numbers, of which ``begins`` has the starts;
         of all if not given.
         """
-        joint, starts = columns.joint, begins - [zero, 0.0]
+        joint, starts = columns.joint, self._starts(columns.joint, zero, begins)
         inputs, read = self._inputs(joint, columns.drives), self._read(joint)
         readings, measured, roots = read.readings, read.measured, self.roots(joint)
         pieces, loop = self.pieces, self.loop(joint, zero)
@@ -181,6 +181,12 @@ class Segments:
         if not self._looped:
             return None
         return loop_on_grid(self.log, joint, zero, self.grid, self._inputs(joint), self._every)
+
+    def _starts(self, joint: LumpedParameters, zero: float, begins: Starts) -> Samples:
+        """(s, 2) states where segments begin on the grid, which no other delay moves."""
+        starts = begins - [zero, 0.0]
+        starts[:, 0] += (self._late(joint) - self._begun) * starts[:, 1]
+        return starts
 
     def _late(self, joint: LumpedParameters) -> float:
         """Return the delay in s that moves readings; 0 where it moves the input."""

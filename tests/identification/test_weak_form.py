@@ -211,7 +211,7 @@ def test_windows_have_the_log_s_own_time():
     assert HALF <= slow < 2.0  # without noise as short
     assert half_width_of(_swing(20.0, 1000, 10, 0.1)) == pytest.approx(5.0, rel=0.05)
     assert half_width_of(_swing(0.4, 1000, 10, 1e-4)) == pytest.approx(0.1, rel=0.01)
-    assert half_width_of(_swing(0.4, 1000, 1.5, 1e-4)) == pytest.approx(0.6 / 8, rel=0.01)
+    assert half_width_of(_swing(0.4, 1000, 1.5, 1e-4)) == pytest.approx(0.6 / 10, rel=0.01)
     assert half_width_of(_swing(0.4, 10, 10, 1e-4)) == pytest.approx(5 * 0.04)  # few samples
     assert half_width_of(_swing(2.0, 1000, 10, 30.0)) >= HALF  # noise has no period
     assert half_width_of(_swing(2.0, 500, 10, 0.0)) == HALF

@@ -308,8 +308,8 @@ class _RunErrors:
         if sensor.white:
             return sensor, np.empty((left.size, 0))
         shifts = self.negligible * random.standard_normal(DRAWS)
-        drawn = sensor.draw(angle, shifts, counts, random) * roots[:, np.newaxis]
-        drawn /= unit
+        drawn = sensor.draw(angle, shifts, counts, random)
+        drawn *= roots[:, np.newaxis] / unit
         self.starts.take_away(drawn)
         return sensor, drawn
 

@@ -23,14 +23,14 @@ from butterfly.progress import out_of_time
 def shorter_segments(fitted: Fitted) -> tuple[float, Start] | None:
     """Return the time in s of segments, and a first guess over them, if longer ones are no good.
 
-    That is where nothing holds the joint, and a fit leaves errors above white noise by more than
-    this is known.
+    That is where nothing holds the joint in any log, and a fit leaves errors above white noise by
+    more than this is known.
     """
     problem, end = fitted.problem, fitted.end
-    whole = math.isinf(problem.options.horizon)
-    own = _time_of(problem, end) if whole else problem.options.horizon
+    own, whole = _time_of(problem, end), math.isinf(problem.options.horizon)
     if math.isinf(own) or _explained(end):
         return None
+    own = own if whole else problem.options.horizon
     first: tuple[float, Minimum] | None = None
     for part in range(0 if whole else 1, FEW + 1):
         horizon = float(f"{own / FEW**part:.2g}")
@@ -64,12 +64,13 @@ def over_shorter(problem: Problem, end: Minimum) -> list[Samples]:
 
 
 def _time_of(problem: Problem, end: Minimum) -> float:
-    """Return the shortest own time in s of the logs in which nothing holds the joint."""
+    """Return the shortest own time in s of the logs; infinite if the joint is held in any."""
     values = problem.named(end.values)
     bare = replace(problem.start, **{n: values[n] for n in ("p1", "p2", "p3") if n in values})
     joints = [(log, bare.with_added_mass(log.added_mass)) for log in problem.logs]
-    free = [pair for pair in joints if not is_held(*pair, reading_of(pair[0], problem.zeros))]
-    return min((own_time(*pair) for pair in free), default=math.inf)
+    if any(is_held(*pair, reading_of(pair[0], problem.zeros)) for pair in joints):
+        return math.inf
+    return min(own_time(*pair) for pair in joints)
 
 
 def _explained(end: Minimum) -> bool:

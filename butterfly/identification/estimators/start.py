@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Collection, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -18,13 +19,13 @@ from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError, IdentifiabilityError
 from butterfly.identification.chosen_terms import TRIAL, Fitted, chosen_at_once, offered_rows
 from butterfly.identification.data import DataSet
-from butterfly.identification.encoder_offset import near
+from butterfly.identification.encoder_offset import near, reading_of
 from butterfly.identification.estimators.base import Estimator, usable
 from butterfly.identification.estimators.harmonic_balance import HarmonicBalance
 from butterfly.identification.estimators.weak_form import WeakForm
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Equations, Minimum
-from butterfly.identification.free_run import LEAST_FIT
+from butterfly.identification.free_run import LEAST_FIT, FreeRun, Setting
 from butterfly.identification.inference.equations import scaled_least_squares
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.levels import (
@@ -38,6 +39,7 @@ from butterfly.identification.levels import (
 from butterfly.identification.problem import Problem, Start
 from butterfly.identification.sensor_errors import white_variance
 from butterfly.identification.servo_drive import driven_alone
+from butterfly.identification.test_functions import HALF_WIDTH, half_width_of
 from butterfly.logs.log import Log
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass, LumpedParameters
@@ -116,6 +118,33 @@ def _from_sines(data: DataSet, terms: tuple[str, ...] | None) -> Start:
 
 
 def _from_any(data: DataSet, terms: tuple[str, ...] | None) -> Start:
+    """Fit the weak form over windows of the logs' own time, or short ones if runs follow better.
+
+    Long ones hide a fast motion beside a slow one.
+    """
+    found = _over_windows(data, terms, None)
+    closed = any(log.closed for log in data.glance)
+    if closed or all(half_width_of(log) <= HALF_WIDTH for log in data.glance):
+        return found
+    with suppress(ButterflyError):
+        short = _over_windows(data, terms, HALF_WIDTH)
+        return max(found, short, key=partial(_velocity_fit, data))
+    return found
+
+
+def _velocity_fit(data: DataSet, start: Start) -> float:
+    """Return the median FIT in per cent of the velocity of whole runs of a first guess."""
+    if not _least_inertia(start, data) > 0:
+        return -math.inf
+    runs = (
+        FreeRun.of(log, Setting(parameters=start.parameters, zero=reading_of(log, start.zeros)))
+        for log in data.glance
+    )
+    with np.errstate(all="ignore"):
+        return float(np.median([run.velocity_fit for run in runs]))
+
+
+def _over_windows(data: DataSet, terms: tuple[str, ...] | None, half_width: float | None) -> Start:
     """Fit the weak form; the offset of gravity seen corrects rest angles, unless told.
 
     Slow motion lags by inertia and by delay alike: an inertia below 0 is fitted again without one.
@@ -124,7 +153,8 @@ def _from_any(data: DataSet, terms: tuple[str, ...] | None) -> Start:
     wanted, open_ = _known(WeakForm, terms), bool(data.unread)
     if open_ and wanted is not None and "p3_offset" not in wanted:
         wanted = (*wanted, "p3_offset")
-    closed_form, least = WeakForm(terms=wanted), min(mass.inertia for mass in data.masses)
+    closed_form = WeakForm(terms=wanted, half_width=half_width)
+    least = min(mass.inertia for mass in data.masses)
     known = usable(closed_form.method, data.known)
     estimate = closed_form.of_logs(data.glance, zeros, known)
     if estimate.parameters.p1 + least <= 0 and "delay" in estimate.names:
