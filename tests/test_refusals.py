@@ -170,7 +170,7 @@ CASES = {
     ),
     "a part outside the log": _inspect("0 --from 20", "0 --from 2"),
     "a log too short for the weak form": (
-        "identify 0.csv --input torque WEAK GAIN --from 11.6",
+        "identify 0.csv --input torque WEAK GAIN --from 11.95",
         "identify 0.csv --input torque WEAK GAIN --from 9",
     ),
 }

@@ -13,7 +13,7 @@ import numpy as np
 from butterfly.arrays import Samples
 from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.inference.estimate import Estimate
-from butterfly.identification.levels import LOST
+from butterfly.identification.levels import LOST, ROUNDING
 from butterfly.identification.own_time import falls, is_held, own_time
 from butterfly.identification.segments import grid_step
 from butterfly.identification.sensor_errors import white_variance
@@ -297,19 +297,39 @@ def first_horizon(
 
     A fit of whole logs is lost there, but not where errors only add up.
     """
-    joints = [(log, parameters.with_added_mass(log.added_mass)) for log in logs]
-    apart = any(falls(*pair, reading_of(pair[0], zeros)) for pair in joints)
-    return horizon_of(logs, parameters, zeros) if apart else math.inf
+    apart = _driven_apart(logs, parameters, zeros)
+    return _own_time(logs, parameters, zeros) if apart else math.inf
 
 
 def horizon_of(
-    logs: Iterable[Log], parameters: LumpedParameters, zeros: Mapping[AddedMass, float]
+    logs: Sequence[Log], parameters: LumpedParameters, zeros: Mapping[AddedMass, float]
 ) -> float:
-    """Return the longest time in s that logs are simulated at once; infinite for whole logs.
+    """Return the longest time in s over which parameters are judged; infinite for whole logs.
 
     Whole logs where their free runs follow them; else, of joints that nothing holds, their own
-    time (see `own_time`).
+    time (see `own_time`). Over that, gravity moves a hand whatever else the parameters are: they
+    are judged so only if they leave hardly more than noise.
     """
+    own = _own_time(logs, parameters, zeros)
+    if math.isinf(own) or not _driven_apart(logs, parameters, zeros):
+        return own
+    runs = [
+        FreeRun.of(log, Setting(parameters=parameters, zero=reading_of(log, zeros), horizon=own))
+        for log in logs
+    ]
+    noisy = np.median(
+        [
+            run.rms / max(run.noise, ROUNDING * log.rms_measured)
+            for run, log in zip(runs, logs, strict=True)
+        ]
+    )
+    return own if noisy <= 1 / LOST else math.inf
+
+
+def _own_time(
+    logs: Sequence[Log], parameters: LumpedParameters, zeros: Mapping[AddedMass, float]
+) -> float:
+    """Return the least own time in s of joints that nothing holds, if no run follows these."""
     followed, own = list[float](), math.inf
     for log in logs:
         joint, zero = parameters.with_added_mass(log.added_mass), reading_of(log, zeros)
@@ -317,3 +337,11 @@ def horizon_of(
             own = min(own, own_time(log, joint))
             followed.append(FreeRun.of(log, Setting(parameters=parameters, zero=zero)).followed)
     return own if followed and np.median(followed) < LEAST_FIT else math.inf
+
+
+def _driven_apart(
+    logs: Sequence[Log], parameters: LumpedParameters, zeros: Mapping[AddedMass, float]
+) -> bool:
+    """Whether gravity drives errors apart in any log."""
+    joints = [(log, parameters.with_added_mass(log.added_mass)) for log in logs]
+    return any(falls(*pair, reading_of(pair[0], zeros)) for pair in joints)
