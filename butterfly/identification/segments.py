@@ -199,24 +199,18 @@ class Segments:
         left along the polynomial of theirs: so the same ones are averaged while it hardly changes.
         Keeps the last.
         """
-        late, short = self._late(joint), ROUNDING * self.log.mean_step
+        late, log, unit = self._late(joint), self.log, PRECISE * self.log.mean_step
         if self._latest_read is None or self._latest_read[0] != late:
-            into, weights, measured, counts = self._averages(late)
-            if self._driven:
-                earlier, later = (self._averages(late, more)[1] for more in (-short, short))
-                weights = np.concatenate([weights, (later - earlier) / (2 * short)])
+            moved = round(late / unit) * unit
+            samples = log.time[self._first :] - moved, log.measured[self._first :]
+            into, weights, measured, counts = polynomials.averages(
+                self.grid, *samples, log.integrated, late - moved
+            )
             before = np.append(0, np.cumsum(into >= 0))
             bounds = before[[*self.pieces[:, 0], self.pieces[-1, 1]]]
-            readings = Readings(into=into, weights=weights)
+            readings = Readings(into=into, weights=weights if self._driven else weights[:4])
             self._latest_read = late, _Read(readings, measured, counts, bounds)
         return self._latest_read[1]
-
-    def _averages(self, late: float, more: float = 0.0) -> polynomials.Averages:
-        """Return averages of readings that are late by so many s, and ``more`` within steps."""
-        log, unit = self.log, PRECISE * self.log.mean_step
-        moved = round(late / unit) * unit
-        samples = log.time[self._first :] - moved, log.measured[self._first :]
-        return polynomials.averages(self.grid, *samples, log.integrated, late - moved + more)
 
     def _inputs(self, joint: LumpedParameters, drives: int = 2) -> Samples:
         """(2 or more, n - 1, 3) input and its derivatives (see `Columns.drives`); keeps the last.

@@ -28,12 +28,13 @@ def averages(
 
     The average is linear in the ends of the interval, so four weights replace many instants. An
     interval's polynomial is evaluated ``early`` by so many s, also beyond its ends.
-    Returns (n - 1,) numbers of the average of each interval of a grid, -1 if it has no instant; (4,
-    k) weights of angle and velocity at its start and end; (k,) mean values; and (k,) counts.
+    Returns (n - 1,) numbers of the average of each interval of a grid, -1 if it has no instant; (8,
+    k) weights of angle and velocity at its start and end, and their derivatives by ``early``; (k,)
+    mean values; and (k,) counts.
     """
     size = grid.size - 1
     into, counts = np.full(size, -1), np.empty(size, dtype=np.int64)
-    weights, means = np.empty((4, size)), np.empty(size)
+    weights, means = np.empty((8, size)), np.empty(size)
     rows = _average(grid, instants, values, slopes, early, into, weights, means, counts)
     return into, weights[:, :rows].copy(), means[:rows], counts[:rows]
 
@@ -57,11 +58,19 @@ def _average(grid, instants, values, slopes, early, into, weights, means, counts
             weights[1, row] = length * (one - 2.0 * two + three)
             weights[2, row] = 3.0 * two - 2.0 * three
             weights[3, row] = length * (three - two)
+            weights[4, row] = 6.0 * rate * (one - two)
+            weights[5, row] = 4.0 * one - 3.0 * two - 1.0
+            weights[6, row] = 6.0 * rate * (two - one)
+            weights[7, row] = 2.0 * one - 3.0 * two
             if slopes:
                 weights[0, row] = 6.0 * rate * (two - one)
                 weights[1, row] = 1.0 - 4.0 * one + 3.0 * two
                 weights[2, row] = 6.0 * rate * (one - two)
                 weights[3, row] = 3.0 * two - 2.0 * one
+                weights[4, row] = 6.0 * rate * rate * (1.0 - 2.0 * one)
+                weights[5, row] = rate * (4.0 - 6.0 * one)
+                weights[6, row] = 6.0 * rate * rate * (2.0 * one - 1.0)
+                weights[7, row] = rate * (2.0 - 6.0 * one)
             row += 1
     return row
 

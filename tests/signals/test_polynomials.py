@@ -36,13 +36,15 @@ def test_they_are_the_cubic_hermite_splines_and_go_on_beyond_the_end(seed, slope
 def test_averages_are_those_over_the_instants_of_each_interval(seed, slopes):
     grid, angle, velocity, instants, values = _random(seed)
     into, weights, means, counts = polynomials.averages(grid, instants, values, slopes)
-    expected = CubicHermiteSpline(grid, angle, velocity)(instants, int(slopes))
+    spline = CubicHermiteSpline(grid, angle, velocity)
+    expected, rates = (spline(instants, int(slopes) + more) for more in (0, 1))
     cell = np.clip(np.searchsorted(grid, instants, "right") - 1, 0, grid.size - 2)
     assert sorted(set(cell)) == np.flatnonzero(into >= 0).tolist()
     for k in np.unique(cell):
         row, inside = into[k], cell == k
         ends = [angle[k], velocity[k], angle[k + 1], velocity[k + 1]]
-        assert weights[:, row] @ ends == pytest.approx(expected[inside].mean(), abs=1e-12)
+        assert weights[:4, row] @ ends == pytest.approx(expected[inside].mean(), abs=1e-12)
+        assert weights[4:, row] @ ends == pytest.approx(-rates[inside].mean(), rel=1e-9, abs=1e-9)
         assert counts[row] == inside.sum()
         assert means[row] == pytest.approx(values[inside].mean(), abs=1e-12)
 
