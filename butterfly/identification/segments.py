@@ -102,6 +102,11 @@ class Segments:
         steps, self._steps = self._steps, 0
         return steps
 
+    @property
+    def moved(self) -> float:
+        """Derivative of the instants at which segments begin by a delay: 1 of a recorded input."""
+        return float(self._driven)
+
     def bounds(self, joint: LumpedParameters) -> NDArray[np.int64]:
         """(s + 1,) numbers of the first error of each segment, and of all errors."""
         return self._read(joint).bounds

@@ -132,8 +132,8 @@ class Simulation:
 
         The effects of fitted starts are projected out.
         """
-        if self.fitted:
-            return self.with_starts(names, parameters, zero)[:2]
+        if self.fitted or ("delay" in names and self.given_start(velocity).velocity):
+            return self.with_starts(names, parameters, zero, velocity)[:2]
         columns = self._columns(names, parameters)
         return self.segments.linearised(columns, zero, np.array([self.given_start(velocity)]))
 
@@ -146,10 +146,17 @@ class Simulation:
     ) -> tuple[Samples, Samples, StartEffects]:
         """Return what `linearised` does, and how each segment's start moves errors."""
         if not self.fitted:
-            more = tuple(dict.fromkeys((*names, *_START)))
-            errors, rows = self.linearised(more, parameters, zero, velocity)
-            roots = self.segments.roots(parameters.with_added_mass(self.log.added_mass))
-            by_start = self._by_start(rows[:, [more.index(each) for each in _START]], roots)
+            start = self.given_start(velocity)
+            columns = self._columns(tuple(dict.fromkeys((*names, *_START))), parameters)
+            errors, rows = self.segments.linearised(columns, zero, np.array([start]))
+            by_start = self._by_start(
+                rows[:, [columns.names.index(each) for each in _START]],
+                self.segments.roots(columns.joint),
+            )
+            if "delay" in names:  # which moves the grid's begin, where a given start is not
+                rows[:, columns.names.index("delay")] += (
+                    self.segments.moved * start.velocity * by_start[:, 0]
+                )
             bounds = np.array([0, errors.size])
             return errors, rows[:, : len(names)], StartEffects(_orthonormal(by_start), bounds)
         errors, rows, found = self._about_best_starts(names, parameters, zero)
