@@ -257,8 +257,8 @@ class Segments:
 
 
 def _is_driven(log: Log) -> bool:
-    """Whether a log is simulated with a recorded input."""
-    return not log.closed and bool(log.command[1].any())
+    """Whether a recorded input alone drives the joint, at any time."""
+    return not needs_loop(log) and bool(log.command[1].any())
 
 
 def _between_jumps(log: Log, bounds: Samples, longest: float) -> Samples:

@@ -81,3 +81,12 @@ def test_errors_of_held_and_of_straight_inputs_average_as_many_samples(kind):
     both = [Segments(replace(log, intersample=each), SAME) for each in kinds]
     held, straight = (each.averages(SAME)[0] for each in both)
     np.testing.assert_array_equal(held, straight)
+
+
+def test_torque_that_is_off_at_times_is_late_once():
+    log = _on_a_relay()
+    off = (log.time % 2.0 > 1.2).astype(float)
+    gated = replace(log, input=log.input, enabled=1.0 - off)
+    angle, _ = motion(JOINT, log.time, log.input * (1.0 - off))
+    errors, _ = _errors(Segments(replace(gated, angle=angle), SAME), SAME)
+    assert np.std(errors) < 2e-2 * np.std(angle)
