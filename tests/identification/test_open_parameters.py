@@ -51,13 +51,13 @@ def _judge(draw, numbers):
 
 
 def test_slow_speeds_show_friction_and_leave_the_inertia_open():
-    usable, opened, inertias, frictions = _judge(creeping, (0, 1, 3, 4, 6))
-    assert (usable, opened, inertias, frictions) == (5, 5, [], [])
+    usable, opened, inertias, frictions = _judge(creeping, (1, 4))
+    assert (usable, opened, inertias, frictions) == (2, 2, [], [])
 
 
 def test_levels_of_a_viscous_joint_show_its_gain_and_leave_the_inertia_open():
-    usable, opened, inertias, frictions = _judge(steady, (0, 3, 4, 5, 7))
-    assert (usable, opened, inertias, frictions) == (5, 5, [], [])
+    usable, opened, inertias, frictions = _judge(steady, (0, 3))
+    assert (usable, opened, inertias, frictions) == (2, 2, [], [])
 
 
 @pytest.mark.slow
@@ -145,6 +145,7 @@ def test_its_page_has_no_sliders_and_names_it_open(found, tmp_path):
     assert "No sliders: p1 is open." in page
 
 
+@pytest.mark.slow
 def test_the_planned_run_closes_the_inertia():
     logs, truth = creeping(4)
     before = _identified(logs)
