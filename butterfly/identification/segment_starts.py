@@ -96,19 +96,23 @@ class SegmentStarts:
             share=np.ones(len(begins)),
         )
 
-    def replace(self, which: NDArray[np.intp], others: SegmentStarts) -> None:
-        """Take other starts in place of those numbered ``which``."""
+    def replace(
+        self,
+        which: NDArray[np.intp],
+        others: SegmentStarts,
+        taken: NDArray[np.bool_] | None = None,
+    ) -> None:
+        """Take other starts in place of those numbered ``which``, or those of a mask alone."""
+        mask = np.ones(which.size, dtype=bool) if taken is None else taken
         for name in ("begins", "cost", "step", "settled"):
-            getattr(self, name)[which] = getattr(others, name)
+            getattr(self, name)[which[mask]] = getattr(others, name)[mask]
 
     def take(self, which: NDArray[np.intp], tried: SegmentStarts) -> None:
         """Take those of tried starts in place of those numbered ``which`` that are better."""
         better = tried.cost < self.cost[which]
         self.share[which] *= np.where(better, 1 / _SHORTER, _SHORTER)
         np.minimum(self.share, 1.0, out=self.share)
-        some = which[better]
-        for name in ("begins", "cost", "step", "settled"):
-            getattr(self, name)[some] = getattr(tried, name)[better]
+        self.replace(which, tried, better)
 
 
 def _sums(rows: Samples, bounds: NDArray[np.int64]) -> Samples:

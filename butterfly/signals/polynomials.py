@@ -17,13 +17,9 @@ from butterfly.compiled import compiled
 _BLOCK = 1024  # samples that stay in the fastest cache
 
 
-Averages = tuple[NDArray[np.int64], Samples, Samples, NDArray[np.int64]]
-"""What `averages` returns."""
-
-
 def averages(
     grid: Samples, instants: Samples, values: Samples, slopes: bool, early: float = 0.0
-) -> Averages:
+) -> tuple[NDArray[np.int64], Samples, Samples, NDArray[np.int64]]:
     """Average the polynomials, or their ``slopes``, and values over the instants in each interval.
 
     The average is linear in the ends of the interval, so four weights replace many instants. An

@@ -51,6 +51,16 @@ def options(doc, methods, robots):
     return parser
 
 
+def asked_of_kinds(arguments, doc, methods, robots, kinds):
+    """Return what is asked of robots of kinds, and its jobs: kind, number, method and seed."""
+    parser = options(doc, methods, robots)
+    parser.add_argument("--kind", nargs="*", choices=kinds, default=list(kinds))
+    parser.add_argument("--of", type=int, nargs="*", help="numbers of the robots, instead")
+    asked = parser.parse_args(arguments)
+    numbers = asked.of or range(asked.robots)
+    return asked, [(*job, asked.seed) for job in product(asked.kind, numbers, asked.method)]
+
+
 def write(asked, function, jobs, *reports):
     """Score by a function from a job to its scores, print reports, and keep what is asked for."""
     scores = []

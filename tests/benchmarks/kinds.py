@@ -6,14 +6,13 @@ python -m tests.benchmarks.kinds --kind slide wrapped --method default --seed 3
 
 import tempfile
 from dataclasses import replace
-from itertools import product
 from pathlib import Path
 
 import numpy as np
 
 import butterfly as bf
 from butterfly.model.terms import PARAMETERS
-from tests.benchmarks.coverage import grouped, options, report, write
+from tests.benchmarks.coverage import asked_of_kinds, grouped, report, write
 from tests.independent.kinds import KINDS, draw
 from tests.independent.scores import Score, scored
 
@@ -26,12 +25,7 @@ ENOUGH = 0.8
 
 def main(arguments=None):
     """Score, print, and write what was asked for."""
-    parser = options(__doc__, METHODS, 20)
-    parser.add_argument("--kind", nargs="*", choices=KINDS, default=list(KINDS))
-    parser.add_argument("--of", type=int, nargs="*", help="numbers of the robots, instead")
-    asked = parser.parse_args(arguments)
-    numbers = asked.of or range(asked.robots)
-    jobs = [(*job, asked.seed) for job in product(asked.kind, numbers, asked.method)]
+    asked, jobs = asked_of_kinds(arguments, __doc__, METHODS, 20, KINDS)
     write(asked, _score_job, jobs, report, counts)
 
 

@@ -6,12 +6,11 @@ python -m tests.benchmarks.paces --kind slow --of 7 --seed 3
 
 import tempfile
 from dataclasses import replace
-from itertools import product
 from pathlib import Path
 
 import butterfly as bf
 from butterfly.verdict import Level
-from tests.benchmarks.coverage import grouped, options, write
+from tests.benchmarks.coverage import asked_of_kinds, grouped, write
 from tests.independent.paces import KINDS, draw
 from tests.independent.scores import Score, scored
 
@@ -24,12 +23,7 @@ ANSWERED = {Level.GOOD.verdict, Level.CARE.verdict}
 
 def main(arguments=None):
     """Score, print, and write what was asked for."""
-    parser = options(__doc__, METHODS, 60)
-    parser.add_argument("--kind", nargs="*", choices=KINDS, default=list(KINDS))
-    parser.add_argument("--of", type=int, nargs="*", help="numbers of the robots, instead")
-    asked = parser.parse_args(arguments)
-    numbers = asked.of or range(asked.robots)
-    jobs = [(*job, asked.seed) for job in product(asked.kind, numbers, asked.method)]
+    asked, jobs = asked_of_kinds(arguments, __doc__, METHODS, 60, KINDS)
     write(asked, _score_job, jobs, counts)
 
 
