@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.fit import Equations, Minimum
+from butterfly.identification.fit import Fit
 from butterfly.identification.inference.blocks import independent_cells_of
 from butterfly.identification.inference.identifiability import Conditioning
 from butterfly.identification.inference.linear_terms import (
@@ -23,7 +23,6 @@ from butterfly.identification.inference.linear_terms import (
     stribeck_velocities,
 )
 from butterfly.identification.inference.stagewise import (
-    ChosenTerms,
     Offer,
     as_good,
     friction_brakes,
@@ -33,9 +32,10 @@ from butterfly.identification.inference.stagewise import (
 )
 from butterfly.identification.inference.submodels import NEGLIGIBLE, Submodels, submodels_of
 from butterfly.identification.levels import FEW, LOST, MOST, PASSES, SHOWS
+from butterfly.identification.linearisation import Linearisation
 from butterfly.identification.problem import Problem
 from butterfly.logs.log import InputKind, Log, slow_interval
-from butterfly.model.parameters import AddedMass, value_if_absent
+from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Prior
 from butterfly.model.terms import COMMON, OF_SERVO, RARE, TERMS, companions, offered
 
@@ -58,35 +58,23 @@ def offered_rows(logs: Sequence[Log], known: Prior) -> tuple[tuple[str, ...], se
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Fitted:
-    """A problem in chosen terms, where its descent ended, and what speaks for others."""
-
-    problem: Problem
-    end: Minimum
-    rivals: tuple[Samples, ...] = ()  # (s,) shared values of fits that predict as well
-    findings: tuple[Finding, ...] = ()
-    path: tuple[tuple[str, ...], ...] = ()  # terms after each round of their choice
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class FreeRunModel:
     """The end of a fit of free runs in some of the rows of a problem (see `stagewise.Model`)."""
 
     every: Problem  # with all rows
-    problem: Problem
-    end: Minimum
+    fit: Fit  # in some of them
     rows: tuple[str, ...]  # that may be absent
     simulates: bool = True
+
+    @cached_property
+    def problem(self) -> Problem:
+        """The problem in the values of the fit."""
+        return self.every.of_fit(self.fit)
 
     @property
     def terms(self) -> frozenset[str]:
         """The optional terms that it has."""
         return frozenset(self.problem.names).intersection(self.rows)
-
-    @property
-    def values(self) -> dict[str, float]:
-        """Its values by label."""
-        return self.problem.named(self.end.values)
 
     @property
     def masses(self) -> list[AddedMass]:
@@ -96,7 +84,7 @@ class FreeRunModel:
     @cached_property
     def nested(self) -> Submodels:
         """Its equations, and those of fits with fewer terms."""
-        return nested_about(self.problem, self.end.at, len(self.every.keys))
+        return nested_about(self.problem, self.fit.linearisation, len(self.every.keys))
 
     @property
     def kept(self) -> NDArray[np.bool_]:
@@ -120,24 +108,25 @@ class FreeRunModel:
         if not rows:
             return []
         there = self._with(rows, settings)
-        at = self.equations(there, there.values_from(self.problem, self.end.values))
+        at = self.equations(there, there.values_from(self.problem, self.fit.values))
         if not at.is_finite:
             return []
         kept = np.isin(there.labels, self.problem.labels)
         nested = nested_about(there, at, len(self.every.keys))
         return offers_in(replace(nested, settings=dict(settings)), kept, rows, self.masses)
 
-    def equations(self, there: Problem, values: Samples) -> Equations:
+    def equations(self, there: Problem, values: Samples) -> Linearisation:
         """Return the equations of a problem in other terms about (n,) values."""
         return there.weighed(self.simulated(there, values))
 
-    def simulated(self, there: Problem, values: Samples) -> Equations:
+    def simulated(self, there: Problem, values: Samples) -> Linearisation:
         """Return the same without a prior, as rivals are compared by what their logs say."""
-        return there.equations(values, self.end.at).counting(there.options.loss)
+        at = there.equations(values, self.fit.linearisation)
+        return at.counting(there.options.loss)
 
     def descended(
-        self, there: Problem, at: Equations, most: int = MOST, enough: float = SHOWS
-    ) -> Minimum:
+        self, there: Problem, at: Linearisation, most: int = MOST, enough: float = SHOWS
+    ) -> Fit:
         """Return where a descent in other terms ends, as far as their choice needs it.
 
         One into ever stiffer joints, as a base that hardly moves, takes no more steps than ``most``
@@ -150,16 +139,16 @@ class FreeRunModel:
         wanted = {*self.problem.labels, *rows, *companions(rows)}
         kept = np.flatnonzero([label in wanted for label in self.every.labels])
         first = dict(zip(self.every.labels, self.every.initial.tolist(), strict=True))
-        initial = [{**first, **values}[self.every.labels[k]] for k in kept]
-        there = self.every.keeping(kept, np.array(initial))
-        return replace(there, initial=np.maximum(there.initial, there.lower))
+        initial = np.array([{**first, **values}[self.every.labels[k]] for k in kept])
+        there = replace(self.every.keeping(kept, initial), scatter=self.fit.scatter)
+        return replace(there, initial=np.maximum(initial, there.lower))
 
     def adding(self, offer: Offer) -> Self | None:
         """Fit with a row more; None if no joint has it, or it does not keep what it promised."""
-        moved = {label: offer.values[label] for label in (*self.values, offer.name)}
+        moved = {label: offer.values[label] for label in (*self.fit.named, offer.name)}
         problem = self._with([offer.name], {**offer.nested.settings, **moved})
-        promised = offer.share * float(self.nested.equations.cost.sum()) / 2
-        enough = self.end.at.cost - LOST * promised
+        promised = offer.share * float(self.nested.equations.squares.sum()) / 2
+        enough = self.fit.cost - LOST * promised
         try:
             at = self.equations(problem, problem.initial)
             if not at.cost <= enough:
@@ -167,14 +156,15 @@ class FreeRunModel:
             end = self.descended(problem, at, TRIAL)
         except IdentifiabilityError:
             return None
-        found = replace(self, problem=problem, end=end)
-        values, least = problem.named(end.values), problem.named(problem.lower)
+        values, least = end.named, problem.named(problem.lower)
         free = all(values[n] > least[n] for n in (offer.name, "p1") if n in values)
         free &= all(values[name] <= TERMS[name].most for name in problem.labels if name in TERMS)
         possible = friction_brakes(values, self.masses)
-        if not (end.converged and end.at.cost <= enough and free and possible):
+        if not (end.converged and end.cost <= enough and free and possible):
             return None
-        return None if conditioning_of(problem, end.at).singular else found
+        if conditioning_of(end.linearisation).singular:
+            return None
+        return replace(self, fit=end)
 
     def without(self, name: str) -> Self:
         """Fit without a term."""
@@ -182,15 +172,15 @@ class FreeRunModel:
         kept = np.isin(self.problem.labels, problem.labels)
         values = self.nested.fitted(kept[np.newaxis])[0][kept]
         there = None
-        if is_near(problem.named(values), self.values, self.masses):
+        if is_near(problem.named(values), self.fit.named, self.masses):
             there = self.equations(problem, values)
         if there is None or not there.is_finite:
-            there = self.equations(problem, self.end.values[kept])
-        return replace(self, problem=problem, end=self.descended(problem, there))
+            there = self.equations(problem, self.fit.values[kept])
+        return replace(self, fit=self.descended(problem, there))
 
     def confirms(self, rival: Mapping[str, float]) -> bool:
         """Whether a rival, simulated once, follows the logs as well as the fit."""
-        if not is_near(rival, self.values, self.masses):
+        if not is_near(rival, self.fit.named, self.masses):
             return False
         there = self._with(rival, rival)
         try:
@@ -199,98 +189,97 @@ class FreeRunModel:
             return False
         if not at.is_finite:
             return False
-        its = nested_about(there, at, len(self.every.keys)).equations.cost
-        return as_good(np.sqrt(its), np.sqrt(self.nested.equations.cost))
+        its = nested_about(there, at, len(self.every.keys)).equations.squares
+        return as_good(np.sqrt(its), np.sqrt(self.nested.equations.squares))
 
 
-def nested_about(problem: Problem, at: Equations, most: int) -> Submodels:
+def nested_about(problem: Problem, at: Linearisation, most: int) -> Submodels:
     """Return fits with fewer terms, about equations in cells for ``most`` unknowns."""
-    count = independent_cells_of(len(at.logs), most)
-    cells = at.cells(problem.labels, problem.lower, count)
+    cells = at.cells(independent_cells_of(len(problem.motion), most))
     return submodels_of(cells, [log.added_mass for log in problem.logs], NEGLIGIBLE)
 
 
-def stagewise_fit(
-    every: Problem, fitted: Fitted, rows: Sequence[str], rare: Collection[str]
-) -> Fitted:
-    """Choose from the rows of a problem, beginning with a fit in some of them."""
-    model = FreeRunModel(every=every, problem=fitted.problem, end=fitted.end, rows=tuple(rows))
-    found = stagewise(model, rows, rare)
-    return fitted_of(found, found.model.problem.descend(found.model.end.at), fitted)
+def choose(every: Problem, fit: Fit, rows: Sequence[str], rare: Collection[str]) -> Fit:
+    """Choose from the rows of a problem, beginning with a fit in some of them.
 
-
-def fitted_of(found: ChosenTerms[Any], end: Minimum, before: Fitted) -> Fitted:
-    """Return the end of a fit in chosen terms, with what speaks for others."""
-    problem, first = found.model.problem, before.path[-1] if before.path else ()
-    labels = problem.labels[: problem.shared]
-    rivals = (
-        np.array([each.get(label, value_if_absent(label)) for label in labels])
-        for each in found.rival_values()
-    )
-    said = [each for each in before.findings if each.kind is not FindingKind.NOT_HELPING]
-    more = ((*first, *terms) for terms in found.path[bool(before.path) :])
-    return Fitted(
-        problem=problem,
-        end=end,
-        rivals=tuple(rivals),
+    Of a fit to weighed logs those that it has stay: the friction of each log would take the place
+    of those, which the mean of all needs.
+    """
+    model = FreeRunModel(every=every, fit=fit, rows=tuple(rows))
+    open_ = [name for name in rows if not (fit.scatter and name in model.terms)]
+    try:
+        found = stagewise(model, open_, rare)
+        chosen = found.model.fit
+        if fit.scatter is None:
+            chosen = found.model.problem.descend(chosen.linearisation)
+    except IdentifiabilityError:
+        if fit.scatter is None:
+            raise
+        return fit  # no weighed logs move as other terms would have it
+    first = fit.path[-1] if fit.path else ()
+    more = ((*first, *terms) for terms in found.path[bool(fit.path) :])
+    said = [each for each in fit.findings if each.kind is not FindingKind.NOT_HELPING]
+    return replace(
+        chosen,
+        unweighed=fit.unweighed,
+        rivals=tuple(found.rival_values()),
         findings=tuple(dict.fromkeys([*said, *found.findings])),
-        path=(*before.path, *more),
+        path=(*fit.path, *more),
     )
 
 
-def chosen_at_once(problem: Problem, end: Minimum, rows: Sequence[str]) -> tuple[Problem, Minimum]:
+def chosen_at_once(problem: Problem, end: Fit, rows: Sequence[str]) -> tuple[Problem, Fit]:
     """Take away terms of a fit that do not help, on its equations alone; fit the others."""
     masses = [log.added_mass for log in problem.logs]
-    values, least = problem.named(end.values), problem.named(problem.lower)
+    values, least = end.named, problem.named(problem.lower)
     if lost := {name for name in rows if name in values and values[name] <= least[name]}:
         # about the bound of a term the equations of what only it identifies are empty
         fewer = problem.without(lost)
         kept = np.isin(problem.labels, fewer.labels)
         problem = replace(fewer, initial=end.values[kept])
-        end = problem.descend(problem.equations(problem.initial, end.at))
+        end = problem.descend(problem.equations(problem.initial, end.linearisation))
         rows = [name for name in rows if name not in lost]
     model = LinearModel(
-        models=(nested_about(problem, end.at, len(problem.keys)),),
+        models=(nested_about(problem, end.linearisation, len(problem.keys)),),
         optional=tuple(rows),
         terms=frozenset(rows),
         masses=masses,
     )
     found = stagewise(model, rows, ()).model
-    near = is_near(problem.named(found.values), problem.named(end.values), masses)
-    begun = found.values if near else end.values
+    begun = found.values if is_near(problem.named(found.values), end.named, masses) else end.values
     fewer = problem.keeping(np.flatnonzero(found.kept), begun[found.kept])
-    return fewer, fewer.descend(fewer.equations(fewer.initial, end.at))
+    return fewer, fewer.descend(fewer.equations(fewer.initial, end.linearisation))
 
 
-def conditioning_of(problem: Problem, at: Equations) -> Conditioning:
+def conditioning_of(at: Linearisation) -> Conditioning:
     """Return how well equations tell the unknowns apart."""
     told = None if at.prior is None else at.prior.active
-    return Conditioning.of(np.concatenate(at.compressed(1)[0]), problem.names, told)
+    return Conditioning.of(at.cells(1).rows, at.names, told)
 
 
-def _inseparable(problem: Problem, at: Equations) -> tuple[str, ...]:
+def _inseparable(at: Linearisation) -> tuple[str, ...]:
     """Return a term, and what comes with it, that the equations cannot tell from the others."""
-    conditioning = conditioning_of(problem, at)
+    conditioning = conditioning_of(at)
     doubtful = [n for n in conditioning.weakest if n in {*COMMON, *offered("output-error")}]
     if not conditioning.singular or not doubtful:
         return ()
     together = {doubtful[-1], *TERMS[doubtful[-1]].follows}
     together |= companions(together)
-    return tuple(name for name in problem.names if name in together)
+    return tuple(name for name in at.names if name in together)
 
 
-def separable(fitted: Fitted) -> Fitted:
+def separable(every: Problem, fit: Fit) -> Fit:
     """Fit again without what the equations cannot tell from the rest, and say so."""
-    while lost := _inseparable(fitted.problem, fitted.end.at):
-        kept = np.flatnonzero([name not in lost for name in fitted.problem.names])
-        fewer = fitted.problem.keeping(kept, fitted.end.values[kept])
+    while lost := _inseparable(fit.linearisation):
+        problem = every.of_fit(fit)
+        kept = np.flatnonzero(~np.isin(problem.labels, lost))
+        fewer = problem.keeping(kept, fit.values[kept])
+        end = fewer.descend(fewer.equations(fewer.initial, fit.linearisation))
         said = Finding(FindingKind.INSEPARABLE, parameters=lost)
-        fitted = replace(
-            fitted,
-            problem=fewer,
-            end=fewer.descend(fewer.equations(fewer.initial, fitted.end.at)),
-            rivals=tuple(each[kept[kept < each.size]] for each in fitted.rivals),
-            findings=(*fitted.findings, said),
-            path=tuple(tuple(n for n in each if n not in lost) for each in fitted.path),
+        fit = replace(
+            end,
+            rivals=fit.rivals,
+            findings=(*fit.findings, said),
+            path=tuple(tuple(n for n in each if n not in lost) for each in fit.path),
         )
-    return fitted
+    return fit

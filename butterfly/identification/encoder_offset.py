@@ -159,10 +159,10 @@ def _offset(about: About, middle: float) -> EncoderOffset | None:
         solved = WeakFit.settled(about).solved
     except (IdentifiabilityError, InputError):
         return None
-    flat = solved.rows.reshape(-1, len(solved.names))
-    if solved.count <= len(solved.names) or Conditioning.of(flat, solved.names).singular:
+    few = np.count_nonzero(solved.rows.any(axis=1)) <= len(solved.names)
+    if few or Conditioning.of(solved.rows, solved.names).singular:
         return None
-    covariance, freedom = cluster_covariance(solved.rows, solved.residuals)
+    covariance, freedom = cluster_covariance(*solved.stack)
     covariance *= np.square(stdtrit(freedom.min(), 0.5 + CONFIDENCE / 2) / SPREADS)
     if abs(solved.named.get("bias", np.inf)) <= CLEARLY * math.sqrt(covariance[-1, -1]):
         return None

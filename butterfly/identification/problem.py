@@ -12,22 +12,16 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.arrays import Samples
+from butterfly.arrays import Samples, joined
 from butterfly.errors import InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.encoder_offset import reading_of
-from butterfly.identification.fit import (
-    Box,
-    Equations,
-    LogEquations,
-    Loss,
-    Minimum,
-    minimise_robustly,
-)
+from butterfly.identification.fit import Box, Fit, minimise_robustly
 from butterfly.identification.inference.blocks import cells_of, independent_cells_of
-from butterfly.identification.inference.equations import CellEquations, scaled_least_squares
 from butterfly.identification.inference.estimate import Estimate
+from butterfly.identification.inference.scatter import Scatter
 from butterfly.identification.levels import LOST, MOST, PRECISE, ROUNDING
+from butterfly.identification.linearisation import Linearisation, Loss, scaled_least_squares
 from butterfly.identification.segments import FINEST
 from butterfly.identification.simulation import Simulation, segment_length
 from butterfly.logs.log import Log
@@ -89,6 +83,7 @@ class Problem:
     simulations: tuple[Simulation, ...]
     motion: tuple[float, ...]  # rms motion of each in rad
     options: ProblemOptions
+    scatter: Scatter | None = None  # by which logs are weighed; None: plain logs
 
     @classmethod
     def of(
@@ -172,16 +167,32 @@ class Problem:
     def equations(
         self,
         values: Samples,
-        near: Equations | None = None,
+        near: Linearisation | None = None,
         *,
         most: float = np.inf,
         slopes: bool = True,
-    ) -> Equations:
+    ) -> Linearisation:
         """Return errors over each log's rms motion about (n,) values, or (k, n), one row per log.
 
-        A log's squares sum to their mean. Starts that are fitted are sought from those of equations
-        ``near``, which no other trial moves. Logs beyond a cost of ``most`` are not simulated.
+        A log's squares sum to their mean, but in a problem of weighed logs. Starts that are fitted
+        are sought from those of equations ``near``, which no other trial moves. Logs beyond a cost
+        of ``most`` are not simulated.
         """
+        if self.scatter is None:
+            return self._simulated(values, near, most=most, slopes=slopes)
+        own = np.maximum(self.scatter.own_of(self.labels), self.lower - values)
+        at = self._simulated(values + own, near)
+        return self.scatter.weighed(at, values, own) if at.is_finite else at
+
+    def _simulated(
+        self,
+        values: Samples,
+        near: Linearisation | None,
+        *,
+        most: float = np.inf,
+        slopes: bool = True,
+    ) -> Linearisation:
+        """Return the equations of plain logs."""
         search = current_search()
         search.simulations += 1
         of_logs = np.broadcast_to(values, (len(self.motion), len(self.keys)))
@@ -198,44 +209,62 @@ class Problem:
         steps = sum(spent[: len(found)])  # threads may have begun some of the others
         search.steps += steps
         if len(found) < len(of_logs):
-            found.append(_IMPOSSIBLE)
-        begins = tuple(each.begins for each in self.simulations)
-        return Equations(values=of_logs[0], logs=tuple(found), steps=steps, begins=begins)
+            found.append(self._impossible)
+        errors, rows = zip(*found, strict=True)
+        return Linearisation(
+            names=self.labels,
+            values=of_logs[0],
+            lower=self.lower,
+            rows=joined(rows),
+            residuals=joined(errors),
+            ends=np.cumsum([each.size for each in errors]),
+            log=np.arange(len(errors)),
+            steps=steps,
+            begins=tuple(each.begins for each in self.simulations),
+        )
 
-    def stepped(self, values: Samples, at: Equations) -> Equations:
+    def stepped(self, values: Samples, at: Linearisation) -> Linearisation:
         """Return the equations where a step leads from others, which a higher cost ends early."""
         return self.equations(values, at, most=at.cost if at.loss is Loss.LINEAR else np.inf)
 
     @np.errstate(over="ignore", invalid="ignore")  # of a motion that diverges; per thread
-    def _of_log(self, index: int, values: Samples, *, slopes: bool) -> LogEquations:
+    def _of_log(self, index: int, values: Samples, *, slopes: bool) -> tuple[Samples, Samples]:
+        """(m,) errors of a log and (m, n) derivatives, over its motion."""
         simulation, log = self.simulations[index], self.simulations[index].log
         columns = columns_of(self.keys, log)
         given = {name: float(values[k]) for name, k in columns.items()}
         moved = {name: value for name, value in given.items() if name not in INITIAL}
         parameters = replace(self.start, **moved)
         if not parameters.p1 + log.added_mass.inertia > 0:
-            return _IMPOSSIBLE
+            return self._impossible
         fastest = parameters.base_frequency * max(1.0, 2 * parameters.base_damping)
         if parameters.base_compliance and PRECISE * log.mean_step * fastest > 1:
-            return _IMPOSSIBLE  # a base that settles within a tenth of a sampling interval
+            return self._impossible  # a base that settles within a tenth of a sampling interval
         zero = given["zero"] if "zero" in given else reading_of(log, self.zeros)
         names = list(given) if slopes else []
         errors, rows = simulation.linearised(names, parameters, zero, given.get("velocity"))
-        return LogEquations.relative(
-            errors, rows, [columns[name] for name in names], self.motion[index]
+        return relative(
+            errors, rows, [columns[name] for name in names], len(self.keys), self.motion[index]
         )
 
-    def weighed(self, at: Equations) -> Equations:
+    @property
+    def _impossible(self) -> tuple[Samples, Samples]:
+        """An error of infinite cost, of impossible parameters: a descent rejects the step."""
+        return np.full(1, np.inf), np.zeros((1, len(self.keys)))
+
+    def knowing(self, at: Linearisation) -> Linearisation:
+        """Return equations of errors of variance 1 with the prior."""
+        return replace(at, prior=self.prior(at.values))
+
+    def weighed(self, at: Linearisation) -> Linearisation:
         """Return equations with the prior, weighted by the variance that the residuals realise."""
-        prior = self.prior(at.values)
-        if prior is None or not at.is_finite:
+        at = self.knowing(at)
+        if self.scatter or at.prior is None or not at.is_finite:
             return at
-        cells = independent_cells_of(len(at.logs), len(self.keys))
-        about = replace(at, prior=prior).cells(self.labels, self.lower, cells)
-        rows = about.rows.reshape(-1, at.values.size)
-        left = about.residuals.ravel() - rows @ scaled_least_squares(rows, about.residuals.ravel())
-        free = replace(about, residuals=left.reshape(about.residuals.shape))
-        return replace(at, prior=prior.weighed(free.realised_variance))
+        about = at.cells(independent_cells_of(len(self.motion), len(self.keys)))
+        left = about.residuals - about.rows @ scaled_least_squares(about.rows, about.residuals)
+        free = replace(about, residuals=left)
+        return replace(at, prior=at.prior.weighed(free.realised_variance))
 
     def prior(self, values: Samples) -> Penalty | None:
         """Return the prior of (n,) values, for rows of variance 1; None if nothing is known."""
@@ -244,11 +273,11 @@ class Problem:
 
     def descend(
         self,
-        at: Equations | None = None,
+        at: Linearisation | None = None,
         most: int = MOST,
         enough: float = ROUNDING,
         steps: float = np.inf,
-    ) -> Minimum:
+    ) -> Fit:
         """Return the end of a descent from equations or the first guess (see `fit.minimise`)."""
         at, evaluations = (self.equations(self.initial), 1) if at is None else (at, 0)
         for _ in range(MOST):
@@ -258,12 +287,12 @@ class Problem:
                 self.stepped, at, self.box, loss, most=rest, enough=enough, steps=steps
             )
             evaluations += end.evaluations
-            at = end.at
+            at = end.linearisation
             if not end.converged and evaluations < most:
                 out_of_time("iterations of a fit that had not converged")
             if not end.converged or self.weighed(at).prior_weighs_as(before):
                 break
-        return replace(end, evaluations=evaluations)
+        return replace(end, evaluations=evaluations, scatter=self.scatter)
 
     def of_logs(self, logs: Sequence[Log]) -> Problem:
         """Return the problem with other logs of the same motions."""
@@ -304,12 +333,23 @@ class Problem:
         found[..., [self.keys.index(key) for key in both]] = values[..., theirs]
         return found
 
-    def solved(self, end: Minimum, cells: int | None = None) -> CellEquations:
-        """Return the cell equations about the end of a descent, by the names of the unknowns."""
-        count = cells or cells_of(len(self.motion), len(self.keys))
-        bread = None if end.at.loss is Loss.LINEAR else end.at.bread
-        found = replace(end.at.cells(self.names, self.lower, count), bread=bread)
-        return found if end.converged else found.stopped(found.next_step)
+    def of_fit(self, fit: Fit) -> Problem:
+        """Return the nested problem in the values of a fit, its logs weighed as there."""
+        kept = np.array([self.labels.index(name) for name in fit.linearisation.names])
+        return replace(self.keeping(kept, fit.values), scatter=fit.scatter)
+
+    def in_cells(self, fit: Fit) -> Fit:
+        """Return a fit of these values with its equations in cells, for inference."""
+        count = cells_of(len(self.motion), len(self.keys))
+        at, plain = fit.linearisation, fit.unweighed
+        cells = at.cells(count if plain is None else 1)
+        return replace(
+            fit,
+            linearisation=cells,
+            unweighed=plain and plain.cells(count),
+            bread=None if at.loss is Loss.LINEAR else at.bread,
+            unsettled=None if fit.converged else cells.next_step,
+        )
 
 
 def simulations_of(
@@ -340,19 +380,26 @@ def columns_of(keys: Sequence[Key], log: Log) -> dict[str, int]:
     return columns
 
 
-_IMPOSSIBLE = LogEquations(
-    residuals=np.full(1, np.inf), rows=np.zeros((1, 1)), columns=np.zeros(1, dtype=np.intp)
-)
-"""Equations of infinite cost, of impossible parameters: a descent rejects the step."""
+def relative(
+    errors: Samples, rows: Samples, columns: Sequence[int], count: int, motion: float
+) -> tuple[Samples, Samples]:
+    """Return (m,) errors over an rms motion, and (m, n) derivatives by all ``count`` values.
+
+    The ``rows`` are (m, k) derivatives by values with these numbers; squares sum to a mean.
+    """
+    unit = 1 / (motion * errors.size**0.5)
+    every = np.zeros((errors.size, count))
+    every[:, [*columns]] = unit * rows
+    return unit * errors, every
 
 
-def _within(most: float, logs: Iterable[LogEquations]) -> list[LogEquations]:
+def _within(most: float, logs: Iterable[tuple[Samples, Samples]]) -> list[tuple[Samples, Samples]]:
     """Return the equations of the first logs, up to a cost of ``most`` or the end of the time."""
-    found: list[LogEquations] = []
+    found: list[tuple[Samples, Samples]] = []
     cost, search = 0.0, current_search()
     for each in logs:
         found.append(each)
-        cost += 0.5 * float(each.residuals @ each.residuals) if most < np.inf else 0.0
+        cost += 0.5 * float(each[0] @ each[0]) if most < np.inf else 0.0
         if not cost <= most or (most < np.inf and search.over):
             break
     return found

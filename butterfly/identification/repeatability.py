@@ -153,11 +153,11 @@ def ratios_of(log: Log) -> RunRatios | None:
             first = starts(data, ())
             estimator = OutputError(terms=(), workers=1)
             known = prior_of_fit(data.logs, data.known)
-            fitted, weighed = estimator.chosen(data.logs, first, known, ((), set()))
-            estimate = estimator.inferred(fitted, weighed, known)
+            problem, fit = estimator.chosen(data.logs, first, known, ((), set()))
+            estimate = estimator.inferred(problem, fit, known)
     except (ButterflyError, np.linalg.LinAlgError):
         return None
-    equations = fitted.problem.solved(fitted.end)
+    equations = fit.plain.linearisation
     free = {name for name, is_free in zip(equations.names, equations.free, strict=True) if is_free}
     names = tuple(name for name in _COMPARED if name in free)
     places = [equations.names.index(name) for name in names]
@@ -171,7 +171,7 @@ def ratios_of(log: Log) -> RunRatios | None:
         names=names,
         values=equations.values[places],
         spread=equations.inverse[np.ix_(places, places)],
-        error=max(float(equations.cost.sum()), float(error)),
+        error=max(float(equations.residuals @ equations.residuals), float(error)),
     )
 
 

@@ -8,14 +8,14 @@ the values with it, however little of the error it explains.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from butterfly.arrays import Samples
-from butterfly.identification.chosen_terms import Fitted, FreeRunModel
+from butterfly.identification.chosen_terms import FreeRunModel
 from butterfly.identification.findings import Finding, FindingKind
+from butterfly.identification.fit import Fit
 from butterfly.identification.inference.agreement import Rival
 from butterfly.identification.inference.covariance import cluster_covariance, half_widths
 from butterfly.identification.inference.stagewise import Offer
@@ -45,27 +45,23 @@ def spoken_for(names: Iterable[str]) -> tuple[str, ...]:
     return tuple(row.name for row in TERMS.values() if row.shows_as & has and row.name not in has)
 
 
-def twin_terms(every: Problem, fitted: Fitted, rows: Iterable[str]) -> list[TwinTerm]:
-    """Return those of some rows of a wider problem that predict better and move parameters."""
-    problem, found = fitted.problem, []
-    shared = problem.labels[: problem.shared]
-    every = replace(every, simulations=problem.simulations)
-    for name in rows:
-        model = FreeRunModel(every=every, problem=problem, end=fitted.end, rows=(name,))
-        for offer in model.offers([name]):
-            if not (offer.ratio > 1 and model.confirms(offer.values)):
-                continue
-            half = dict(zip(offer.nested.names, _half_widths(offer), strict=True))
-            values = np.array([offer.values[label] for label in shared])
-            widths = np.array([half[label] for label in shared])
-            before = fitted.end.values[: problem.shared]
-            moved = {
-                label: float(abs(value / old - 1))
-                for label, value, old in zip(shared, values, before, strict=True)
-                if label in PARAMETERS and abs(value - old) > MATTERS * abs(old)
-            }
-            if moved:
-                found.append(TwinTerm(name, Rival(values, widths), moved))
+def twin_terms(every: Problem, fit: Fit, rows: Iterable[str]) -> list[TwinTerm]:
+    """Return those of some rows of a problem that predict better than a fit and move parameters."""
+    found, model = [], FreeRunModel(every=every, fit=fit, rows=tuple(rows))
+    shared = model.problem.labels[: model.problem.shared]
+    for offer in (offer for name in rows for offer in model.offers([name])):
+        if not (offer.ratio > 1 and model.confirms(offer.values)):
+            continue
+        half = dict(zip(offer.nested.names, _half_widths(offer), strict=True))
+        values = np.array([offer.values[label] for label in shared])
+        widths = np.array([half[label] for label in shared])
+        moved = {
+            label: float(abs(value / old - 1))
+            for label, value, old in zip(shared, values, fit.values, strict=False)
+            if label in PARAMETERS and abs(value - old) > MATTERS * abs(old)
+        }
+        if moved:
+            found.append(TwinTerm(offer.name, Rival(values, widths), moved))
     return found
 
 
@@ -73,4 +69,4 @@ def _half_widths(offer: Offer) -> Samples:
     """(n,) half-widths of the values of a fit with a row more."""
     values = np.array([offer.values[name] for name in offer.nested.names])
     about = offer.nested.about(values).equations
-    return half_widths(*cluster_covariance(about.rows, about.residuals, about.prior))
+    return half_widths(*cluster_covariance(*about.stack, about.prior))

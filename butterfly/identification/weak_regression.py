@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
+from butterfly.identification.findings import Ending
+from butterfly.identification.fit import Fit
 from butterfly.identification.inference.blocks import independent_cells_of
-from butterfly.identification.inference.equations import CellEquations, Regression
 from butterfly.identification.inference.linear_terms import (
     STRIBECK,
     LinearProblem,
@@ -19,6 +20,7 @@ from butterfly.identification.inference.linear_terms import (
     usual_velocity,
 )
 from butterfly.identification.levels import LOST, MOST, SHOWS, WEIGHED
+from butterfly.identification.linearisation import Linearisation, Regression
 from butterfly.identification.segments import LONGEST_STEP
 from butterfly.identification.test_functions import (
     HALF_WIDTH,
@@ -128,8 +130,8 @@ class WeakFit:
     """A solution, and the equations about it."""
 
     about: About  # linearisation point of the equations
-    regression: Regression  # regression, solved: the equations, and the solution
-    solved: CellEquations
+    regression: Regression  # regression, fit: the equations, and the solution
+    fit: Fit
 
     @classmethod
     def of(cls, windows: Sequence[Averaging], names: tuple[str, ...], known: Prior) -> WeakFit:
@@ -164,7 +166,7 @@ class WeakFit:
             regression = about.regression()
             solution = regression.solve()
             moved, values = solution.values - values, solution.values
-            solved = CellEquations.of(regression, solution, cells=cells) if weighs else None
+            solved = regression.linearised(solution, cells=cells) if weighs else None
             variance = about.variance if solved is None else solved.realised_variance
             before, about = about, about.moved(solution.values, latest, variance)
             if step * (about.delay - before.delay) < 0:  # it oscillates
@@ -176,10 +178,16 @@ class WeakFit:
             if settled or abs(about.delay) == latest:
                 about = replace(about, variance=before.variance)
                 break
-        solved = solved or CellEquations.of(regression, solution, cells=cells)
+        solved = solved or regression.linearised(solution, cells=cells)
+        found = Fit(linearisation=solved)
         if not settled:
-            solved = solved.stopped(moved)
-        return cls(about=about, regression=regression, solved=solved)
+            found = replace(found, ending=Ending.STOPPED, unsettled=moved)
+        return cls(about=about, regression=regression, fit=found)
+
+    @property
+    def solved(self) -> Linearisation:
+        """The equations about the solution."""
+        return self.fit.linearisation
 
     @property
     def cost(self) -> float:
@@ -196,11 +204,11 @@ class WeakFit:
         """Values by name, exactly known ones included."""
         return self.about.known.fixed | self.solved.named
 
-    def equations(self, names: tuple[str, ...], slow: float) -> CellEquations:
+    def equations(self, names: tuple[str, ...], slow: float) -> Linearisation:
         """Return the equations of n parameters, at a Stribeck velocity in rad/s, about this fit."""
         regression = replace(self.about, names=names, slow=slow).regression()
         cells = independent_cells_of(len(self.about.windows), len(names))
-        return CellEquations.of(regression, regression.at(self.values), cells=cells)
+        return regression.linearised(regression.at(self.values), cells=cells)
 
 
 def fitted_terms(

@@ -17,12 +17,13 @@ from numpy.typing import NDArray
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError, InputError, nearest, require_number
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.inference.equations import CellEquations, Regression, Solution
+from butterfly.identification.fit import Fit
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, Conditioning
-from butterfly.identification.inference.infer import SolvedFit, infer
+from butterfly.identification.inference.infer import Basis, infer
 from butterfly.identification.inference.linear_terms import LinearModel, choose
 from butterfly.identification.inference.submodels import Submodels, without_logs
+from butterfly.identification.linearisation import Linearisation, Regression, Solution
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging, Balance
 from butterfly.logs.log import Lead, Log
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
@@ -121,7 +122,7 @@ def recalibrate(
     if np.unique(regression.cluster).size <= 2 * _FOLDS:
         moving = f"{run.size * options.half_width / 2:.3g} s of motion"
         raise IdentifiabilityError(f"{moving} are too short to re-calibrate; record longer runs")
-    names = chosen_terms(CellEquations.of(regression, solution), base)
+    names = chosen_terms(regression.linearised(solution), base)
     solution, regression, run = loop.fit(names)
     conditioning = Conditioning.of(regression.rows, names)
     if conditioning.number > SINGULAR_CONDITION:
@@ -149,7 +150,7 @@ def estimate_of(
     scale: FindingKind,
 ) -> Estimate:
     """Return the estimate of equations, and if there are enough runs those without each."""
-    solved = CellEquations.of(regression, solution)
+    solved = regression.linearised(solution)
     left_out: dict[Hashable, Samples] = {}
     runs = np.unique(run)
     for number in runs.tolist() if runs.size >= _FEWEST_RUNS else []:
@@ -157,10 +158,11 @@ def estimate_of(
         if np.isfinite(values).all():
             left_out[f"run {number}"] = values
     findings = [Finding(scale)]
-    return infer(SolvedFit(method=method, equations=solved, left_out=left_out, findings=findings))
+    basis = Basis(method=method, left_out=left_out, findings=findings)
+    return infer(Fit(linearisation=solved), basis)
 
 
-def chosen_terms(equations: CellEquations, base: tuple[str, ...]) -> tuple[str, ...]:
+def chosen_terms(equations: Linearisation, base: tuple[str, ...]) -> tuple[str, ...]:
     """Return the base and those of all terms that help to predict stretches that were held out."""
     folds = np.arange(equations.log.size) % _FOLDS
     rows = tuple(name for name in equations.names if name not in base)

@@ -7,8 +7,8 @@ from itertools import product
 import numpy as np
 
 from butterfly.identification.design import next_experiments, wanted
-from butterfly.identification.inference.equations import CellEquations
 from butterfly.identification.inference.estimate import Estimate
+from butterfly.identification.linearisation import Linearisation
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.model.greybox import simulate
 from butterfly.model.linear import quasi_linear_response
@@ -109,7 +109,11 @@ def steady(robot, swings, masses=MASSES, duration=12.0):
 
 
 def cells(names, rows, residuals, **more):
-    """Equations about 0 without bounds, each cell a log of its own but where more is said."""
-    told = {"values": np.zeros(len(names)), "lower": np.full(len(names), -np.inf)}
-    told |= {"on_bound": np.zeros(len(names), dtype=bool), "log": np.arange(len(rows))}
-    return CellEquations(names=names, rows=rows, residuals=residuals, **told | more)
+    """Equations about 0 without bounds, of (k, m, n) rows and (k, m) residuals of k cells.
+
+    Each cell is a log of its own but where more is said.
+    """
+    count, size, width = rows.shape
+    told = {"values": np.zeros(width), "lower": np.full(width, -np.inf), "log": np.arange(count)}
+    told |= {"ends": size * np.arange(1, count + 1), "residuals": residuals.ravel()}
+    return Linearisation(names=names, rows=rows.reshape(-1, width), **told | more)

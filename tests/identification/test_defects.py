@@ -11,8 +11,8 @@ from butterfly.identification.estimators import OutputError
 from butterfly.identification.findings import FindingKind
 from butterfly.identification.inference.agreement import differing_values, from_log_to_log
 from butterfly.identification.inference.blocks import Condition
-from butterfly.identification.inference.equations import CellEquations
 from butterfly.model.terms import RARE
+from tests.identification.simulated import cells
 from tests.independent.defects import draw
 
 
@@ -155,10 +155,7 @@ def test_what_the_logs_cannot_tell_of_each_is_said_to_differ_from_none():
     rows = random.standard_normal((8, 30, 3))
     rows[:, :, 1] = rows[:, :, 2] * logs[:, None] + 1e-6 * rows[:, :, 1]
     residuals = 1e-3 * random.standard_normal((8, 30)) + rows[:, :, 2] * logs[:, None] ** 2
-    equations = CellEquations(
-        names=("p1", "p3", "p2"), values=np.ones(3), lower=np.full(3, -np.inf),
-        on_bound=np.zeros(3, dtype=bool), rows=rows, residuals=residuals, log=logs,
-    )  # fmt: skip
+    equations = cells(("p1", "p3", "p2"), rows, residuals, values=np.ones(3))
     assert not list(from_log_to_log(equations))
     assert differing_values(equations, "p2") is None
 

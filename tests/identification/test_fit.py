@@ -11,8 +11,9 @@ from scipy.optimize import least_squares
 
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.estimators.start import lowest_end
-from butterfly.identification.findings import FindingKind
-from butterfly.identification.fit import Box, Equations, LogEquations, Loss, minimise, outlying
+from butterfly.identification.findings import Ending, FindingKind
+from butterfly.identification.fit import Box, Fit, minimise
+from butterfly.identification.linearisation import Linearisation, Loss, outlying
 from butterfly.progress import budget
 
 RAT_42 = np.array(
@@ -35,14 +36,13 @@ CERTIFIED, SQUARES = (7.2462237576e1, 2.6180768402, 6.7359200066e-2), 8.05652293
 """NIST Statistical Reference Datasets, nonlinear regression, Rat42: first start and values."""
 
 
-def _log(residuals, slopes):
-    slopes = np.asarray(slopes, dtype=float)
-    every = np.arange(slopes.shape[1])
-    return LogEquations(residuals=np.asarray(residuals, dtype=float), rows=slopes, columns=every)
-
-
 def _equations(values, residuals, slopes):
-    return Equations(values=values, logs=(_log(residuals, slopes),))
+    """Equations of one log, without bounds."""
+    rows, residuals = np.asarray(slopes, dtype=float), np.asarray(residuals, dtype=float)
+    names = tuple(f"b{k}" for k in range(len(values)))
+    told = {"names": names, "values": values, "lower": np.full(len(values), -np.inf)}
+    ends = {"ends": np.array([residuals.size]), "log": np.array([0])}
+    return Linearisation(rows=rows, residuals=residuals, **told, **ends)
 
 
 def _minimised(expand, start, lower=None):
@@ -59,13 +59,13 @@ def _rat_42(values, _):
 @pytest.mark.parametrize("unit", [(1, 1, 1), (1e-6, 1e3, 1e9)])
 def test_a_certified_fit_is_found_from_its_far_start_in_any_units(unit):
     def expand(values, _):
-        (log,) = _rat_42(values * unit, _).logs
-        return _equations(values, log.residuals, log.rows * unit)
+        at = _rat_42(values * unit, _)
+        return _equations(values, at.residuals, at.rows * unit)
 
     found = _minimised(expand, np.divide(START, unit))
     assert found.converged
     np.testing.assert_allclose(found.values * unit, CERTIFIED, rtol=1e-5)
-    assert 2 * found.at.cost == pytest.approx(SQUARES, rel=1e-6)
+    assert 2 * found.cost == pytest.approx(SQUARES, rel=1e-6)
 
 
 def _line(seed, outliers):
@@ -91,7 +91,7 @@ def test_robust_fits_end_where_scipy_s_do(loss, seed, outliers):
     found = _minimised(robust, first.values)
     options = {"loss": loss.value, "f_scale": scale, "xtol": 1e-12, "ftol": 1e-12}
     expected = least_squares(residuals, first.values, lambda _: slopes, **options)
-    assert found.at.cost == pytest.approx(expected.cost, rel=1e-3)
+    assert found.cost == pytest.approx(expected.cost, rel=1e-3)
     at = robust(expected.x)
     assert at.cost == pytest.approx(expected.cost, rel=1e-9)
     np.testing.assert_allclose(at.gradient, expected.grad, rtol=1e-6, atol=1e-9)
@@ -161,13 +161,13 @@ def test_factors_of_the_whole_are_those_of_its_cells_which_are_made_once(monkeyp
     slopes = random.standard_normal((60, 3))
     both = _equations(np.zeros(3), random.standard_normal(60), slopes)
     made = []
-    factors = LogEquations._factors  # noqa: SLF001 - what costs
-    monkeypatch.setattr(LogEquations, "_factors", lambda *of: made.append(of) or factors(*of))
-    for cells in (1, 10, 1):
-        rows, residuals = both.compressed(cells)
-        assert len(rows) == cells
-        np.testing.assert_allclose(np.einsum("kpm,kpn->mn", rows, rows), both.curvature)
-        np.testing.assert_allclose(np.einsum("kpm,kp->m", rows, residuals), both.gradient)
+    factors = Linearisation._factors  # noqa: SLF001 - what costs
+    monkeypatch.setattr(Linearisation, "_factors", lambda *of: made.append(of) or factors(*of))
+    for count in (1, 10, 1):
+        cells = both.cells(count)
+        assert cells.ends.size == count
+        np.testing.assert_allclose(cells.curvature, both.curvature)
+        np.testing.assert_allclose(cells.gradient, both.gradient)
     assert len(made) == 1
 
 
@@ -193,7 +193,14 @@ class Problem:
 
 
 def _end(cost, *, converged=True):
-    return SimpleNamespace(at=SimpleNamespace(cost=cost, logs=()), converged=converged)
+    ending = Ending.CONVERGED if converged else Ending.STOPPED
+    return Fit(linearisation=_constant(cost), ending=ending)
+
+
+def _constant(cost, errors=None):
+    """Equations of one value with a cost: of smooth errors, or of given ones."""
+    errors = np.full(9, np.sqrt(2 * cost / 9)) if errors is None else errors
+    return _equations(np.ones(1), errors, np.ones((errors.size, 1)))
 
 
 @pytest.mark.parametrize(
@@ -217,7 +224,7 @@ def _end(cost, *, converged=True):
 def test_the_lowest_end_is_kept_and_other_ends_said(problems, cost, ratios, last):
     tried = sorted((Problem(*each) for each in problems), key=lambda each: each.begun)
     found = lowest_end([*tried[::-1]])
-    assert found.end.at.cost == cost
+    assert found.cost == cost
     assert tried[0].made == [(8, False)]
     assert tried[-1].made == last
     assert [each.number for each in found.findings] == ratios
@@ -237,8 +244,7 @@ def test_no_other_start_is_gone_on_from_where_small_white_errors_alone_are_left(
     """Smooth errors of the size of noise, or large ones, may have another end."""
     errors = noise * np.random.default_rng(0).standard_normal(4000)
     errors += wave * np.sqrt(2) * np.sin(np.arange(4000) / 50)
-    log = _log(errors / 4000**0.5, np.ones((4000, 1)))
-    first = SimpleNamespace(at=Equations(values=np.ones(1), logs=(log,)), converged=True)
+    first = Fit(linearisation=_constant(0.0, errors / 4000**0.5))
     other = Problem(9, _end(5))
     lowest_end([Problem(8, first), other])
     assert len(other.made) == made
@@ -250,9 +256,9 @@ def test_the_best_step_of_some_unknowns_leaves_what_a_regression_does_even_if_tw
     at = _equations(np.ones(3), errors, rows)
     directions = at.directions(2)
     np.testing.assert_allclose(np.linalg.norm(rows @ directions, axis=0), [1.0])
-    (log,) = at.reduced(directions).logs
+    left = at.moved(-directions @ (directions.T @ at.gradient)).residuals
     slope = rows[:, 0] @ errors / (rows[:, 0] @ rows[:, 0])
-    np.testing.assert_allclose(log.residuals, errors - slope * rows[:, 0])
-    cells = at.in_steps(directions).cells(("step",), np.full(1, -np.inf), 5)
-    assert cells.cost.sum() == pytest.approx(errors @ errors)
+    np.testing.assert_allclose(left, errors - slope * rows[:, 0])
+    cells = at.along(directions, ("step",)).cells(5)
+    assert cells.squares.sum() == pytest.approx(errors @ errors)
     np.testing.assert_allclose(directions @ cells.next_step, [-slope / 2, -slope / 2e3, 0.0])

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from butterfly.identification.inference.equations import CellEquations
 from butterfly.orbit.recalibration import (
     BASE,
     SEGMENT,
@@ -36,7 +35,7 @@ def test_terms_that_are_there_are_chosen_and_hardly_any_other(present, expected)
     spurious = 0
     for seed in range(8):
         solution, regression, _ = _loop(replace(ROBOT, **present), seed).fit((*BASE, *CANDIDATES))
-        chosen = chosen_terms(CellEquations.of(regression, solution), BASE)
+        chosen = chosen_terms(regression.linearised(solution), BASE)
         assert {*BASE, *expected} <= {*chosen}
         spurious += len({*chosen} - {*BASE, *expected})
     assert spurious <= 3

@@ -23,7 +23,6 @@ import numpy as np
 
 from butterfly.arrays import Samples, unit_diagonal
 from butterfly.errors import ButterflyError, InputError
-from butterfly.identification.chosen_terms import Fitted
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import OutputError
 from butterfly.identification.estimators.start import starts
@@ -114,8 +113,7 @@ def expected(data: DataSet) -> Estimate:
     estimator = OutputError(terms=terms)
     known = prior_of_fit(data.logs, data.known)
     problem = estimator.problem(data.logs, first, known)
-    end = problem.descend(most=PASSES, enough=SHOWS)
-    return estimator.inferred(Fitted(problem=problem, end=end), None, known)
+    return estimator.inferred(problem, problem.descend(most=PASSES, enough=SHOWS), known)
 
 
 def _reverses(angle: Samples) -> bool:

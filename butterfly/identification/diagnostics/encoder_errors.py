@@ -16,12 +16,12 @@ from scipy.special import fdtrc
 
 from butterfly.arrays import Samples, standard_error
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.fit import Equations, LogEquations
 from butterfly.identification.inference.agreement import Rival
 from butterfly.identification.inference.blocks import independent_cells_of
 from butterfly.identification.inference.covariance import cluster_covariance, half_widths
 from butterfly.identification.inference.submodels import submodels_of
 from butterfly.identification.levels import MATTERS
+from butterfly.identification.linearisation import Linearisation
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import lower_bounds
 
@@ -42,7 +42,7 @@ class OffCentre:
 
 
 def off_centre(
-    at: Equations, names: Sequence[str], waves: Iterable[Samples], masses: Sequence[AddedMass]
+    at: Linearisation, names: Sequence[str], waves: Iterable[Samples], masses: Sequence[AddedMass]
 ) -> OffCentre | None:
     """Return the eccentricity that errors of free runs show, by the first n unknowns; or none.
 
@@ -50,11 +50,13 @@ def off_centre(
     joints have, its chance is below 1 %, and it predicts the logs of other masses better.
     """
     count, every = len(names), (*names, *_WAVES)
-    parts = independent_cells_of(len(at.logs), len(every))
-    pairs = zip(at.logs, waves, strict=True)
-    logs = tuple(_with_waves(log, wave, count, parts) for log, wave in pairs)
-    values = np.append(at.values[:count], np.zeros(len(_WAVES)))
-    cells = Equations(values=values, logs=logs).cells(every, lower_bounds(every), parts)
+    cells = replace(
+        at,
+        names=every,
+        values=np.append(at.values[:count], np.zeros(len(_WAVES))),
+        lower=lower_bounds(every),
+        rows=np.column_stack([at.rows[:, :count], np.concatenate([*waves])]),
+    ).cells(independent_cells_of(at.ends.size, len(every)))
     nested = submodels_of(cells, masses, 0.0)
     without, whole = np.arange(len(every)) < count, np.ones(len(every), dtype=bool)
     masks = np.array([without, whole])
@@ -63,7 +65,7 @@ def off_centre(
     if not (np.isfinite(found).all() and gain.mean() > standard_error(gain)):
         return None
     about = nested.about(found).equations
-    covariance, freedom = cluster_covariance(about.rows, about.residuals)
+    covariance, freedom = cluster_covariance(*about.stack)
     waved, degrees = covariance[count:, count:], max(float(freedom[count:].min()), 2.0)
     # Hotelling's square of two values, as an F
     square = float(found[count:] @ np.linalg.solve(waved, found[count:])) / len(_WAVES)
@@ -71,15 +73,3 @@ def off_centre(
         return None
     rival = Rival(found[:count], half_widths(covariance, freedom)[:count])
     return OffCentre(amplitude=float(np.hypot(*found[count:])), rival=rival)
-
-
-def _with_waves(log: LogEquations, wave: Samples, count: int, parts: int) -> LogEquations:
-    """Return equivalent equations, few for each part, of the first unknowns and two waves."""
-    kept = log.columns < count
-    whole = replace(
-        log,
-        rows=np.column_stack([log.rows[:, kept], wave]),
-        columns=np.append(log.columns[kept], [count, count + 1]),
-    )
-    rows, residuals = whole.compressed(parts)
-    return replace(whole, rows=rows.reshape(-1, rows.shape[2]), residuals=residuals.ravel())

@@ -17,12 +17,11 @@ from typing import Any
 
 import numpy as np
 
-from butterfly.arrays import Samples
+from butterfly.arrays import Samples, joined
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.encoder_errors import OffCentre, off_centre
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.fit import Equations, LogEquations
 from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.inference.agreement import (
     Contrast,
@@ -41,8 +40,9 @@ from butterfly.identification.inference.linear_terms import (
 from butterfly.identification.inference.stagewise import is_near, stagewise
 from butterfly.identification.inference.submodels import submodels_of
 from butterfly.identification.levels import DRAWS, LOST, PRECISE, SHOWS, SPREADS
+from butterfly.identification.linearisation import Linearisation
 from butterfly.identification.predict import covariance_root, honest_covariance
-from butterfly.identification.problem import Key, columns_of, labels_of
+from butterfly.identification.problem import Key, columns_of, labels_of, relative
 from butterfly.identification.segment_starts import StartEffects
 from butterfly.identification.sensor_errors import Curve, SensorErrors, correlations
 from butterfly.identification.simulation import Averages
@@ -234,14 +234,11 @@ def residuals_of(data: DataSet, estimate: Estimate, runs: Sequence[FreeRun] = ()
         return Residuals(logs=tuple(map(_bare, data.logs)))
     at, random = unknowns.equations(found), np.random.default_rng(0)
     directions = at.directions(len(unknowns.keys))
-    left = at.reduced(directions)
-    pairs = list(zip(found, left.logs, strict=True))
-    draws = [each.drawn(rest.residuals, random) for each, rest in pairs]
+    left = at.moved(-directions @ (directions.T @ at.gradient))
+    pairs = list(zip(found, np.split(left.residuals, left.ends[:-1]), strict=True))
+    draws = [each.drawn(rest, random) for each, rest in pairs]
     _reduce([errors for _, errors in draws], at, directions)
-    judged = [
-        each.judged(rest.residuals, *drawn)
-        for (each, rest), drawn in zip(pairs, draws, strict=True)
-    ]
+    judged = [each.judged(rest, *drawn) for (each, rest), drawn in zip(pairs, draws, strict=True)]
     result = Residuals(logs=(), encoder=unknowns.off_centre(at, found))
     if sum(each.outside for each in judged) > _BY_CHANCE * len(every):
         logs = [each.run.log for each in found]
@@ -275,7 +272,8 @@ class _RunErrors:
     blank: LogResiduals  # name and motion of the log
     errors: Samples  # (m,) simulated less measured angle in rad, weighted by roots of `averages`
     starts: StartEffects  # how the starts of segments move errors
-    equations: LogEquations  # of errors over the motion, the starts projected out
+    # (m,) errors over the motion and (m, n) derivatives, the starts projected out
+    equations: tuple[Samples, Samples]
     # (m,) standard deviations in rad of the simulated angle by the parameters, to first order
     deviation: Samples
 
@@ -393,29 +391,41 @@ class _Unknowns:
             blank=blank,
             errors=errors,
             starts=starts,
-            equations=LogEquations.relative(left, rows, [*columns.values()], blank.motion),
+            equations=relative(
+                left, rows, [*columns.values()], len(self.keys) + len(self.absent), blank.motion
+            ),
             deviation=deviation / averages.roots,
         )
 
-    def equations(self, runs: Sequence[_RunErrors]) -> Equations:
+    def equations(self, runs: Sequence[_RunErrors]) -> Linearisation:
         """Return the equations of free runs in the n unknowns and in absent terms."""
-        more = len(self.keys) + len(self.absent) - self.estimate.values.size
-        values = np.append(self.estimate.values, np.zeros(more))
-        return Equations(values=values, logs=tuple(each.equations for each in runs))
+        names = (*labels_of(self.keys), *self.absent)
+        errors, rows = zip(*(each.equations for each in runs), strict=True)
+        return Linearisation(
+            names=names,
+            values=np.append(
+                self.estimate.values, np.zeros(len(names) - self.estimate.values.size)
+            ),
+            lower=lower_bounds(names),
+            rows=joined(rows),
+            residuals=joined(errors),
+            ends=np.cumsum([each.size for each in errors]),
+            log=np.arange(len(errors)),
+        )
 
     def contrasts(
-        self, left: Equations, logs: Sequence[Log], *, large: bool
+        self, left: Linearisation, logs: Sequence[Log], *, large: bool
     ) -> tuple[tuple[Contrast, ...], tuple[Samples, ...], tuple[Samples, ...]]:
         """Return the contrasts of residual equations, and (p,) values of rivals.
 
         The last are those of friction, of a ``large`` misfit alone.
         """
         names, count = labels_of(self.keys), cells_of(len(logs), len(self.keys))
-        unknowns = left.in_steps(np.eye(left.values.size, len(names)))
+        unknowns = left.along(np.eye(left.values.size, len(names)), names)
         cells = replace(
-            unknowns.cells(names, lower_bounds(names), count),
+            unknowns.cells(count),
             values=left.values[: len(names)],
-            on_bound=np.array([name in self.estimate.on_bound for name in names]),
+            held=np.array([name in self.estimate.on_bound for name in names]),
         )
         conditions, size = Conditions.of(logs, count), self.estimate.values.size
         found, ends = contrasts_of(cells, conditions)
@@ -425,7 +435,7 @@ class _Unknowns:
         of_friction = tuple(np.where(each == same, own, each) for each in friction)
         return found, tuple(each[:size] for each in ends), of_friction
 
-    def off_centre(self, at: Equations, runs: Sequence[_RunErrors]) -> OffCentre | None:
+    def off_centre(self, at: Linearisation, runs: Sequence[_RunErrors]) -> OffCentre | None:
         """Return the eccentricity of the encoder that errors show, if any, with (p,) values."""
         logs = [each.run.log for each in runs]
         if self.estimate.joint is not JointKind.HINGE or any(log.integrated for log in logs):
@@ -435,7 +445,7 @@ class _Unknowns:
         return found and replace(found, rival=Rival(*(each[:size] for each in found.rival)))
 
     def missing_terms(
-        self, at: Equations, directions: Samples, logs: Sequence[Log]
+        self, at: Linearisation, directions: Samples, logs: Sequence[Log]
     ) -> tuple[MissingTerms, Samples]:
         """Return the missing terms where all (n, d) directions are fitted, and (k,) shares.
 
@@ -444,10 +454,10 @@ class _Unknowns:
         count, size = directions.shape[1], self.estimate.values.size
         names = (*(f"step {k}" for k in range(count)), *self.absent)
         by_terms = np.eye(at.values.size)[:, len(self.keys) :]
-        steps = at.in_steps(np.column_stack([directions, by_terms]))
-        cells = steps.cells(names, lower_bounds(names), independent_cells_of(len(logs), len(names)))
+        steps = at.along(np.column_stack([directions, by_terms]), names)
+        cells = steps.cells(independent_cells_of(len(logs), len(names)))
         # derivatives predict the residuals about as precisely as values are known
-        rounding = PRECISE * float(np.sqrt(cells.cost.mean()))
+        rounding = PRECISE * float(np.sqrt(cells.squares.mean()))
         masses = [log.added_mass for log in logs]
         nested = submodels_of(cells, masses, rounding)
         model = LinearModel(models=(nested,), optional=self.absent)
@@ -476,14 +486,15 @@ class _Unknowns:
         ), shares
 
 
-def _reduce(errors: Sequence[Samples], at: Equations, directions: Samples) -> None:
+def _reduce(errors: Sequence[Samples], at: Linearisation, directions: Samples) -> None:
     """Subtract from each log's (m, k) errors, in place, the effect of the best common steps.
 
     These are along (n, d) directions; logs of which k is 0 stay as they are.
     """
-    pairs = [(log, each) for log, each in zip(at.logs, errors, strict=True) if each.size]
-    pulls = [log.spread(each.T @ log.rows, len(directions)) for log, each in pairs]
+    logs = np.split(at.rows, at.ends[:-1])
+    pairs = [(rows, each) for rows, each in zip(logs, errors, strict=True) if each.size]
+    pulls = [each.T @ rows for rows, each in pairs]
     steps = -np.sum(pulls, axis=0) @ directions @ directions.T if pulls else np.empty(0)
-    for log, each in pairs:
+    for rows, each in pairs:
         for draw, step in enumerate(steps):
-            each[:, draw] += log.rows @ step[log.columns]
+            each[:, draw] += rows @ step

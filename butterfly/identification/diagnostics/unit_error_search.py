@@ -26,9 +26,9 @@ from butterfly.identification.diagnostics.residuals import residuals_of
 from butterfly.identification.estimators import Estimator, OutputError, WeakForm
 from butterfly.identification.findings import Finding
 from butterfly.identification.inference.blocks import Condition
-from butterfly.identification.inference.equations import CellEquations, Solution
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.levels import CLEARLY, FEW, LOST, MATTERS, PRECISE
+from butterfly.identification.linearisation import Linearisation, Solution
 from butterfly.identification.plausibility import is_possible
 from butterfly.identification.problem import Start
 from butterfly.identification.sensor_errors import white_variance
@@ -139,7 +139,7 @@ class _Trial(NamedTuple):
 class _Fit(NamedTuple):
     """The weak form of some logs."""
 
-    equations: CellEquations  # about the end, each log a cell
+    equations: Linearisation  # about the end, each log a cell
     misfit: float  # share of the torques that is left over; infinite where no joint has such a p1
 
     @classmethod
@@ -165,11 +165,13 @@ class _Fit(NamedTuple):
         found = known.fixed | dict(zip(about.names, solved, strict=True))
         values, held = np.array([found[name] for name in _NAMES]), np.isin(_NAMES, [*known.fixed])
         regression = replace(about, names=_NAMES, known=NO_PRIOR).regression()
-        equations = CellEquations.of(regression, Solution(values=values, on_bound=held))
+        equations = regression.linearised(Solution(values=values, on_bound=held))
         torques = np.linalg.norm(regression.rows, axis=0) * regression.unknowns(values)
         size = math.hypot(*torques, float(np.linalg.norm(regression.target)))
         possible = size > 0 and found["p1"] + min(each.added.inertia for each in windows) > 0
-        return cls(equations, float(equations.cost.sum() ** 0.5 / size) if possible else math.inf)
+        return cls(
+            equations, float(np.linalg.norm(equations.residuals)) / size if possible else math.inf
+        )
 
     def score(self, changes: Mapping[str, Sequence[float] | Samples]) -> tuple[float, float]:
         """Return the misfit, and the slope, if values change by it times (k,) changes of logs."""
@@ -178,8 +180,8 @@ class _Fit(NamedTuple):
             direction[:, _NAMES.index(name)] = np.asarray(each)[self.equations.log]
         rest, parts = self.equations.orthogonalised(direction)
         information = float(parts.sum()) or math.inf
-        slope = -float(np.sum(rest * self.equations.gradient)) / information
-        explained = slope**2 * float(parts.sum() / self.equations.cost.sum())
+        slope = -float(np.sum(rest * self.equations.gradients)) / information
+        explained = slope**2 * float(parts.sum() / self.equations.squares.sum())
         return self.misfit * math.sqrt(max(0.0, 1 - explained)), slope
 
 

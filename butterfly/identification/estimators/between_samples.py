@@ -15,11 +15,11 @@ import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.chosen_terms import Fitted, nested_about
+from butterfly.identification.chosen_terms import nested_about
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators.start import leaves_noise, refitted
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.fit import Minimum
+from butterfly.identification.fit import Fit
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.identifiability import is_driven
 from butterfly.identification.inference.stagewise import as_good
@@ -29,8 +29,8 @@ from butterfly.identification.servo_drive import assumes_clock, driven, undriven
 from butterfly.logs.log import Intersample, Log
 from butterfly.progress import out_of_time
 
-Begun = tuple[Problem, Fitted]
-"""A problem with all terms that are tried, and the end of a fit in those that its start has."""
+Begun = tuple[Problem, Fit]
+"""A problem with all terms that are tried, and the end of a fit in some of them."""
 
 
 def straight(log: Log) -> Log:
@@ -59,12 +59,11 @@ def held_or_straight(logs: Sequence[Log], begun: Callable[[Sequence[Log]], Begun
         first = begun(logs)
     except IdentifiabilityError:
         return _taking(FindingKind.STRAIGHT, begun(lines), open_)
-    late = first[1].problem.named(first[1].end.values).get("delay", 0.0)
-    if late < _half_a_sample(logs) and not leaves_noise(first[1].end.at):
+    late = first[1].named.get("delay", 0.0)
+    if late < _half_a_sample(logs) and not leaves_noise(first[1].linearisation):
         with suppress(IdentifiabilityError):
             other, most = begun(lines), len(first[0].keys)
-            ends = (first[1], other[1])
-            held, lined = (_errors(each.problem, each.end, most) for each in ends)
+            held, lined = (_errors(*each, most) for each in (first, other))
             share = 1 - float(np.sum(lined**2) / np.sum(held**2))
             if share > MATERIAL and not as_good(held, lined):
                 return _taking(FindingKind.STRAIGHT, other, open_)
@@ -83,7 +82,7 @@ def _taking(kind: FindingKind, begun: Begun, names: Sequence[str]) -> Begun:
     return begun[0], replace(begun[1], findings=(*begun[1].findings, taken))
 
 
-def unsaid(problem: Problem, end: Minimum) -> list[Samples]:
+def unsaid(problem: Problem, end: Fit) -> list[Samples]:
     """Return (shared,) values of fits that follow the logs as well, by what nobody says of them.
 
     These are straight lines between samples, and a loop whose clock is faster than assumed. The
@@ -97,7 +96,7 @@ def unsaid(problem: Problem, end: Minimum) -> list[Samples]:
             continue
         there, own = problem.of_logs(some), np.array(problem.labels) == "delay"
         begun = end.values + np.where(own, delay, 0.0)
-        other = refitted(there, begun, end.at)
+        other = refitted(there, begun, end.linearisation)
         if other is None or not other.converged:
             continue
         ends = ((there, other), (problem, end))
@@ -128,6 +127,6 @@ def as_taken(data: DataSet, found: Estimate) -> tuple[DataSet, Estimate]:
     return data, found
 
 
-def _errors(problem: Problem, end: Minimum, most: int) -> Samples:
+def _errors(problem: Problem, end: Fit, most: int) -> Samples:
     """(k,) rms errors of the cells of a fit, as many as for ``most`` unknowns."""
-    return np.asarray(np.sqrt(nested_about(problem, end.at, most).equations.cost))
+    return np.asarray(np.sqrt(nested_about(problem, end.linearisation, most).equations.squares))

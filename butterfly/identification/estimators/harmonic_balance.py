@@ -29,11 +29,11 @@ from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
-from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.inference.equations import CellEquations, Regression
+from butterfly.identification.findings import Ending, Finding, FindingKind
+from butterfly.identification.fit import Fit
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.identifiability import with_scale
-from butterfly.identification.inference.infer import SolvedFit, infer
+from butterfly.identification.inference.infer import Basis, infer
 from butterfly.identification.inference.linear_terms import (
     LinearProblem,
     TermChoice,
@@ -42,6 +42,7 @@ from butterfly.identification.inference.linear_terms import (
 )
 from butterfly.identification.inference.submodels import NEGLIGIBLE
 from butterfly.identification.levels import MOST, ROUNDING, SHOWS
+from butterfly.identification.linearisation import Linearisation, Regression
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR, Penalty, Prior
 from butterfly.model.terms import BASE_TERMS, COMMON, PARAMETERS, TERMS, FrictionTerms, offered
@@ -154,16 +155,16 @@ def _inferred(fit: HarmonicBalanceFit, method: str, chosen: TermChoice | None = 
     """Return the estimate of a fit; its intervals do not include errors of the method."""
     rivals, findings = (chosen.rival_values, chosen.findings) if chosen else ((), ())
     return infer(
-        SolvedFit(
+        fit.fit,
+        Basis(
             method=method,
-            equations=fit.solved,
             masses=fit.phasors.masses,
             known=fit.phasors.known,
             timed=True,
             rivals=rivals,
             fixed=chosen.settings if chosen else {},
             findings=[Finding(FindingKind.APPROXIMATE), *findings],
-        )
+        ),
     )
 
 
@@ -267,7 +268,7 @@ class HarmonicBalanceFit:
 
     phasors: Phasors  # of the balance
     weights: Samples  # (n,) of the n logs
-    solved: CellEquations  # about the solution
+    fit: Fit  # about the solution
 
     @classmethod
     @np.errstate(divide="ignore", over="ignore", invalid="ignore")
@@ -292,20 +293,21 @@ class HarmonicBalanceFit:
             settled = bool(change < ROUNDING * np.linalg.norm(regression.rows @ unknowns))
             if settled:
                 break
-        solved = CellEquations.of(regression, solution)
-        solved = solved if settled else solved.stopped(moved)
-        return cls(phasors=phasors, weights=weights, solved=solved)
+        found = Fit(linearisation=regression.linearised(solution))
+        if not settled:
+            found = replace(found, ending=Ending.STOPPED, unsettled=moved)
+        return cls(phasors=phasors, weights=weights, fit=found)
 
     def with_terms(self, terms: Sequence[str] | None, offers: Iterable[str]) -> TermChoice:
         """Return the fit with given terms, or, without any, with those chosen from some offers."""
-        phasors, values = self.phasors, self.phasors.named(self.solved.values)
+        phasors, values = self.phasors, self.phasors.named(self.fit.values)
 
-        def equations(names: tuple[str, ...], slow: float) -> CellEquations:
+        def equations(names: tuple[str, ...], slow: float) -> Linearisation:
             there = replace(phasors, names=names, stribeck_velocity=slow)
             regression = there.regression(self.weights, values)
-            return CellEquations.of(regression, regression.at(values))
+            return regression.linearised(regression.at(values))
 
-        swing, slope = np.abs(phasors.angle), phasors.slope(self.solved.values)
+        swing, slope = np.abs(phasors.angle), phasors.slope(self.fit.values)
         problem = LinearProblem(
             equations=equations,
             base=phasors.names,

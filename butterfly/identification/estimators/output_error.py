@@ -19,7 +19,7 @@ import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError, InputError, require_number
-from butterfly.identification.chosen_terms import Fitted, offered_rows, separable, stagewise_fit
+from butterfly.identification.chosen_terms import choose, offered_rows, separable
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
 from butterfly.identification.estimators.between_samples import (
@@ -37,24 +37,20 @@ from butterfly.identification.estimators.start import (
     starts,
 )
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.fit import Loss
+from butterfly.identification.fit import Fit
 from butterfly.identification.free_run import first_horizon
 from butterfly.identification.inference.blocks import Conditions, cells_of
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.identifiability import is_driven, prior_of_fit
-from butterfly.identification.inference.infer import SolvedFit, infer
+from butterfly.identification.inference.infer import Basis, infer
 from butterfly.identification.inference.linear_terms import candidates
 from butterfly.identification.levels import FEW, ROUNDING, SHOWS
+from butterfly.identification.linearisation import Loss
 from butterfly.identification.problem import LOCAL, Key, Problem, ProblemOptions, Start
 from butterfly.identification.twin_terms import TwinTerm, spoken_for, twin_terms
-from butterfly.identification.weighed_logs import (
-    WeighedLogs,
-    stagewise_weighed,
-    weighed_end,
-    weighed_from,
-)
+from butterfly.identification.weighed_logs import weighed
 from butterfly.logs.log import Log, slow_interval
-from butterfly.model.parameters import AddedMass, require_periods
+from butterfly.model.parameters import AddedMass, require_periods, value_if_absent
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import OF_ANGLE, OF_SERVO, PARAMETERS, RARE, companions, offered
 from butterfly.progress import out_of_time
@@ -144,7 +140,7 @@ class OutputError(Estimator):
         offering, logs = self.with_terms(rows), self.taken(data.logs)
         known = prior_of_fit(logs, data.known)
         rare = {*RARE} - {*(OF_SERVO if any(log.closed for log in logs) else ())}
-        return offering.chosen(logs, first, known, (rows, rare))[0].path or ((),)
+        return offering.chosen(logs, first, known, (rows, rare))[1].path or ((),)
 
     def _of_calm(self, data: DataSet, first: Sequence[Start]) -> Estimate:
         """Fit the logs that initial errors do not drive apart, where there are enough of them."""
@@ -172,12 +168,12 @@ class OutputError(Estimator):
         known = prior_of_fit(logs, known)
         rows, rare = self._rows(logs, known) if self.terms is None else ((), set[str]())
         while True:
-            fitted, weighed = self.chosen(logs, first, known, (rows, rare))
+            problem, fit = self.chosen(logs, first, known, (rows, rare))
             try:
-                found = self.inferred(fitted, weighed, known)
+                found = self.inferred(problem, fit, known)
                 break
             except IdentifiabilityError:  # no term that was not asked for refuses an answer
-                fewer = tuple(name for name in rows if name not in fitted.problem.names)
+                fewer = tuple(name for name in rows if name not in fit.linearisation.names)
                 if fewer == rows:
                     raise
                 rows, rare = fewer, rare.intersection(fewer)
@@ -190,7 +186,7 @@ class OutputError(Estimator):
         first: Sequence[Start],
         known: Prior,
         rows: tuple[tuple[str, ...], set[str]],
-    ) -> tuple[Fitted, WeighedLogs | None]:
+    ) -> Begun:
         """Start, fit, choose from rows of the table of terms (some of them rare), weigh logs.
 
         If nobody says over which time, whole logs, or segments where no run of them stays near.
@@ -209,16 +205,18 @@ class OutputError(Estimator):
             no_terms = ([n for n in rows[0] if not getattr(each.start, n)] for each in every)
             bare = [each.without(names) for each, names in zip(every, no_terms, strict=True)]
             # a fit that is but the first need not be exact
-            fitted = hanging(lowest_end(bare, SHOWS if rows[0] else ROUNDING))
-            return every[0], begun_anew(every[0], fitted, *rows)
+            fit = lowest_end(bare, SHOWS if rows[0] else ROUNDING)
+            return every[0], begun_anew(every[0], hanging(every[0], fit), *rows)
 
-        every, fitted = held_or_straight(logs, begun)
+        problem, fit = held_or_straight(logs, begun)
         choosing = bool(rows[0]) and not out_of_time("the selection of terms")
-        fitted = separable(stagewise_fit(every, fitted, *rows) if choosing else fitted)
-        weighed = weighed_from(fitted.problem, fitted.end)
-        if choosing and weighed and weighed.findings:
-            fitted, weighed = stagewise_weighed(every, fitted, weighed, *rows)
-        return fitted, weighed
+        fit = separable(problem, choose(problem, fit, *rows) if choosing else fit)
+        fit = weighed(problem, fit)
+        if choosing and any(each.kind is FindingKind.SCATTER for each in fit.findings):
+            again = choose(problem, fit, *rows)  # what the scatter hides
+            same = again.linearisation.names == fit.linearisation.names
+            fit = again if same else weighed(problem, again)
+        return problem, fit
 
     def _over_own_time(
         self,
@@ -226,73 +224,69 @@ class OutputError(Estimator):
         first: Sequence[Start],
         known: Prior,
         rows: tuple[tuple[str, ...], set[str]],
-    ) -> tuple[Fitted, WeighedLogs | None]:
+    ) -> Begun:
         """Do so over whole logs if that is right, else over segments (see `shorter_segments`)."""
         horizon = max(first_horizon(logs, each.parameters, each.zeros) for each in first)
-        fitted, weighed = replace(self, horizon=horizon).chosen(logs, first, known, rows)
-        shorter = shorter_segments(fitted)
+        problem, fit = replace(self, horizon=horizon).chosen(logs, first, known, rows)
+        shorter = shorter_segments(problem, fit)
         if shorter is None or out_of_time("segments of the logs"):
-            return fitted, weighed
+            return problem, fit
         horizon, start = shorter
-        lines = [each for each in fitted.findings if each.kind is FindingKind.STRAIGHT]
+        lines = [each for each in fit.findings if each.kind is FindingKind.STRAIGHT]
         with suppress(IdentifiabilityError):
-            again, taken = replace(self, horizon=horizon), fitted.problem.logs
-            fitted, weighed = again.chosen(taken, [start], known, rows)
-            fitted = replace(fitted, findings=(*fitted.findings, *lines))
-        return fitted, weighed
+            again, taken = replace(self, horizon=horizon), problem.logs
+            problem, fit = again.chosen(taken, [start], known, rows)
+            fit = replace(fit, findings=(*fit.findings, *lines))
+        return problem, fit
 
     def _over(self, terms: Iterable[str], fixed: Iterable[str], horizon: float) -> ProblemOf:
         """Return what makes problems with such terms over segments of ``horizon`` s."""
         return replace(self, terms=tuple(terms), fixed=tuple(fixed), horizon=horizon).problem
 
-    def inferred(self, fitted: Fitted, weighed: WeighedLogs | None, known: Prior) -> Estimate:
-        """Return the estimate of a fit, its logs weighed if they scatter."""
-        problem, end, findings = fitted.problem, fitted.end, fitted.findings
-        logs = problem.logs
-        solved = cells = problem.solved(end)
-        if weighed and (with_scatter := weighed_end(weighed, end)):
-            end, findings = with_scatter, (*findings, *weighed.findings)
-            solved = problem.solved(end, cells=1)
-        owned = problem.keys[problem.shared :]
-        twins = self._twins(fitted, known)
-        beyond = end.values + end.at.step(*problem.box.about(end.values, np.inf))
-        scattering = weighed is not None and bool(weighed.findings)  # which hides it
-        others = [] if scattering else unsaid(problem, fitted.end)
+    def inferred(self, every: Problem, fit: Fit, known: Prior) -> Estimate:
+        """Return the estimate of a fit in some of the values of a problem."""
+        problem, logs = every.of_fit(fit.plain), every.logs
+        twins = self._twins(problem, fit.plain, known)
+        names, values = problem.labels[: problem.shared], fit.values
+        rivals = [
+            np.array([each.get(name, value_if_absent(name)) for name in names])
+            for each in fit.rivals
+        ]
+        scattering = any(each.kind is FindingKind.SCATTER for each in fit.findings)
+        if not scattering:  # which hides it
+            rivals += unsaid(problem, fit.plain)
         horizon = problem.options.horizon
         if self.horizon is None and horizon < math.inf:
-            others += over_shorter(problem, fitted.end)
-        rivals = (*fitted.rivals, *others, beyond[: problem.shared])
-        found = SolvedFit(
+            rivals += over_shorter(problem, fit.plain)
+        beyond = values + fit.linearisation.step(*problem.box.about(values, np.inf))
+        found = Basis(
             method="output error",
-            equations=solved,
-            unweighted=cells,
             shared=problem.shared,
             masses=[log.added_mass for log in logs],
             conditions=Conditions.of(logs, cells_of(len(logs), len(problem.keys))),
             known=known,
             driven=is_driven(logs),
             timed=all(log.excitation for log in logs),
-            rivals=rivals,
+            rivals=[*rivals, beyond[: problem.shared]],
             wider=[each.rival for each in twins],
-            consider_covariance=_waits(logs, solved.names),
+            consider_covariance=_waits(logs, problem.names),
             fixed=self._fixed(problem),
-            findings=(*findings, *(each.finding for each in twins)),
+            findings=[each.finding for each in twins],
         )
-        local = _local(owned, solved.values)
-        return replace(infer(found), local=local, horizon=horizon)
+        local = _local(problem.keys[problem.shared :], values)
+        return replace(infer(problem.in_cells(fit), found), local=local, horizon=horizon)
 
-    def _twins(self, fitted: Fitted, known: Prior) -> list[TwinTerm]:
+    def _twins(self, problem: Problem, fit: Fit, known: Prior) -> list[TwinTerm]:
         """Return the terms that are not fitted and that those which are speak for."""
-        problem, logs = fitted.problem, fitted.problem.logs
+        logs = problem.logs
         masses, terms = [log.added_mass for log in logs], {*problem.names} & {*offered(self.method)}
         rows = candidates(spoken_for(problem.names), masses, known)
         rows = tuple(name for name in rows if name not in self.fixed)
         if not rows:
             return []
-        horizon = fitted.problem.options.horizon
-        wider = replace(self, terms=(*terms, *rows), horizon=horizon)
+        wider = replace(self, terms=(*terms, *rows), horizon=problem.options.horizon)
         every = wider.problem(logs, Start(problem.start, problem.zeros), known)
-        return twin_terms(every, fitted, rows)
+        return twin_terms(replace(every, simulations=problem.simulations), fit, rows)
 
     def _require_known_once(self, known: Prior) -> None:
         """Raise InputError for what is known of the robot and yet fixed, or of mass or log."""

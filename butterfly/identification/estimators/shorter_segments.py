@@ -9,10 +9,9 @@ import math
 from dataclasses import replace
 
 from butterfly.arrays import Samples
-from butterfly.identification.chosen_terms import Fitted
 from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.estimators.start import refitted, white_cost
-from butterfly.identification.fit import Minimum
+from butterfly.identification.fit import Fit
 from butterfly.identification.inference.blocks import CELLS
 from butterfly.identification.levels import FEW, PRECISE, WEIGHED
 from butterfly.identification.own_time import is_held, own_time
@@ -20,18 +19,18 @@ from butterfly.identification.problem import Problem, Start
 from butterfly.progress import out_of_time
 
 
-def shorter_segments(fitted: Fitted) -> tuple[float, Start] | None:
+def shorter_segments(every: Problem, fit: Fit) -> tuple[float, Start] | None:
     """Return the time in s of segments, and a first guess over them, if longer ones are no good.
 
     That is where nothing holds the joint in any log, and a fit leaves errors above white noise by
     more than this is known.
     """
-    problem, end = fitted.problem, fitted.end
+    problem, end = every.of_fit(fit.plain), fit.plain
     own, whole = _time_of(problem, end), math.isinf(problem.options.horizon)
     if math.isinf(own) or _explained(end):
         return None
     own = own if whole else problem.options.horizon
-    first: tuple[float, Minimum] | None = None
+    first: tuple[float, Fit] | None = None
     for part in range(0 if whole else 1, FEW + 1):
         horizon = float(f"{own / FEW**part:.2g}")
         if horizon < _shortest(problem) or out_of_time("shorter segments"):
@@ -49,7 +48,7 @@ def shorter_segments(fitted: Fitted) -> tuple[float, Start] | None:
     return horizon, problem.start_at(end.values)
 
 
-def over_shorter(problem: Problem, end: Minimum) -> list[Samples]:
+def over_shorter(problem: Problem, end: Fit) -> list[Samples]:
     """Return (shared,) values over a third of segments of the joint's own time, which are as right.
 
     Over some joints these are nearer the truth, over others not, and nothing tells which. None of
@@ -63,9 +62,9 @@ def over_shorter(problem: Problem, end: Minimum) -> list[Samples]:
     return [found.values[: problem.shared]] if found is not None and found.converged else []
 
 
-def _time_of(problem: Problem, end: Minimum) -> float:
+def _time_of(problem: Problem, end: Fit) -> float:
     """Return the shortest own time in s of the logs; infinite if the joint is held in any."""
-    values = problem.named(end.values)
+    values = end.named
     bare = replace(problem.start, **{n: values[n] for n in ("p1", "p2", "p3") if n in values})
     joints = [(log, bare.with_added_mass(log.added_mass)) for log in problem.logs]
     if any(is_held(*pair, reading_of(pair[0], problem.zeros)) for pair in joints):
@@ -73,9 +72,9 @@ def _time_of(problem: Problem, end: Minimum) -> float:
     return min(own_time(*pair) for pair in joints)
 
 
-def _explained(end: Minimum) -> bool:
+def _explained(end: Fit) -> bool:
     """Whether white noise explains the errors at the end of a fit."""
-    return end.at.cost <= (1 + WEIGHED) ** 2 * white_cost(end.at)
+    return end.cost <= (1 + WEIGHED) ** 2 * white_cost(end.linearisation)
 
 
 def _shortest(problem: Problem) -> float:
@@ -83,7 +82,7 @@ def _shortest(problem: Problem) -> float:
     return CELLS * max(log.mean_step for log in problem.logs)
 
 
-def _over(problem: Problem, end: Minimum, horizon: float) -> Minimum | None:
+def _over(problem: Problem, end: Fit, horizon: float) -> Fit | None:
     """Return the end of a fit over segments that begins at another's; None if there is none."""
     there = replace(problem, options=replace(problem.options, horizon=horizon))
     return refitted(there.of_logs(problem.logs), end.values)

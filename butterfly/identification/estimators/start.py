@@ -17,16 +17,15 @@ import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError, IdentifiabilityError
-from butterfly.identification.chosen_terms import TRIAL, Fitted, chosen_at_once, offered_rows
+from butterfly.identification.chosen_terms import TRIAL, chosen_at_once, offered_rows
 from butterfly.identification.data import DataSet
 from butterfly.identification.encoder_offset import near, reading_of
 from butterfly.identification.estimators.base import Estimator, usable
 from butterfly.identification.estimators.harmonic_balance import HarmonicBalance
 from butterfly.identification.estimators.weak_form import WeakForm
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.fit import Equations, Minimum
+from butterfly.identification.fit import Fit
 from butterfly.identification.free_run import LEAST_FIT, FreeRun, Setting
-from butterfly.identification.inference.equations import scaled_least_squares
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.levels import (
     LOST,
@@ -36,6 +35,7 @@ from butterfly.identification.levels import (
     ROUNDING,
     SHOWS,
 )
+from butterfly.identification.linearisation import Linearisation, scaled_least_squares
 from butterfly.identification.problem import Problem, Start
 from butterfly.identification.sensor_errors import white_variance
 from butterfly.identification.servo_drive import driven_alone
@@ -222,71 +222,69 @@ def _known(method: type[Estimator], terms: tuple[str, ...] | None) -> tuple[str,
     return None if terms is None else tuple(n for n in terms if n in offered(method.method))
 
 
-def lowest_end(problems: Sequence[Problem], enough: float = ROUNDING) -> Fitted:
+def lowest_end(problems: Sequence[Problem], enough: float = ROUNDING) -> Fit:
     """Return the end of a descent from the first guess whose free runs are nearest.
 
     From the others only where more than the noise of the sensors is left; ``enough``: of a step.
     """
     begun = [(problem, problem.equations(problem.initial)) for problem in problems]
     begun.sort(key=lambda each: each[1].cost if each[1].is_finite else math.inf)
-    problem, end = begun[0][0], begun[0][0].descend(begun[0][1], enough=enough)
-    costs = [end.at.cost] if end.converged else []
-    for other, at in [] if end.converged and leaves_noise(end.at) else begun[1:]:
+    end = begun[0][0].descend(begun[0][1], enough=enough)
+    costs = [end.cost] if end.converged else []
+    for other, at in [] if end.converged and leaves_noise(end.linearisation) else begun[1:]:
         if not at.is_finite or out_of_time("fits from other initial guesses"):
             break
         with suppress(IdentifiabilityError):
             tried = other.descend(at, _PASSES, enough)
-            if not tried.converged and tried.at.cost < end.at.cost:
-                tried = other.descend(tried.at, enough=enough)
-            costs += [tried.at.cost] if tried.converged else []
-            if tried.at.cost < end.at.cost:
-                problem, end = other, tried
-    elsewhere = [ratio for ratio in (cost / end.at.cost for cost in costs) if ratio > _ELSEWHERE]
+            if not tried.converged and tried.cost < end.cost:
+                tried = other.descend(tried.linearisation, enough=enough)
+            costs += [tried.cost] if tried.converged else []
+            end = tried if tried.cost < end.cost else end
+    elsewhere = [ratio for ratio in (cost / end.cost for cost in costs) if ratio > _ELSEWHERE]
     findings = tuple(Finding(FindingKind.OTHER_END, number=min(elsewhere)) for _ in elsewhere[:1])
-    return Fitted(problem=problem, end=end, findings=findings)
+    return replace(end, findings=findings)
 
 
-def hanging(fitted: Fitted) -> Fitted:
+def hanging(every: Problem, fit: Fit) -> Fit:
     """Return the same fit, the encoder's zero where a joint without added masses hangs.
 
     Half a turn of the zero and the other sign of gravity are the same motion.
     """
-    problem, values = fitted.problem, fitted.end.values.copy()
+    problem, values = every.of_fit(fit), fit.values.copy()
     at = {name: k for k, (name, whose) in enumerate(problem.keys) if whose is None}
     turns = {"p3", "zero"} <= at.keys() and not (OF_ANGLE - {"p3", "p3_offset"}) & at.keys()
     if any(log.added_mass.mass for log in problem.logs) or not turns or values[at["p3"]] >= 0:
-        return fitted
+        return fit
     for name in {"p3", "p3_offset"} & at.keys():
         values[at[name]] *= -1
     home = float(np.median(problem.logs[0].angle))
     values[at["zero"]] = near(values[at["zero"]] + math.pi, home)
-    return replace(fitted, end=problem.descend(problem.equations(values, fitted.end.at)))
+    turned = problem.descend(problem.equations(values, fit.linearisation))
+    return replace(turned, findings=fit.findings)
 
 
-def begun_anew(
-    every: Problem, fitted: Fitted, rows: Sequence[str], rare: Collection[str]
-) -> Fitted:
+def begun_anew(every: Problem, fit: Fit, rows: Sequence[str], rare: Collection[str]) -> Fit:
     """Return a fit that begins with all common terms, idle ones taken away, if the first is poor.
 
     Where few terms follow no log, their values are those of no joint, about which others can
     neither be found nor refused; the closed form has values for all.
     """
-    poor = 2 * fitted.end.at.cost > LOST**2 * len(fitted.problem.motion)
+    poor = 2 * fit.cost > LOST**2 * len(every.motion)
     if not (rows and poor) or out_of_time("a fit that begins with all common terms"):
-        return fitted
+        return fit
     common = every.without([*rare])
     with suppress(IdentifiabilityError):
         at = common.equations(common.initial)
         end = common.descend(at, TRIAL, SHOWS, TRIAL * at.steps)
-        if end.at.cost < LOST * fitted.end.at.cost:
+        if end.cost < LOST * fit.cost:
             names = [name for name in rows if name not in rare]
-            problem, end = chosen_at_once(common, end, names)
-            if end.at.cost < fitted.end.at.cost:
-                return replace(fitted, problem=problem, end=end)
-    return fitted
+            _, end = chosen_at_once(common, end, names)
+            if end.cost < fit.cost:
+                return replace(end, findings=fit.findings)
+    return fit
 
 
-def refitted(problem: Problem, values: Samples, near: Equations | None = None) -> Minimum | None:
+def refitted(problem: Problem, values: Samples, near: Linearisation | None = None) -> Fit | None:
     """Return the end of a short descent from (n,) values; None if no joint moves so."""
     try:
         return problem.descend(problem.equations(values, near), PASSES, SHOWS)
@@ -294,14 +292,15 @@ def refitted(problem: Problem, values: Samples, near: Equations | None = None) -
         return None
 
 
-def leaves_noise(at: Equations) -> bool:
+def leaves_noise(at: Linearisation) -> bool:
     """Whether errors are a small share of the motion, and white by their second differences."""
-    return 2 * at.cost <= len(at.logs) * MATTERS**2 and at.cost <= _ELSEWHERE * white_cost(at)
+    return 2 * at.cost <= at.ends.size * MATTERS**2 and at.cost <= _ELSEWHERE * white_cost(at)
 
 
-def white_cost(at: Equations) -> float:
+def white_cost(at: Linearisation) -> float:
     """Return the cost of white noise as rough as the errors of the logs."""
-    return sum(0.5 * log.residuals.size * white_variance(log.residuals) for log in at.logs)
+    logs = np.split(at.residuals, at.ends[:-1])
+    return sum(0.5 * errors.size * white_variance(errors) for errors in logs)
 
 
 ProblemOf = Callable[[Sequence[Log], Start, Prior], Problem]
@@ -334,17 +333,18 @@ def servo_start(
     scanned = "delay" not in {*known.fixed, *fixed}
     delay = 0.0 if scanned else known.fixed.get("delay", guess.parameters.delay)
     known = known | Prior({"delay": Known(value=0.0)})  # of the drive itself
-    ends: list[tuple[float, float, Problem, Minimum]] = []
+    ends: list[tuple[float, float, Problem, Fit]] = []
 
     def attempt(delay: float) -> None:
         late = replace(start.parameters, delay=delay)
         begun = replace(start, parameters=replace(late, delay=0.0))
         problem = problem_of([driven_alone(log, late) for log in logs], begun, known)
         if ends:
-            end = problem.descend(problem.equations(ends[0][3].values, ends[0][3].at), _PASSES)
+            best = ends[0][3]
+            end = problem.descend(problem.equations(best.values, best.linearisation), _PASSES)
         else:
             end = problem.descend()
-        ends.append((end.at.cost, delay, problem, end))
+        ends.append((end.cost, delay, problem, end))
         ends.sort(key=lambda each: each[:2])
 
     attempt(delay)

@@ -39,11 +39,11 @@ from butterfly.identification.estimators.base import Estimator, require_names, r
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.free_run import LEAST_FIT, FreeRun, Setting
 from butterfly.identification.inference.blocks import Conditions, cells_of
-from butterfly.identification.inference.equations import CellEquations, Solution
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.identifiability import is_driven, prior_of_fit
-from butterfly.identification.inference.infer import SolvedFit, infer
+from butterfly.identification.inference.infer import Basis, infer
 from butterfly.identification.inference.linear_terms import TermChoice, optional_terms
+from butterfly.identification.linearisation import Solution
 from butterfly.identification.test_functions import Averaging
 from butterfly.identification.weak_regression import WeakFit, averaging_of, fitted_terms
 from butterfly.logs.log import Log
@@ -122,9 +122,9 @@ class WeakForm(Estimator):
         counted = solved.log.size == cells * len(logs)
         conditions = Conditions.of(logs, cells) if counted else None  # one per cell
         return infer(
-            SolvedFit(
+            fit.fit,
+            Basis(
                 method="weak form",
-                equations=solved,
                 masses=[log.added_mass for log in logs],
                 conditions=conditions,
                 known=known,
@@ -135,7 +135,7 @@ class WeakForm(Estimator):
                 torques=True,
                 fixed=fixed,
                 findings=chosen.findings,
-            )
+            ),
         )
 
     def path(self, data: DataSet, offers: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
@@ -224,12 +224,8 @@ def refined(fit: WeakFit, instruments: Sequence[Averaging]) -> WeakFit:
         free &= ~low
     solution = Solution(values=values, on_bound=~free)
     cells = cells_of(len(instruments), len(names))
-    solved = replace(
-        CellEquations.of(regression, solution, cells=cells, jacobian=through.jacobian(values)),
-        ending=fit.solved.ending,
-        unsettled=fit.solved.unsettled,
-    )
-    return WeakFit(about=about, regression=through, solved=solved)
+    solved = regression.linearised(solution, cells=cells, jacobian=through.jacobian(values))
+    return WeakFit(about=about, regression=through, fit=replace(fit.fit, linearisation=solved))
 
 
 def _through(multiplied: Samples, rows: Samples, target: Samples) -> Samples:
@@ -252,5 +248,5 @@ def offset_covariance(fit: WeakFit, uncertain: Samples) -> Samples:
     slopes = gravity.rows[:, 0] * fit.values.get("p3_offset", 0.0)
     slopes -= gravity.rows[:, 1] * moment[gravity.cluster]
     pulls = (uncertain[:, gravity.cluster] * slopes) @ fit.regression.jacobian(solved.values)
-    moved = np.reshape([solved.change_by(pull) for pull in pulls], pulls.shape)
+    moved = np.reshape([solved.inverse @ pull for pull in pulls], pulls.shape)
     return np.asarray(moved.T @ moved)

@@ -28,7 +28,6 @@ from scipy.special import fdtrc, stdtr
 from butterfly.arrays import Samples, unit_diagonal
 from butterfly.identification.inference.blocks import Condition, Conditions
 from butterfly.identification.inference.covariance import cluster_covariance, half_widths
-from butterfly.identification.inference.equations import CellEquations
 from butterfly.identification.levels import (
     ACCUSED,
     CONFIDENCE,
@@ -38,6 +37,7 @@ from butterfly.identification.levels import (
     ROUNDING,
     SHOWS,
 )
+from butterfly.identification.linearisation import Linearisation
 from butterfly.model.terms import DISSIPATIVE, PARAMETERS
 
 # of the largest torque, above which a contrast of steady responses counts: integration errors are
@@ -112,7 +112,7 @@ class Rival(NamedTuple):
 
 
 def disagreements_of(
-    equations: CellEquations, conditions: Conditions
+    equations: Linearisation, conditions: Conditions
 ) -> tuple[tuple[Contrast, ...], tuple[Rival, ...]]:
     """Return the significant and relevant contrasts, the best first, and their rivals."""
     accepted = _accepted(equations, conditions)
@@ -125,7 +125,7 @@ def disagreements_of(
 
 
 def contrasts_of(
-    equations: CellEquations, conditions: Conditions
+    equations: Linearisation, conditions: Conditions
 ) -> tuple[tuple[Contrast, ...], list[Samples]]:
     """Return the same contrasts and those from log to log, and (n,) values of their rivals."""
     accepted = _accepted(equations, conditions)
@@ -137,7 +137,7 @@ def contrasts_of(
     return found, [end for *_, each in accepted for _, end in each]
 
 
-def friction_rivals(equations: CellEquations, conditions: Conditions) -> list[Samples]:
+def friction_rivals(equations: Linearisation, conditions: Conditions) -> list[Samples]:
     """Return (n,) values of which friction is that of the significant contrasts that move it.
 
     Where most of the error is no noise, it may stand for what the model lacks.
@@ -149,7 +149,7 @@ def friction_rivals(equations: CellEquations, conditions: Conditions) -> list[Sa
 
 
 def _accepted(
-    equations: CellEquations, conditions: Conditions, of: tuple[str, ...] = _OF_SCALE
+    equations: Linearisation, conditions: Conditions, of: tuple[str, ...] = _OF_SCALE
 ) -> list[_Accepted]:
     asked = [*_of_parameters(equations, conditions), *_of_masses(equations, conditions)]
     tried = [found for each in asked if (found := _solved(equations, each))]
@@ -171,7 +171,7 @@ def _accepted(
     return sorted(accepted, key=lambda each: -each[0].share)
 
 
-def score_of(equations: CellEquations, name: str) -> float | None:
+def score_of(equations: Linearisation, name: str) -> float | None:
     """Return the p-value of the score test of a parameter that is held; None if unidentifiable."""
     every = np.ones(equations.log.size)
     unit = np.outer(every, np.array(equations.names) == name)
@@ -185,11 +185,11 @@ def weighed_within(contrasts: Sequence[Contrast]) -> float:
     return min((abs(each.last / each.first - 1) for each in wrong), default=0.0)
 
 
-def _of_parameters(equations: CellEquations, conditions: Conditions) -> Iterator[_Tried]:
+def _of_parameters(equations: Linearisation, conditions: Conditions) -> Iterator[_Tried]:
     """Yield each parameter of the scale with each condition that differs from cell to cell."""
     for condition, x in conditions.values.items():
         for place, name in enumerate(equations.names):
-            weight = equations.curvature[:, place, place]
+            weight = equations.curvatures[:, place, place]
             # the time to cross a gap falls as 1/speed, and regimes of a clock may differ by a
             # message; a delay follows nothing else
             of_delay = condition in {Condition.SPEED, Condition.REGIME}
@@ -202,7 +202,7 @@ def _of_parameters(equations: CellEquations, conditions: Conditions) -> Iterator
             yield _Tried(name, condition, mean, x, direction)
 
 
-def _of_masses(equations: CellEquations, conditions: Conditions) -> Iterator[_Tried]:
+def _of_masses(equations: Linearisation, conditions: Conditions) -> Iterator[_Tried]:
     """Yield an error of each added mass, where there are enough different ones."""
     names, masses = equations.names, conditions.masses
     effects = {mass.inertia_and_moment for mass in masses}
@@ -216,14 +216,14 @@ def _of_masses(equations: CellEquations, conditions: Conditions) -> Iterator[_Tr
         yield _Tried("mass", Condition.WEIGHED, mass.mass, x, direction)
 
 
-def _solved(equations: CellEquations, asked: _Tried) -> _Tried | None:
+def _solved(equations: Linearisation, asked: _Tried) -> _Tried | None:
     """Return a contrast with its slope and p-values; None if it is not identifiable."""
     rest, parts = equations.orthogonalised(asked.direction)
     information = float(parts.sum())
     if not information:
         return None
-    scores = np.einsum("kn,kn->k", rest, equations.gradient)
-    gamma, cost = -float(scores.sum()) / information, float(equations.cost.sum())
+    scores = np.einsum("kn,kn->k", rest, equations.gradients)
+    gamma, cost = -float(scores.sum()) / information, float(equations.squares.sum())
     explained = gamma**2 * information
     logs = np.unique(equations.log, return_inverse=True)[1]
     sums = (np.asarray(np.bincount(logs, each), dtype=float) for each in (scores, parts))
@@ -237,32 +237,32 @@ def _solved(equations: CellEquations, asked: _Tried) -> _Tried | None:
     )
 
 
-def _widths_at(equations: CellEquations, each: _Tried, limit: float, values: Samples) -> Samples:
+def _widths_at(equations: Linearisation, each: _Tried, limit: float, values: Samples) -> Samples:
     """(n,) half-widths of (n,) values at a condition's limit, the slope being estimated too."""
     unit = np.array([name == each.parameter for name in equations.names])
-    slope = np.einsum("kmn,kn->km", equations.rows, np.outer(each.x - limit, unit))
+    slope = np.einsum("kmn,kn->km", equations.stack[0], np.outer(each.x - limit, unit)).ravel()
     left = equations.residuals + equations.rows @ (values - equations.values) + slope * each.gamma
     whole = replace(
         equations,
         names=(*equations.names, "slope"),
         values=np.append(values, each.gamma),
         lower=np.append(equations.lower, -np.inf),
-        on_bound=np.append(equations.on_bound, [False]),
-        rows=np.concatenate([equations.rows, slope[:, :, None]], axis=2),
+        held=np.append(equations.on_bound, [False]),
+        rows=np.column_stack([equations.rows, slope]),
         residuals=left,
         prior=None if equations.prior is None else equations.prior.padded(1),
     ).independent
     try:
-        covariance, freedom = cluster_covariance(whole.rows, whole.residuals, whole.prior)
+        covariance, freedom = cluster_covariance(*whole.stack, whole.prior)
     except np.linalg.LinAlgError:  # no cell tells the slope from the rest
         return np.full(values.size, np.inf)
     return np.asarray(half_widths(covariance, freedom)[:-1])
 
 
-def from_log_to_log(equations: CellEquations) -> Iterator[Contrast]:
+def from_log_to_log(equations: Linearisation) -> Iterator[Contrast]:
     """Yield friction or gain that differs from log to log (adjusted F test); each log is a cell."""
-    cost = float(equations.cost.sum())
-    rows = equations.count - len(equations.names)
+    cost = float(equations.squares.sum())
+    rows = np.count_nonzero(equations.rows.any(axis=1)) - len(equations.names)
     more = equations.log.size - 1
     if rows - more < 1 or not cost > 0:
         return
@@ -270,7 +270,7 @@ def from_log_to_log(equations: CellEquations) -> Iterator[Contrast]:
         change = _in_each_log(equations, place)
         if change is None:
             continue
-        explained = -float(change @ equations.gradient[:, place])
+        explained = -float(change @ equations.gradients[:, place])
         left = max((cost - explained) / (rows - more), ROUNDING * cost)
         chance = float(fdtrc(more, rows - more, explained / more / left)) * len(_SCATTERS)
         scatter = float(np.std(change)) / (abs(float(equations.values[place])) or np.inf)
@@ -289,28 +289,28 @@ def from_log_to_log(equations: CellEquations) -> Iterator[Contrast]:
             )
 
 
-def differing_values(equations: CellEquations, name: str) -> Samples | None:
+def differing_values(equations: Linearisation, name: str) -> Samples | None:
     """(n,) values if one of them were local to each log, with its mean; None if undetermined."""
     equations, place = equations.of_logs, equations.names.index(name)
     change = _in_each_log(equations, place)
     if change is None:
         return None
-    pull = np.einsum("kn,k->n", equations.curvature[:, :, place], change)
+    pull = np.einsum("kn,k->n", equations.curvatures[:, :, place], change)
     values = equations.values - equations.inverse @ pull
     values[place] += change.mean()
     return np.asarray(values)
 
 
-def _in_each_log(equations: CellEquations, place: int) -> Samples | None:
+def _in_each_log(equations: Linearisation, place: int) -> Samples | None:
     """(k,) deviations of a value in each log from their mean; None if not identifiable."""
-    pulls = equations.curvature[:, :, place]
+    pulls = equations.curvatures[:, :, place]
     reduced = np.diag(pulls[:, place]) - pulls @ equations.inverse @ pulls.T
     scaled, size = unit_diagonal(reduced)
     powers, axes = np.linalg.eigh(scaled)
     if not (np.diag(reduced) > 0).all() or powers[1:].min(initial=1.0) < SHOWS:
         return None
     axes, powers = axes[:, 1:], powers[1:]  # the least is that of a change common to all logs
-    return np.asarray(-(axes / powers) @ (axes.T @ (equations.gradient[:, place] / size)) / size)
+    return np.asarray(-(axes / powers) @ (axes.T @ (equations.gradients[:, place] / size)) / size)
 
 
 def _chance(scores: Samples, parts: Samples, *, gamma: float) -> float:
@@ -326,7 +326,7 @@ def _chance(scores: Samples, parts: Samples, *, gamma: float) -> float:
 
 
 def _matters(
-    equations: CellEquations, each: _Tried, rivals: list[Samples], of: tuple[str, ...]
+    equations: Linearisation, each: _Tried, rivals: list[Samples], of: tuple[str, ...]
 ) -> bool:
     """Whether a contrast is significant between logs too, and explains much or moves parameters."""
     kept = np.isin(equations.names, of) & (equations.values != 0)
@@ -336,10 +336,10 @@ def _matters(
     return bool(each.share > MATERIAL or moved > MATTERS)
 
 
-def _is_relevant(equations: CellEquations, share: float) -> bool:
+def _is_relevant(equations: Linearisation, share: float) -> bool:
     """Whether a share of the squared errors exceeds the errors of the integration."""
-    torques = np.abs(equations.values) * np.sqrt(np.diag(equations.total[0]))
-    return bool(share * equations.cost.sum() > (_LEAST_TORQUE * torques.max()) ** 2)
+    torques = np.abs(equations.values) * np.sqrt(np.diag(equations.curvature))
+    return bool(share * equations.squares.sum() > (_LEAST_TORQUE * torques.max()) ** 2)
 
 
 def _contrast(each: _Tried, place: int, chance: float) -> Contrast:

@@ -12,10 +12,10 @@ from butterfly.arrays import Samples, unit_columns
 from butterfly.errors import InputError
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.inference.covariance import cluster_covariance, half_widths
-from butterfly.identification.inference.equations import CellEquations, scaled_least_squares
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, growth
 from butterfly.identification.inference.stagewise import as_good
 from butterfly.identification.levels import ACCUSED, CLEARLY, MATTERS, SHOWS
+from butterfly.identification.linearisation import Linearisation, scaled_least_squares
 from butterfly.model.parameters import AddedMass, LumpedParameters, rounded, value_if_absent
 from butterfly.model.prior import LAG, NO_PRIOR, Prior
 from butterfly.model.terms import FOLLOWERS, PARAMETERS, TERMS, companions
@@ -42,7 +42,7 @@ _GREATEST = {"gravity_scale": 1.0}  # scales: no bench has more gravity for bein
 
 
 def moved_by_givens(
-    cells: CellEquations, carried: Sequence[AddedMass], known: Prior
+    cells: Linearisation, carried: Sequence[AddedMass], known: Prior
 ) -> Samples | None:
     """Return the effect of uncertain added masses, arms and scales on the residuals of k cells.
 
@@ -55,7 +55,7 @@ def moved_by_givens(
     uncertainty; None if all are exact. InputError if a parameter is known exactly although what is
     added to it, or drives it, is not.
     """
-    count, values = len(cells.rows), cells.named
+    count, values = cells.ends.size, cells.named
     inertia, gravity = (
         np.array([getattr(each, name) for each in carried] or np.zeros(count))
         for name in ("inertia", "gravity_moment")
@@ -82,9 +82,10 @@ def moved_by_givens(
     return np.stack(columns, axis=2) if columns else None
 
 
-def _moved(cells: CellEquations, by: Mapping[str, Samples]) -> Samples:
+def _moved(cells: Linearisation, by: Mapping[str, Samples]) -> Samples:
     """Return (k, m) changes of the residuals if parameters change by (k,) amounts."""
-    result = np.zeros(cells.rows.shape[:2])
+    rows, _ = cells.stack
+    result = np.zeros(rows.shape[:2])
     for name, change in by.items():
         if not change.any():
             continue
@@ -93,7 +94,7 @@ def _moved(cells: CellEquations, by: Mapping[str, Samples]) -> Samples:
             raise InputError(
                 "known", name, "exact although masses or scales are uncertain", expected
             )
-        result += cells.rows[:, :, cells.names.index(name)] * change[:, None]
+        result += rows[:, :, cells.names.index(name)] * change[:, None]
     return result
 
 
@@ -135,7 +136,7 @@ def open_scales(carried: Sequence[AddedMass], known: Prior, *, timed: bool) -> t
 
 
 def scale_rivals(
-    equations: CellEquations, masses: Sequence[AddedMass], known: Prior, *, timed: bool
+    equations: Linearisation, masses: Sequence[AddedMass], known: Prior, *, timed: bool
 ) -> Iterator[ScaleRival]:
     """Yield the scales that may as well be wrong as a term be there.
 
@@ -167,12 +168,12 @@ def scale_rivals(
             share = float(values[cells.names.index("p1")] / cells.named["p1"] - 1)
             possible = 1 + error <= _GREATEST.get(scale, np.inf)
             possible &= value < 0 or abs(share) < _LARGEST
-            if possible and _as_good(cells, cells.residuals + error * rest):
+            if possible and _as_good(cells, cells.residuals + error * rest.ravel()):
                 yield ScaleRival(term, scale, share, values, slopes)
 
 
 def _effects_of(
-    cells: CellEquations, carried: Sequence[AddedMass], scales: Sequence[str]
+    cells: Linearisation, carried: Sequence[AddedMass], scales: Sequence[str]
 ) -> dict[str, Samples]:
     """Return by scale the (k, m) changes of residuals if it is larger, parameters as they are."""
     if not {"p1", "p3"} <= {*cells.names} or not any(mass.mass for mass in carried):
@@ -189,17 +190,17 @@ def _effects_of(
     }
 
 
-def _undone(cells: CellEquations, effect: Samples) -> tuple[Samples, Samples]:
+def _undone(cells: Linearisation, effect: Samples) -> tuple[Samples, Samples]:
     """(n,) changes of values with an effect nearest to a (k, m) one, and what that leaves of it."""
     rows, left = cells.with_prior
     rows = np.where(cells.free, rows, 0.0)
     wanted = np.zeros(left.size)
     wanted[: effect.size] = effect.ravel()
     by = scaled_least_squares(rows, wanted)
-    return by, effect - (cells.rows @ by)
+    return by, effect - (cells.stack[0] @ by)
 
 
-def _as_good_without(cells: CellEquations, term: str) -> bool:
+def _as_good_without(cells: Linearisation, term: str) -> bool:
     """Whether the equations are solved as well without a term."""
     names = np.array(cells.names)
     lost = np.where(names == term, value_if_absent(term) - cells.values, 0.0)
@@ -209,13 +210,14 @@ def _as_good_without(cells: CellEquations, term: str) -> bool:
     return _as_good(cells, cells.residuals + cells.rows @ step)
 
 
-def _as_good(cells: CellEquations, residuals: Samples) -> bool:
-    """Whether (k, m) residuals are as small as those of the equations."""
-    return as_good((1 - SHOWS) * np.linalg.norm(residuals, axis=1), np.sqrt(cells.cost))
+def _as_good(cells: Linearisation, residuals: Samples) -> bool:
+    """Whether residuals of all cells are as small as those of the equations."""
+    errors = np.linalg.norm(residuals.reshape(cells.ends.size, -1), axis=1)
+    return as_good((1 - SHOWS) * errors, np.sqrt(cells.squares))
 
 
 def prior_contradictions(
-    cells: CellEquations, covariance: Samples, known: Prior = NO_PRIOR
+    cells: Linearisation, covariance: Samples, known: Prior = NO_PRIOR
 ) -> list[Finding]:
     """Return the priors that the logs contradict, by the (n, n) covariance of the estimate.
 
@@ -243,14 +245,14 @@ def prior_contradictions(
     return findings
 
 
-def scale_errors(cells: CellEquations, carried: Sequence[AddedMass], known: Prior) -> list[Finding]:
+def scale_errors(cells: Linearisation, carried: Sequence[AddedMass], known: Prior) -> list[Finding]:
     """Return whether the added masses of k cells contradict parameters that are known exactly.
 
     Residuals do not change with a common factor of all torques, so their derivative by that of the
     known ones is minus that of all others. Its step is the factor that the logs of k cells support.
     """
     fixed = tuple(name for name in known.scale() if name in known.fixed)
-    names, rows, residuals = cells.names, cells.rows, cells.residuals
+    names, (rows, residuals) = cells.names, cells.stack
     lost = any(load and n not in names for mass in carried for n, load in mass.loads.items())
     if not fixed or lost or len({mass.inertia_and_moment for mass in carried}) <= 1:
         return []

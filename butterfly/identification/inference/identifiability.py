@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from butterfly.arrays import Samples, unit_columns
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.inference.equations import CellEquations, scaled_least_squares
+from butterfly.identification.fit import Fit
 from butterfly.identification.levels import CLEARLY, PRECISE, ROUNDING
+from butterfly.identification.linearisation import Linearisation, scaled_least_squares
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.model.prior import Penalty, Prior
@@ -171,38 +172,51 @@ def growth(names: Sequence[str], values: Samples, added: AddedMass) -> Samples:
     return np.array([added.loads.get(name, 0.0) for name in names]) + values * shares
 
 
-def with_held(solved: CellEquations, name: str, known: Prior, added: AddedMass) -> CellEquations:
-    """Return equations that include a parameter that their solver held, and its prior.
+def with_held(fit: Fit, name: str, known: Prior, added: AddedMass) -> Fit:
+    """Return a fit whose equations include a parameter that it held, and its prior.
 
     ``added``: what all logs carry. The parameter's column follows from the others, as residuals do
     not change with a common factor of all torques.
     """
+    solved = fit.linearisation
     before = [*PARAMETERS, name]
     at = sum(each in solved.names for each in before[: before.index(name)])
     names = (*solved.names[:at], name, *solved.names[at:])
-    values = np.insert(solved.values, at, known.fixed[name])
-    grown = growth(names, values, added)
+    grown = growth(names, np.insert(solved.values, at, known.fixed[name]), added)
     turned = np.insert(np.eye(len(solved.names)), at, -np.delete(grown, at) / grown[at], axis=1)
-    about = dict(zip(names, values.tolist(), strict=True))
-    prior = Penalty.of(names, known.parameters, solved.realised_variance, about)
-    assert prior is not None  # noqa: S101 - what is held is uncertain
-    bread, unsettled = solved.bread, solved.unsettled
+
+    def own_prior(equations: Linearisation) -> Penalty:
+        values = np.insert(equations.values, at, known.fixed[name])
+        about = dict(zip(names, values.tolist(), strict=True))
+        own = Penalty.of(names, known.parameters, equations.realised_variance, about)
+        assert own is not None  # noqa: S101 - what is held is uncertain
+        return own
+
+    def held(equations: Linearisation) -> Linearisation:
+        """Return equations with the parameter among the values, which move only if others do."""
+        values, own = np.insert(equations.values, at, known.fixed[name]), own_prior(equations)
+        whole = replace(
+            equations,
+            names=names,
+            values=values,
+            rows=equations.rows @ turned,
+            held=np.insert(equations.on_bound, at, [False]),
+            lower=np.insert(equations.lower, at, TERMS[name].lower),
+            prior=own.beside(equations.prior, at),
+        )
+        if own.active.sum() == 1:
+            return whole
+        moved = np.maximum(values - scaled_least_squares(*whole.with_prior), whole.lower)
+        return replace(whole.moved(moved - values), values=moved)
+
+    bread = fit.bread
     if bread is not None:
         of_logs = bread if solved.prior is None else bread - solved.prior.curvature
-        bread = turned.T @ of_logs @ turned + prior.curvature
-    whole = replace(
-        solved,
-        names=names,
-        values=values,
-        rows=solved.rows @ turned,
-        on_bound=np.insert(solved.on_bound, at, [False]),
-        lower=np.insert(solved.lower, at, TERMS[name].lower),
+        bread = turned.T @ of_logs @ turned + own_prior(solved).curvature
+    return replace(
+        fit,
+        linearisation=held(solved),
+        unweighed=fit.unweighed and held(fit.unweighed),
         bread=bread,
-        unsettled=None if unsettled is None else np.insert(unsettled, at, 0.0),
-        prior=prior.beside(solved.prior, at),
+        unsettled=None if fit.unsettled is None else np.insert(fit.unsettled, at, 0.0),
     )
-    if prior.active.sum() == 1:
-        return whole
-    rows, left = whole.with_prior
-    moved = np.maximum(values - scaled_least_squares(rows, left), whole.lower)
-    return replace(whole, values=moved, residuals=solved.residuals + whole.rows @ (moved - values))

@@ -8,10 +8,12 @@ from itertools import compress
 from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from butterfly.arrays import Samples, unit_diagonal
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.findings import Ending, Finding, FindingKind
+from butterfly.identification.fit import Fit
 from butterfly.identification.inference.agreement import (
     Contrast,
     Rival,
@@ -32,7 +34,6 @@ from butterfly.identification.inference.covariance import (
     honest_half_widths,
     robust,
 )
-from butterfly.identification.inference.equations import CellEquations, scaled_least_squares
 from butterfly.identification.inference.estimate import OF_VERDICT, Estimate
 from butterfly.identification.inference.identifiability import (
     Conditioning,
@@ -42,6 +43,7 @@ from butterfly.identification.inference.identifiability import (
 )
 from butterfly.identification.inference.submodels import without_logs
 from butterfly.identification.levels import CLEARLY, FEW, LOST, PRECISE
+from butterfly.identification.linearisation import Linearisation, scaled_least_squares
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import TERMS
@@ -53,16 +55,13 @@ _NOTHING = np.finfo(float).tiny ** 0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class SolvedFit:
-    """A fit of n values: equations about them, conditions, prior and findings.
+class Basis:
+    """What inference knows beside the fit of n values, whose equations are in cells.
 
     A known value that was held, as it sets the scale, is not among the n.
     """
 
     method: str
-    equations: CellEquations  # as the solver weighs them
-    # before logs were weighted by random effects, to compare conditions; the same if None
-    unweighted: CellEquations | None = None
     shared: int | None = None  # number of the first values, the robot's parameters; None: all
     masses: Sequence[AddedMass] = ()  # one per log
     conditions: Conditions | None = None  # of the cells
@@ -78,58 +77,60 @@ class SolvedFit:
     fixed: dict[str, float] = field(default_factory=dict)  # values that were not fitted
     findings: Sequence[Finding] = ()  # of the method
 
-    @property
-    def with_held(self) -> SolvedFit:
-        """The fit with the known value that was held, and its uncertainty, among the n."""
-        name, given, consider = self.known.held, self.known.given, self.consider_covariance
-        if name is None:
-            return replace(self, known=given)
-        about = name, self.known, self.masses[0]
-        whole, unweighted = with_held(self.equations, *about), self.unweighted
-        at, value = whole.names.index(name), self.known.fixed[name]
-        if consider is not None:
-            consider = np.insert(np.insert(consider, at, 0.0, axis=0), at, 0.0, axis=1)
-        return replace(
-            self,
-            equations=whole,
-            unweighted=unweighted and with_held(unweighted, *about),
-            shared=None if self.shared is None else self.shared + 1,
-            known=given,
-            rivals=[np.insert(each, at, value) for each in self.rivals],
-            wider=[Rival(*map(np.insert, each, (at, at), (value, 0.0))) for each in self.wider],
-            consider_covariance=consider,
-        )
-
-    def carried(self, share: float) -> list[AddedMass]:
-        """Return the masses of the independent cells, uncertain by ``share`` or more."""
+    def carried(self, log: NDArray[np.intp], share: float) -> list[AddedMass]:
+        """Return the masses of cells, by their logs, uncertain by ``share`` or more."""
         weighed = [
             replace(each, mass_uncertainty=max(each.mass_uncertainty, share * each.mass))
             for each in self.masses
         ]
-        return [weighed[number] for number in self.equations.independent.log] if weighed else []
+        return [weighed[number] for number in log] if weighed else []
 
 
-def infer(solved: SolvedFit) -> Estimate:
+def _with_held(fit: Fit, basis: Basis) -> tuple[Fit, Basis]:
+    """Return them with the known value that was held, and its prior, among the n."""
+    name, given, consider = basis.known.held, basis.known.given, basis.consider_covariance
+    if name is None:
+        return fit, replace(basis, known=given)
+    whole = with_held(fit, name, basis.known, basis.masses[0])
+    at, value = whole.linearisation.names.index(name), basis.known.fixed[name]
+    if consider is not None:
+        consider = np.insert(np.insert(consider, at, 0.0, axis=0), at, 0.0, axis=1)
+    return whole, replace(
+        basis,
+        shared=None if basis.shared is None else basis.shared + 1,
+        known=given,
+        rivals=[np.insert(each, at, value) for each in basis.rivals],
+        wider=[Rival(*map(np.insert, each, (at, at), (value, 0.0))) for each in basis.wider],
+        consider_covariance=consider,
+    )
+
+
+def infer(ended: Fit, basis: Basis) -> Estimate:
     """Return the estimate of a fit: values with covariance, intervals, agreement and findings.
 
     IdentifiabilityError if the equations are singular for every practical purpose.
     """
-    fit = solved.with_held
-    equations, cells = fit.equations, fit.equations.independent
-    known, robot = fit.known, slice(fit.shared)
-    names, fixed = equations.names[robot], known.fixed | fit.fixed
+    held = basis.known
+    fit, basis = _with_held(ended, basis)
+    equations, cells = fit.linearisation, fit.linearisation.independent
+    known, robot = basis.known, slice(basis.shared)
+    names, fixed = equations.names[robot], known.fixed | basis.fixed
     conditioning = conditioning_of(equations)
-    contrasts, rivals = agreement_of(fit)
-    scales = [*scale_rivals(equations, fit.masses, known, timed=fit.timed)]
-    carried = fit.carried(weighed_within(contrasts))
-    spread = covariance, freedom = covariance_of(fit, carried)
-    left_out, few = (fit.left_out, []) if fit.left_out is not None else without_each_mass(fit)
+    contrasts, rivals = agreement_of(fit, basis)
+    scales = [*scale_rivals(equations, basis.masses, known, timed=basis.timed)]
+    carried = basis.carried(cells.log, weighed_within(contrasts))
+    spread = covariance, freedom = covariance_of(fit, basis, carried)
+    left_out, few = (
+        (basis.left_out, []) if basis.left_out is not None else without_each_mass(equations, basis)
+    )
     count = np.unique(equations.log).size  # of logs; stretches of time vary less
-    few_logs = [Finding(FindingKind.FEW_LOGS, number=count)] if fit.masses and count <= FEW else []
-    half = half_widths_of(fit, spread, left_out.values(), rivals, scales)
+    few_logs = (
+        [Finding(FindingKind.FEW_LOGS, number=count)] if basis.masses and count <= FEW else []
+    )
+    half = half_widths_of(fit, basis, spread, left_out.values(), (rivals, scales))
     values = equations.values[robot]
     return Estimate(
-        method=fit.method,
+        method=basis.method,
         names=names,
         values=values,
         covariance=covariance[robot, robot],
@@ -141,20 +142,21 @@ def infer(solved: SolvedFit) -> Estimate:
         ending=ending_of(fit, half),
         findings=(
             *conditioning.findings,
-            *findings_of_bounds(fit, covariance),
-            *prior_contradictions(cells, covariance, solved.known),
+            *findings_of_bounds(equations, covariance, robot),
+            *prior_contradictions(cells, covariance, held),
             *scale_errors(cells, carried, known),
             *few,
             *few_logs,
             *fit.findings,
+            *basis.findings,
             *findings_of_scales(scales),
         ),
         fixed={name: value for name, value in fixed.items() if name not in names},
         agreement=contrasts,
         known=known,
         rivals=(
-            *fit.rivals,
-            *(each.values for each in fit.wider),
+            *basis.rivals,
+            *(each.values for each in basis.wider),
             *(each.values[robot] for each in scales),
         ),
         freedom=freedom[robot],
@@ -176,57 +178,58 @@ def findings_of_scales(rivals: Iterable[ScaleRival]) -> list[Finding]:
     ]
 
 
-def conditioning_of(equations: CellEquations) -> Conditioning:
+def conditioning_of(equations: Linearisation) -> Conditioning:
     """Return how well equations and prior determine the parameters; refuse singular ones."""
     cells = equations.independent
     active = None if cells.prior is None else cells.prior.active
-    flat, about = cells.rows.reshape(-1, len(cells.names)), (cells.values, cells.residuals.ravel())
-    found = Conditioning.of(flat, cells.names, active, about)
+    found = Conditioning.of(cells.rows, cells.names, active, (cells.values, cells.residuals))
     if found.singular:
         raise found.refusal
     return found
 
 
-def agreement_of(fit: SolvedFit) -> tuple[tuple[Contrast, ...], list[Rival]]:
+def agreement_of(fit: Fit, basis: Basis) -> tuple[tuple[Contrast, ...], list[Rival]]:
     """Return the contrasts between conditions, the best first, and (n,) rivals about the fit."""
-    if fit.conditions is None:
+    if basis.conditions is None:
         return (), []
-    about = fit.unweighted or fit.equations
-    contrasts, rivals = disagreements_of(about, fit.conditions)
-    shift = fit.equations.values - about.values
+    about = fit.unweighed or fit.linearisation
+    contrasts, rivals = disagreements_of(about, basis.conditions)
+    shift = fit.values - about.values
     return contrasts, [each._replace(values=each.values + shift) for each in rivals]
 
 
-def covariance_of(fit: SolvedFit, carried: Sequence[AddedMass]) -> Pair:
+def covariance_of(fit: Fit, basis: Basis, carried: Sequence[AddedMass]) -> Pair:
     """Return the (n, n) covariance of the values and its (n,) degrees of freedom.
 
     It is cluster-robust, with the uncertainty of the masses that cells carried and of the scales.
     """
-    cells = fit.equations.independent
-    considered = moved_by_givens(cells, carried, fit.known)
-    covariance, freedom = cluster_covariance(cells.rows, cells.residuals, cells.prior, considered)
-    if cells.bread is not None:
+    cells = fit.linearisation.independent
+    considered = moved_by_givens(cells, carried, basis.known)
+    covariance, freedom = cluster_covariance(*cells.stack, cells.prior, considered)
+    if fit.bread is not None:
         rows, _ = cells.with_prior
-        covariance = robust(covariance, rows.T @ rows, cells.bread)
-    if fit.consider_covariance is not None:
-        covariance = covariance + fit.consider_covariance
+        covariance = robust(covariance, rows.T @ rows, fit.bread)
+    if basis.consider_covariance is not None:
+        covariance = covariance + basis.consider_covariance
     return covariance, freedom
 
 
-def without_each_mass(fit: SolvedFit) -> tuple[dict[Hashable, Samples], list[Finding]]:
+def without_each_mass(
+    equations: Linearisation, basis: Basis
+) -> tuple[dict[Hashable, Samples], list[Finding]]:
     """Return (n,) estimates to first order without each added mass, or the finding of too few."""
-    masses, known, numbers = fit.masses, fit.known, np.unique(fit.equations.log)
+    masses, known, numbers = basis.masses, basis.known, np.unique(equations.log)
     different = sorted({masses[number] for number in numbers}) if masses else []
     left_out: dict[Hashable, Samples] = {}
     exact = known.within(known.fixed)
     for mass in different if len(different) > 1 else ():
         others = [other for other in different if other != mass]
         try:
-            with_scale(others, exact, driven=fit.driven)
+            with_scale(others, exact, driven=basis.driven)
         except IdentifiabilityError:
             continue
         carrying = [number for number, carried in enumerate(masses) if carried == mass]
-        values = without_logs(fit.equations, carrying)
+        values = without_logs(equations, carrying)
         if np.isfinite(values).all():
             left_out[mass] = values
     few = Finding(FindingKind.FEW_MASSES, number=len(different))
@@ -234,41 +237,42 @@ def without_each_mass(fit: SolvedFit) -> tuple[dict[Hashable, Samples], list[Fin
 
 
 def half_widths_of(
-    fit: SolvedFit,
+    fit: Fit,
+    basis: Basis,
     spread: Pair,
     left_out: Iterable[Samples],
-    rivals: Iterable[Rival],
-    scales: Iterable[ScaleRival],
+    rivals: tuple[Iterable[Rival], Iterable[ScaleRival]],
 ) -> Samples:
     """(shared,) half-widths by covariance and freedom, with partial estimates and rivals inside.
 
     Of torques they include the bias that a misfit may cause, too.
     """
-    robot = slice(fit.shared)
-    values, covariance, freedom = fit.equations.values[robot], spread[0][robot, robot], spread[1]
+    robot = slice(basis.shared)
+    values, covariance, freedom = fit.values[robot], spread[0][robot, robot], spread[1]
     half, partial = half_widths(covariance, freedom[robot]), [each[robot] for each in left_out]
-    likely = [(each, half) for each in fit.rivals]
-    likely += [(r.values[robot], np.minimum(r.half_widths[robot], half)) for r in rivals]
-    likely += [(r.values[robot], r.half_widths(*spread)[robot]) for r in scales]
-    likely += fit.wider
+    likely = [(each, half) for each in basis.rivals]
+    likely += [(r.values[robot], np.minimum(r.half_widths[robot], half)) for r in rivals[0]]
+    likely += [(r.values[robot], r.half_widths(*spread)[robot]) for r in rivals[1]]
+    likely += basis.wider
     found = honest_half_widths(values, half, partial, likely)
-    if not fit.torques:
+    if not basis.torques:
         return found
-    misfit = misfit_over_value(fit.equations)[robot]
-    return misfit_half_widths(misfit, values, found, fit.equations.names[robot])
+    misfit = misfit_over_value(fit.linearisation)[robot]
+    return misfit_half_widths(misfit, values, found, fit.linearisation.names[robot])
 
 
-def ending_of(fit: SolvedFit, half: Samples) -> Ending:
+def ending_of(fit: Fit, half: Samples) -> Ending:
     """Return how the fit ended: converged if its last step is small in (shared,) half-widths."""
-    step = fit.equations.unsettled
-    if step is not None and (np.abs(step[: fit.shared]) <= PRECISE * half).all():
+    step = fit.unsettled
+    if step is not None and (np.abs(step[: half.size]) <= PRECISE * half).all():
         return Ending.CONVERGED
-    return fit.equations.ending
+    return fit.ending
 
 
-def findings_of_bounds(fit: SolvedFit, covariance: Samples) -> list[Finding]:
+def findings_of_bounds(
+    equations: Linearisation, covariance: Samples, robot: slice = slice(None)
+) -> list[Finding]:
     """Return active bounds, first those that the data contradict, and unidentifiable signs."""
-    robot, equations = slice(fit.shared), fit.equations
     names, active = equations.names[robot], equations.on_bound[robot]
     step = scaled_least_squares(*equations.independent.with_prior)
     beyond = (step > CLEARLY * np.sqrt(np.diag(covariance)))[robot]
@@ -281,15 +285,15 @@ def findings_of_bounds(fit: SolvedFit, covariance: Samples) -> list[Finding]:
     return [Finding(kind, some) for kind, some in found if some]
 
 
-def misfit_over_value(equations: CellEquations) -> Samples:
+def misfit_over_value(equations: Linearisation) -> Samples:
     """(n,) R = |r| / (|p| |s|), with s a value's column less its projection on the others.
 
     Standard errors take residuals for noise; where these are as large as the effect of a parameter
     alone, a misfit may have biased its value: a ripple of the velocity looks like inertia.
     """
-    scaled, size = unit_diagonal(equations.curvature.sum(axis=0))
+    scaled, size = unit_diagonal(equations.curvatures.sum(axis=0))
     alone = size / np.sqrt(np.diag(np.linalg.pinv(scaled)))
-    effect, left = np.abs(equations.values) * alone, np.sqrt(equations.cost.sum())
+    effect, left = np.abs(equations.values) * alone, np.linalg.norm(equations.residuals)
     most = np.full(effect.size, np.finfo(float).max)
     return np.asarray(np.divide(left, effect, out=most, where=effect > left * _NOTHING))
 

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.inference.equations import CellEquations
 from butterfly.identification.inference.identifiability import Conditioning
 from butterfly.identification.inference.stagewise import Offer, is_near, offers_in, stagewise
 from butterfly.identification.inference.submodels import NEGLIGIBLE, Submodels, submodels_of
 from butterfly.identification.levels import FEW
+from butterfly.identification.linearisation import Linearisation
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import FOLLOWERS, GEAR, FrictionTerms, companions
@@ -76,7 +76,7 @@ class LinearProblem:
     """The equations of logs, which are linear in the parameters, with any terms."""
 
     # with n parameters at a Stribeck velocity in rad/s
-    equations: Callable[[tuple[str, ...], float], CellEquations]
+    equations: Callable[[tuple[str, ...], float], Linearisation]
     base: tuple[str, ...]  # parameters that every fit has
     terms: tuple[str, ...]  # that may be absent
     masses: Sequence[AddedMass]  # of each log
@@ -186,8 +186,8 @@ class LinearModel:
         alone = self.models[0].about(np.where(kept, whole.values, 0.0)).equations
         known = None if whole.prior is None else whole.prior.active[kept]
         names = tuple(np.array(whole.names)[kept].tolist())
-        rows, left = alone.rows.reshape(-1, kept.size)[:, kept], alone.residuals.ravel()
-        return Conditioning.of(rows, names, known, (alone.values[kept], left)).refusal
+        about = alone.values[kept], alone.residuals
+        return Conditioning.of(alone.rows[:, kept], names, known, about).refusal
 
     def choice(
         self, rivals: Iterable[Mapping[str, float]] = (), findings: Iterable[Finding] = ()
@@ -240,4 +240,4 @@ def _held_out_error(model: LinearModel) -> float:
     """Return the mean error of held-out cells; of fitted ones where the rest is singular."""
     errors = model.nested.held_out(model.kept[np.newaxis])[0]
     finite = np.isfinite(errors).all()
-    return float(np.mean(np.sqrt(errors if finite else model.nested.equations.cost)))
+    return float(np.mean(np.sqrt(errors if finite else model.nested.equations.squares)))

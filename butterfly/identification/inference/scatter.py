@@ -18,11 +18,10 @@ best those about that log's predicted random effects (Lindstrom & Bates, Biometr
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.optimize import minimize
 
@@ -31,6 +30,7 @@ from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.inference.blocks import CELLS
 from butterfly.identification.inference.submodels import NEGLIGIBLE
 from butterfly.identification.levels import CLEARLY, LOST, MATTERS
+from butterfly.identification.linearisation import Linearisation
 from butterfly.model.prior import Penalty
 from butterfly.model.terms import DISSIPATIVE, GROWING
 
@@ -43,70 +43,36 @@ deviations of their priors, the first in addition to the level of the noise."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class LogRows:
-    """Equations of k logs in n parameters, in q coordinates each, padded where a log has fewer."""
-
-    rows: Samples  # (k, q, n): R
-    residuals: Samples  # (k, q): U'r
-    noise: Samples  # (k, q, q): U'NU
-    present: NDArray[np.bool_]  # (k, q) which coordinates are no padding
-    left: tuple[Samples, ...]  # (m,) residuals of each log, with the autocovariance in N
-
-    @classmethod
-    def of(cls, logs: Iterable[tuple[Samples, Samples]], left: Iterable[Samples] = ()) -> LogRows:
-        """Take (m,) residuals and (m, n) derivatives of each log; ``left``: see the field."""
-        found = [_coordinates(*log) for log in logs]
-        left = tuple(left) or tuple(each[-1] for each in found)
-        parts = [
-            (turned, along, _coloured(basis, rest) + NEGLIGIBLE**2 * np.eye(along.size))
-            for (turned, along, basis, _), rest in zip(found, left, strict=True)
-        ]
-        sizes = [along.size for _, along, _ in parts]
-        present = np.arange(max(sizes)) < np.array(sizes)[:, None]
-        count, most = present.shape
-        rows = np.zeros((count, most, parts[0][0].shape[1]))
-        residuals, noise = np.zeros((count, most)), np.tile(np.eye(most), (count, 1, 1))
-        for k, (size, (turned, along, variance)) in enumerate(zip(sizes, parts, strict=True)):
-            rows[k, :size], residuals[k, :size], noise[k, :size, :size] = turned, along, variance
-        return cls(rows=rows, residuals=residuals, noise=noise, present=present, left=left)
-
-    def moved(self, changes: Samples) -> LogRows:
-        """Return the equations after (n,), or (k, n), changes of the parameters."""
-        change = np.broadcast_to(changes, (len(self.rows), self.rows.shape[2]))
-        residuals = self.residuals + np.einsum("kqn,kn->kq", self.rows, change)
-        return replace(self, residuals=residuals)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Scatter:
-    """Standard deviations of the random effects."""
+    """Standard deviations of the random effects, and those of k logs in n values."""
 
     misfit: float  # of errors by neither noise nor parameters, over the motion
     friction: float  # of every term of friction from log to log, over its value
     gain: float  # of p4 from log to log, over its value
-
-    def whitened(self, logs: LogRows, spread: Samples) -> tuple[Samples, Samples]:
-        """Return (k, q, n) rows and (k, q) residuals with independent errors of variance 1.
-
-        ``spread``: (2, n) values of the terms of friction, and of the gain (see `spread_of`).
-        """
-        root = np.linalg.cholesky(_variance(logs, _parts(logs, spread), self.sizes))
-        both = np.concatenate([logs.rows, logs.residuals[:, :, None]], axis=2)
-        white = np.linalg.solve(root, both)
-        return white[:, :, :-1], white[:, :, -1]
-
-    def random_effects(self, logs: LogRows, spread: Samples) -> Samples:
-        """(k, n) predicted (BLUP) deviations of each log's parameters from those of all."""
-        weighted = np.linalg.solve(
-            _variance(logs, _parts(logs, spread), self.sizes), logs.residuals[:, :, None]
-        )
-        pull = np.einsum("kqn,kq->kn", logs.rows, weighted[:, :, 0])
-        return np.asarray(-pull * (np.array([self.friction, self.gain]) ** 2 @ spread**2))
+    names: tuple[str, ...] = ()  # of the n values
+    # (k, n) what each log is simulated with besides
+    own: Samples = field(default_factory=lambda: np.empty((0, 0)))
+    noise: tuple[Samples, ...] = ()  # (m,) errors of each log, with the autocovariance of noise
 
     @property
     def sizes(self) -> Samples:
         """(3,) misfit, friction and gain."""
         return np.array([self.misfit, self.friction, self.gain])
+
+    def own_of(self, names: Sequence[str]) -> Samples:
+        """(k, m) what each log has besides of some values, by name; 0 of others."""
+        found = np.zeros((len(self.own), len(names)))
+        for place, name in enumerate(names):
+            if name in self.names:
+                found[:, place] = self.own[:, self.names.index(name)]
+        return found
+
+    def weighed(self, at: Linearisation, values: Samples, own: Samples) -> Linearisation:
+        """Return equations of k logs about (n,) values, with errors of variance 1.
+
+        The logs were simulated at these values and (k, n) ``own`` besides.
+        """
+        return Likelihood(at, values, own, noise=self.noise).weighed(self)
 
 
 def spread_of(names: Sequence[str], values: Samples) -> Samples:
@@ -118,35 +84,72 @@ def spread_of(names: Sequence[str], values: Samples) -> Samples:
 class Likelihood:
     """Minus twice the restricted log-likelihood of k logs, a function of `Scatter.sizes`.
 
-    ``spread``: see `Scatter.whitened`; ``prior``, ``about``: of the n parameters, with weights
-    for errors of variance 1, and the (n,) values that the rows are about.
+    The logs were simulated at (n,) values and (k, n) ``own`` besides. ``prior``: of the values,
+    with weights for errors of variance 1. ``noise``: (m,) errors of each log, of which the noise
+    has the autocovariance; those that the values leave if not given.
     """
 
     def __init__(
         self,
-        logs: LogRows,
-        spread: Samples,
+        at: Linearisation,
+        values: Samples,
+        own: Samples | None = None,
         prior: Penalty | None = None,
-        about: Samples | None = None,
+        noise: Sequence[Samples] = (),
     ) -> None:
-        self._logs, self._parts = logs, _parts(logs, spread)
-        self._both = np.concatenate([logs.rows, -logs.residuals[:, :, None]], axis=2)
-        count = logs.rows.shape[2]
+        self._at, self._values, count = at, values, values.size
+        logs = [np.split(each, at.ends[:-1]) for each in (at.residuals, at.rows)]
+        found = [_coordinates(*log) for log in zip(*logs, strict=True)]
+        self.noise = tuple(noise) or tuple(each[-1] for each in found)
+        sizes = np.array([along.size for _, along, *_ in found])
+        self._present = np.arange(sizes.max()) < sizes[:, None]
+        shape = self._present.shape
+        self._rows, self._residuals = np.zeros((*shape, count)), np.zeros(shape)
+        self._noise = np.tile(np.eye(shape[1]), (shape[0], 1, 1))
+        for k, (size, left, part) in enumerate(zip(sizes, self.noise, found, strict=True)):
+            self._rows[k, :size], self._residuals[k, :size], basis, _ = part
+            coloured = _coloured(basis, left) + NEGLIGIBLE**2 * np.eye(size)
+            self._noise[k, :size, :size] = coloured
+        if own is not None:
+            self._residuals -= np.einsum("kqn,kn->kq", self._rows, own)
+        self._spread = spread_of(at.names, values)
+        self._parts = self._parts_of(self._spread)
+        self._both = np.concatenate([self._rows, -self._residuals[:, :, None]], axis=2)
         self._known, self._pull = np.zeros(count), np.zeros(count)
-        if prior is not None and about is not None:
-            self._known, self._pull = prior.weight, -prior.gradient(about)
+        if prior is not None:
+            self._known, self._pull = prior.weight, -prior.gradient(values)
 
-    def findings(self, found: Scatter, names: Sequence[str]) -> list[Finding]:
-        """Return the significant random effects of a likeliest scatter, of parameters by name."""
+    def weighed(self, scatter: Scatter) -> Linearisation:
+        """Return equations about the values with independent errors of variance 1."""
+        root = np.linalg.cholesky(self._variance(scatter.sizes))
+        white = np.linalg.solve(root, np.concatenate([self._rows, self._residuals[:, :, None]], 2))
+        logs, size, _ = white.shape
+        return replace(
+            self._at,
+            values=self._values,
+            rows=white[:, :, :-1].reshape(-1, self._values.size),
+            residuals=white[:, :, -1].ravel(),
+            ends=size * np.arange(1, logs + 1),
+        )
+
+    def random_effects(self, scatter: Scatter, step: Samples) -> Samples:
+        """(k, n) predicted (BLUP) deviations of each log from values an (n,) step away."""
+        left = self._residuals + self._rows @ step
+        weighted = np.linalg.solve(self._variance(scatter.sizes), left[:, :, None])
+        pull = np.einsum("kqn,kq->kn", self._rows, weighted[:, :, 0])
+        return np.asarray(-pull * (scatter.sizes[1:] ** 2 @ self._spread**2))
+
+    def findings(self, found: Scatter) -> tuple[Finding, ...]:
+        """Return the significant random effects of a likeliest scatter."""
         whole = self.expanded(found.sizes)[0]
-        groups = ([name for name in names if name in FRICTION], ["p4"])
-        return [
+        groups = ([name for name in self._at.names if name in FRICTION], ["p4"])
+        return tuple(
             Finding(FindingKind.SCATTER, tuple(group), number=float(found.sizes[k]))
             for k, group in enumerate(groups, start=1)
             # twice the logarithm of a likelihood ratio is a squared normal deviate
             if found.sizes[k] > MATTERS
             and self.expanded(self.best(without=k).sizes)[0] - whole > CLEARLY**2
-        ]
+        )
 
     def expanded(self, sizes: Samples) -> tuple[float, Samples]:
         """Return minus twice the log-likelihood, and its (3,) derivatives.
@@ -154,7 +157,7 @@ class Likelihood:
         It is log|V| + log|R'WR| + e'We with W = 1/V and e the residuals at the best parameters; a
         part dV of V changes it by the trace of dV times W - WR (R'WR)^-1 R'W - We e'W.
         """
-        variance = _variance(self._logs, self._parts, sizes)
+        variance = self._variance(sizes)
         weight = np.linalg.inv(variance)
         weighed = weight @ self._both
         width = self._both.shape[2]
@@ -179,7 +182,7 @@ class Likelihood:
         """Return the likeliest scatter; the size numbered ``without`` is 0."""
         usual = np.array(_USUAL)
         # root of the mean variance of a coordinate, as the autocovariance of residuals has it
-        noise = np.diagonal(self._logs.noise, axis1=1, axis2=2)[self._logs.present]
+        noise = np.diagonal(self._noise, axis1=1, axis2=2)[self._present]
         if noise.size:  # empty where no parameter moves any log
             usual[0] += CLEARLY * float(np.sqrt(noise.mean()))
         usual[np.arange(usual.size) == without] = 0.0
@@ -195,20 +198,18 @@ class Likelihood:
         misfit, friction, gain = (min(ends, key=lambda end: end.fun).x * usual).tolist()
         return Scatter(misfit=misfit, friction=friction, gain=gain)
 
+    def _parts_of(self, spread: Samples) -> Samples:
+        """(3, k, q, q) parts of the variance of the logs by misfit, friction and gain of size 1."""
+        identity = np.eye(self._present.shape[1]) * self._present[:, :, None]
+        moved = self._rows * spread[:, None, None, :]
+        return np.concatenate([identity[None], moved @ np.swapaxes(moved, 2, 3)])
 
-def _parts(logs: LogRows, spread: Samples) -> Samples:
-    """(3, k, q, q) parts of the variance of the logs by misfit, friction and gain of size 1."""
-    identity = np.eye(logs.present.shape[1]) * logs.present[:, :, None]
-    moved = logs.rows * spread[:, None, None, :]
-    return np.concatenate([identity[None], moved @ np.swapaxes(moved, 2, 3)])
-
-
-def _variance(logs: LogRows, parts: Samples, sizes: Samples) -> Samples:
-    """(k, q, q) V of each log, regularised by rounding errors for exact data."""
-    variance = logs.noise + np.tensordot(sizes**2, parts, 1)
-    count = variance.shape[1]
-    least = count * np.finfo(float).eps * np.trace(variance, axis1=1, axis2=2)
-    return np.asarray(variance + least[:, None, None] * np.eye(count))
+    def _variance(self, sizes: Samples) -> Samples:
+        """(k, q, q) V of each log, regularised by rounding errors for exact data."""
+        variance = self._noise + np.tensordot(sizes**2, self._parts, 1)
+        count = variance.shape[1]
+        least = count * np.finfo(float).eps * np.trace(variance, axis1=1, axis2=2)
+        return np.asarray(variance + least[:, None, None] * np.eye(count))
 
 
 def _coordinates(residuals: Samples, rows: Samples) -> tuple[Samples, Samples, Samples, Samples]:

@@ -234,7 +234,7 @@ def _best(
         fits = {name: fit for name, fit in tried if fit is not None}
         refused.update(name for name, fit in tried if fit is None)
         if fits:
-            errors = {name: np.sqrt(fit.nested.equations.cost) for name, fit in fits.items()}
+            errors = {name: np.sqrt(fit.nested.equations.squares) for name, fit in fits.items()}
             lowest = min(errors, key=lambda name: float(np.sum(errors[name] ** 2)))
             alike = [name for name in fits if as_good(errors[name], errors[lowest])]
             taken = first.name if first.name in alike else lowest
@@ -282,7 +282,7 @@ def offers_in(
     Rows that the equations cannot tell from the rest are left out.
     """
     equations, names = nested.equations, np.array(nested.names)
-    about = replace(equations, on_bound=equations.on_bound | ~kept)
+    about = replace(equations, held=equations.on_bound | ~kept)
     asked = [name for name in rows if name in nested.names]
     chances = {name: found for name in asked if (found := score_of(about, name)) is not None}
     if not chances:

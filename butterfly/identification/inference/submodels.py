@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.arrays import Samples, unit_diagonal
-from butterfly.identification.inference.equations import CellEquations
 from butterfly.identification.levels import FEW, ROUNDING
+from butterfly.identification.linearisation import Linearisation
 from butterfly.model.parameters import value_if_absent
 from butterfly.model.terms import FOLLOWERS
 
@@ -29,7 +29,7 @@ _SINGULAR = 1e-11  # eigenvalue over the largest, below which a combination is u
 class Submodels:
     """All fits of subsets of the n parameters of equations in k cells."""
 
-    equations: CellEquations
+    equations: Linearisation
     # (k,) indices of the folds of the data, which are held out one at a time
     folds: NDArray[np.intp]
     # values that were set, as the Stribeck velocity, which is no parameter here
@@ -43,15 +43,12 @@ class Submodels:
 
     def about(self, values: Samples) -> Submodels:
         """Return the same equations about other (n,) values."""
-        before = self.equations
-        residuals = before.residuals + before.rows @ (values - before.values)
-        bound = values <= before.lower
-        moved = replace(before, values=values, residuals=residuals, on_bound=bound)
-        return replace(self, equations=moved)
+        moved = self.equations.moved(values - self.equations.values)
+        return replace(self, equations=replace(moved, values=values, held=None))
 
     def fitted(self, kept: NDArray[np.bool_]) -> Samples:
         """Return (t, n) values of t fits of (t, n) masks of parameters; nan if undetermined."""
-        return self._fitted(*self.equations.total, kept)
+        return self._fitted(self.equations.curvature, self.equations.gradient, kept)
 
     def held_out(self, kept: NDArray[np.bool_]) -> Samples:
         """(t, k) squared errors of cells by fits without their fold; nan if undetermined."""
@@ -69,7 +66,10 @@ class Submodels:
             left_out = folds == some[:, None]
             curvature, gradient = (
                 np.repeat(whole - np.tensordot(left_out, each, 1), len(kept), axis=0)
-                for whole, each in zip(every.total, (every.curvature, every.gradient), strict=True)
+                for whole, each in (
+                    (every.curvature, every.curvatures),
+                    (every.gradient, every.gradients),
+                )
             )
             fits = self._fitted(curvature, gradient, np.tile(kept, (some.size, 1)))
             for mine, values in zip(left_out, np.split(fits, some.size), strict=True):
@@ -81,8 +81,8 @@ class Submodels:
     def costs(self, values: Samples) -> Samples:
         """(t, k) squared errors of the cells with (t, n) values."""
         steps, at = values - self.equations.values, self.equations
-        bent = np.einsum("tn,knt->tk", steps, at.curvature @ steps.T)
-        return np.asarray(np.maximum(at.cost + 2 * steps @ at.gradient.T + bent, 0.0))
+        bent = np.einsum("tn,knt->tk", steps, at.curvatures @ steps.T)
+        return np.asarray(np.maximum(at.squares + 2 * steps @ at.gradients.T + bent, 0.0))
 
     def _fitted(self, curvature: Samples, gradient: Samples, kept: NDArray[np.bool_]) -> Samples:
         """(t, n) values of the parameters ``kept``; the others as if their term were absent."""
@@ -94,7 +94,7 @@ class Submodels:
 
 
 def submodels_of(
-    equations: CellEquations, parts: Sequence[Hashable], negligible: float
+    equations: Linearisation, parts: Sequence[Hashable], negligible: float
 ) -> Submodels:
     """Return the nested models of equations; folds are ``parts`` of logs, or cells of few logs."""
     cells = equations.independent
@@ -111,16 +111,18 @@ def folds_of(parts: Sequence[Hashable]) -> NDArray[np.intp]:
     return np.array([different.index(part) for part in parts])
 
 
-def without_logs(equations: CellEquations, logs: Iterable[int]) -> Samples:
+def without_logs(equations: Linearisation, logs: Iterable[int]) -> Samples:
     """Return (n,) values without some logs, to first order (linear jackknife); or nan."""
     rest = equations.without(logs)
-    left, whole = (np.einsum("kii->i", each.curvature) for each in (rest, equations))
+    left, whole = (np.einsum("kii->i", each.curvatures) for each in (rest, equations))
     moved = (left > ROUNDING**2 * whole) | (whole == 0)  # others are identified by these alone
-    return np.asarray(_bounded(equations, rest.total, moved[np.newaxis], equations.values)[0])
+    return np.asarray(
+        _bounded(equations, (rest.curvature, rest.gradient), moved[np.newaxis], equations.values)[0]
+    )
 
 
 def _bounded(
-    about: CellEquations, total: tuple[Samples, Samples], kept: NDArray[np.bool_], absent: Samples
+    about: Linearisation, total: tuple[Samples, Samples], kept: NDArray[np.bool_], absent: Samples
 ) -> Samples:
     """(t, n) bounded solutions for parameters ``kept``; nan if undetermined."""
     (curvature, gradient), at, lower = total, about.values, about.lower

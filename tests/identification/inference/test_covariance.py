@@ -9,21 +9,21 @@ from scipy.optimize import nnls
 from scipy.stats import t as student
 
 from butterfly.identification.findings import Ending, FindingKind
-from butterfly.identification.inference.blocks import cut
+from butterfly.identification.fit import Fit
 from butterfly.identification.inference.covariance import (
     cluster_covariance,
     half_widths,
     honest_half_widths,
     robust,
 )
-from butterfly.identification.inference.equations import Regression, compressed
 from butterfly.identification.inference.infer import (
-    SolvedFit,
+    Basis,
     findings_of_bounds,
     infer,
     misfit_half_widths,
     misfit_over_value,
 )
+from butterfly.identification.linearisation import Regression, compressed
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Penalty
 from tests.identification.simulated import cells
@@ -107,10 +107,15 @@ def test_what_is_uncertain_besides_widens_the_covariance_by_what_it_moves_the_es
     assert more[0] == pytest.approx(freedom[0] * (wider[0, 0] / alone[0, 0]) ** 2)
 
 
-def _solved(jacobian, residuals, bread=None):
+BASIS = Basis(method="test")
+
+
+def _solved(jacobian, residuals, **more):
+    """A fit whose logs have an equation each."""
     count = jacobian.shape[1]
-    more = {"values": np.array([0.01, 0.1])[:count], "ending": Ending.CONVERGED, "bread": bread}
-    return cells(("p1", "p3")[:count], jacobian[:, None], residuals[:, None], **more)
+    told = {"values": np.array([0.01, 0.1])[:count]}
+    at = cells(("p1", "p3")[:count], jacobian[:, None], residuals[:, None], **told)
+    return Fit(linearisation=at, **more)
 
 
 def test_an_uncertain_added_mass_widens_the_covariance_by_what_it_adds_to_p1_and_p3():
@@ -119,8 +124,10 @@ def test_an_uncertain_added_mass_widens_the_covariance_by_what_it_adds_to_p1_and
     jacobian, residuals = rng.standard_normal((40, 2)), 1e-6 * rng.standard_normal(40)
     exact = AddedMass(mass=0.05, arm=arm)
     unsure = AddedMass(mass=0.05, arm=arm, mass_uncertainty=uncertainty)
-    fit = SolvedFit(method="test", equations=_solved(jacobian, residuals), left_out={})
-    alone, wider = (infer(replace(fit, masses=[mass] * 40)).covariance for mass in (exact, unsure))
+    fit, basis = _solved(jacobian, residuals), replace(BASIS, left_out={})
+    alone, wider = (
+        infer(fit, replace(basis, masses=[mass] * 40)).covariance for mass in (exact, unsure)
+    )
     moved = uncertainty * np.array([arm**2, arm * exact.gravity])
     np.testing.assert_allclose(wider - alone, np.outer(moved, moved), rtol=1e-6)
 
@@ -128,20 +135,21 @@ def test_an_uncertain_added_mass_widens_the_covariance_by_what_it_adds_to_p1_and
 @pytest.mark.parametrize(("share", "ending"), [(0.05, "converged"), (0.3, "stopped")])
 def test_a_fit_that_stopped_within_a_fraction_of_its_intervals_has_settled(share, ending):
     rng = np.random.default_rng(9)
-    equations = _solved(rng.standard_normal((40, 2)), rng.standard_normal(40))
-    fit = SolvedFit(method="test", equations=equations)
-    found = infer(fit)
+    fit = _solved(rng.standard_normal((40, 2)), rng.standard_normal(40))
+    found = infer(fit, BASIS)
     assert found.ending is Ending.CONVERGED
     moved = share * (found.upper - found.lower) / 2
-    stopped = replace(fit, equations=equations.stopped(moved * [1.0, -1.0]))
-    assert infer(stopped).ending == ending
+    stopped = replace(fit, ending=Ending.STOPPED, unsettled=moved * [1.0, -1.0])
+    assert infer(stopped, BASIS).ending == ending
 
 
 def test_the_next_step_goes_to_the_least_squares():
     rng = np.random.default_rng(10)
     rows, residuals = rng.standard_normal((40, 2)), rng.standard_normal(40)
     expected = np.linalg.lstsq(rows, -residuals, rcond=None)[0]
-    np.testing.assert_allclose(_solved(rows, residuals).next_step, expected, rtol=1e-9)
+    np.testing.assert_allclose(
+        _solved(rows, residuals).linearisation.next_step, expected, rtol=1e-9
+    )
 
 
 def test_the_standard_error_of_a_robust_location_is_that_of_m_estimates():
@@ -159,9 +167,8 @@ def test_the_standard_error_of_a_robust_location_is_that_of_m_estimates():
     found = {}
     for bread in (None, float(np.count_nonzero(inside))):
         about = bread and np.array([[bread]])
-        equations = _solved(root[:, None], root * (centre - values), about)
-        fit = SolvedFit(method="test", equations=equations)
-        found[bread] = infer(fit).standard_errors[0]
+        fit = _solved(root[:, None], root * (centre - values), bread=about)
+        found[bread] = infer(fit, BASIS).standard_errors[0]
     assert found[float(np.count_nonzero(inside))] == pytest.approx(expected, rel=5e-3)
     assert found[None] < 0.95 * expected
 
@@ -216,8 +223,8 @@ def test_a_misfit_is_weighed_beside_what_each_parameter_does_alone():
 def test_a_bound_is_active_or_the_data_pull_beyond_it(pull, kind):
     rows, residuals, values = _drifting(np.random.default_rng(0), 0.5)
     equations = _of_runs(rows, residuals + rows @ [0.0, 0.1 * pull], values)
-    held = replace(equations, on_bound=np.array([False, True]))
-    (found,) = findings_of_bounds(SolvedFit(method="any", equations=held), np.diag([1.0, 0.01]))
+    held = replace(equations, held=np.array([False, True]))
+    (found,) = findings_of_bounds(held, np.diag([1.0, 0.01]))
     assert (found.kind, found.parameters) == (kind, ("p2",))
 
 
@@ -291,13 +298,12 @@ def test_an_estimate_is_cut_off_at_its_bounds_and_leaves_out_what_is_not_shared(
     rng = np.random.default_rng(1)
     jacobian = rng.standard_normal((60, 3))
     residuals = rng.standard_normal(60)
-    rows, left = compressed(cut(jacobian, residuals, np.arange(60) % 12, 1))
-    bounds = {"on_bound": np.array([False, True, True]), "lower": np.array([-np.inf, 0.0, -np.inf])}
+    rows, left = compressed((jacobian[k::12], residuals[k::12]) for k in range(12))
+    bounds = {"held": np.array([False, True, True]), "lower": np.array([-np.inf, 0.0, -np.inf])}
     values = np.array([3.0, 0.05, 1.0])
     solved = cells(("p1", "coulomb", "zero"), rows, left, values=values, **bounds)
     left_out = {"heavy": np.array([9.0, 0.1])}
-    fit = SolvedFit(method="any", equations=solved, left_out=left_out, shared=2)
-    found = infer(fit)
+    found = infer(Fit(linearisation=solved), replace(BASIS, left_out=left_out, shared=2))
     assert found.names == ("p1", "coulomb")
     assert found.covariance.shape == (2, 2)
     assert found.lower[1] == 0.0

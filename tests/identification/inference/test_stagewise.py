@@ -115,9 +115,9 @@ def test_a_term_that_no_longer_helps_goes_again():
 
 def test_terms_that_fit_as_well_in_place_of_each_other_are_rivals():
     twins = _nested(truth={"p1": 1, "p3": 2, "drag": 0.5}, noise=0.1)
-    rows = twins.equations.rows.copy()
+    rows = twins.equations.stack[0].copy()
     rows[..., 3] = rows[..., 2] + 1e-3 * np.random.default_rng(1).standard_normal(rows.shape[:2])
-    alike = replace(twins, equations=replace(twins.equations, rows=rows))
+    alike = replace(twins, equations=replace(twins.equations, rows=rows.reshape(-1, rows.shape[2])))
     chosen = choose(_model(alike))
     assert len(chosen.terms) == 1
     (other,) = {"drag", "bias"} - {*chosen.terms}
@@ -158,9 +158,11 @@ def _scanned(right, *errors):
     """A model at 0.1, 0.2 rad/s and so on; what is added to the last column makes it wrong."""
     models = []
     for k, error in enumerate(errors, 1):
-        rows = right.equations.rows.copy()
+        rows = right.equations.stack[0].copy()
         rows[..., -1] += error
-        there = replace(right, equations=replace(right.equations, rows=rows))
+        there = replace(
+            right, equations=replace(right.equations, rows=rows.reshape(-1, rows.shape[2]))
+        )
         models.append(replace(there, settings={"stribeck_velocity": 0.1 * k}))
     return _model(*models, names=right.names)
 
@@ -299,9 +301,10 @@ def test_where_the_rest_of_the_parts_does_not_determine_a_fit_single_cells_are_l
 def test_what_ran_away_is_no_lack_of_data():
     _, _, nested = _problem()
     equations = nested.equations
-    rows, residuals = equations.rows.copy(), equations.residuals.copy()
+    rows, residuals = (each.copy() for each in equations.stack)
     rows[:, -1], residuals[:, -1] = 0.0, 1e200
-    away = replace(nested, equations=replace(equations, rows=rows, residuals=residuals))
+    flat = {"rows": rows.reshape(-1, rows.shape[2]), "residuals": residuals.ravel()}
+    away = replace(nested, equations=replace(equations, **flat))
     with np.errstate(over="ignore"):
         assert np.isposinf(away.held_out(EVERYTHING)).all()
 
