@@ -13,14 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.arrays import Samples, joined
-from butterfly.errors import InputError
+from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.encoder_offset import reading_of
+from butterfly.identification.findings import Ending
 from butterfly.identification.fit import Box, Fit, minimise_robustly
 from butterfly.identification.inference.blocks import cells_of, independent_cells_of
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.scatter import Scatter
-from butterfly.identification.levels import LOST, MOST, PRECISE, ROUNDING
+from butterfly.identification.levels import LOST, MATTERS, MOST, PASSES, PRECISE, ROUNDING
 from butterfly.identification.linearisation import Linearisation, Loss, scaled_least_squares
 from butterfly.identification.segments import FINEST
 from butterfly.identification.simulation import Simulation, segment_length
@@ -280,6 +281,8 @@ class Problem:
     ) -> Fit:
         """Return the end of a descent from equations or the first guess (see `fit.minimise`)."""
         at, evaluations = (self.equations(self.initial), 1) if at is None else (at, 0)
+        if self.scatter:
+            return self._descend_weighed(self.weighed(at), most, enough)
         for _ in range(MOST):
             at, rest = self.weighed(at), most - evaluations
             before, loss = at, self.options.loss
@@ -292,7 +295,27 @@ class Problem:
                 out_of_time("iterations of a fit that had not converged")
             if not end.converged or self.weighed(at).prior_weighs_as(before):
                 break
-        return replace(end, evaluations=evaluations, scatter=self.scatter)
+        return replace(end, evaluations=evaluations)
+
+    def _descend_weighed(self, at: Linearisation, most: int, enough: float) -> Fit:
+        """Return where whole steps of weighed logs lead; each log's own friction and gain follow.
+
+        IdentifiabilityError if a simulation diverges.
+        """
+        scatter, tries = self.scatter, min(most, PASSES)
+        while True:
+            step = at.step(*self.box.about(at.values, np.inf))
+            settled = at.decrease(step) <= max(enough, MATTERS) * at.cost
+            if scatter is None or settled or not tries:
+                ending = Ending.CONVERGED if settled else Ending.STOPPED
+                return Fit(linearisation=at.moved(step), ending=ending, scatter=scatter)
+            values, tries = at.values + step, tries - 1
+            own = np.maximum(scatter.random_effects(at, step), self.lower - values)
+            scatter = replace(scatter, names=self.labels, own=own)
+            here = replace(self, scatter=scatter)
+            at = here.knowing(here.equations(values, at))
+            if not at.is_finite:
+                raise IdentifiabilityError("a simulation of weighed logs diverges")
 
     def of_logs(self, logs: Sequence[Log]) -> Problem:
         """Return the problem with other logs of the same motions."""

@@ -6,14 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.chosen_terms import conditioning_of
 from butterfly.identification.findings import FindingKind
 from butterfly.identification.fit import Fit
 from butterfly.identification.inference.scatter import Likelihood
 from butterfly.identification.levels import FEW, LOST
-from butterfly.identification.linearisation import Linearisation, Loss
+from butterfly.identification.linearisation import Loss
 from butterfly.identification.problem import Problem
 from butterfly.progress import out_of_time
 
@@ -34,18 +33,23 @@ def weighed(every: Problem, fit: Fit) -> Fit:
     if few or out_of_time("weighting the logs by their scatter"):
         return plain
     try:
-        first = Likelihood(at, plain.values, prior=problem.prior(plain.values))
+        begun, own = at, np.zeros((at.ends.size, at.values.size))
+        if fit.scatter:  # of other terms: each log begins with what it had of its own
+            own = np.maximum(fit.scatter.own_of(problem.labels), problem.lower - at.values)
+            begun = problem.equations(at.values + own, at)
+        first = Likelihood(begun, at.values, own, problem.prior(at.values))
         scatter = first.best()
-        step = _step(problem, first.weighed(scatter))
+        white = problem.knowing(first.weighed(scatter))
+        step = white.step(*problem.box.about(white.values, np.inf))
         values = plain.values + step
-        own = np.maximum(first.random_effects(scatter, step), problem.lower - values)
+        own = np.maximum(scatter.random_effects(white, step), problem.lower - values)
         there = problem.equations(values + own, at)
         if not there.is_finite:
             return plain
         second = Likelihood(there, values, own, problem.prior(values))
         scatter = replace(second.best(), names=problem.labels, own=own, noise=second.noise)
-        white = second.weighed(scatter)
-        step = _step(problem, white)
+        white = problem.knowing(second.weighed(scatter))
+        step = white.step(*problem.box.about(values, np.inf))
     except IdentifiabilityError:
         return plain
     if conditioning_of(white).singular:
@@ -56,7 +60,7 @@ def weighed(every: Problem, fit: Fit) -> Fit:
         return plain
     return replace(
         plain,
-        linearisation=replace(problem.knowing(white).moved(step), values=ended),
+        linearisation=replace(white.moved(step), values=ended),
         unweighed=at,
         scatter=scatter,
         findings=(*plain.findings, *second.findings(scatter)),
@@ -71,9 +75,3 @@ def _plain(every: Problem, fit: Fit) -> Fit:
     at = problem.weighed(problem.equations(fit.values, fit.linearisation))
     findings = tuple(each for each in fit.findings if each.kind is not FindingKind.SCATTER)
     return replace(fit, linearisation=at, unweighed=None, scatter=None, findings=findings)
-
-
-def _step(problem: Problem, white: Linearisation) -> Samples:
-    """(n,) step to where weighed logs are best."""
-    at = problem.knowing(white)
-    return at.step(*problem.box.about(at.values, np.inf))

@@ -223,7 +223,7 @@ def _constant(cost, errors=None):
 )
 def test_the_lowest_end_is_kept_and_other_ends_said(problems, cost, ratios, last):
     tried = sorted((Problem(*each) for each in problems), key=lambda each: each.begun)
-    found = lowest_end([*tried[::-1]])
+    _, found = lowest_end([*tried[::-1]])
     assert found.cost == cost
     assert tried[0].made == [(8, False)]
     assert tried[-1].made == last

@@ -205,8 +205,9 @@ class OutputError(Estimator):
             no_terms = ([n for n in rows[0] if not getattr(each.start, n)] for each in every)
             bare = [each.without(names) for each, names in zip(every, no_terms, strict=True)]
             # a fit that is but the first need not be exact
-            fit = lowest_end(bare, SHOWS if rows[0] else ROUNDING)
-            return every[0], begun_anew(every[0], hanging(every[0], fit), *rows)
+            place, fit = lowest_end(bare, SHOWS if rows[0] else ROUNDING)
+            there = replace(every[place], initial=every[0].initial)
+            return there, begun_anew(there, hanging(there, fit), *rows)
 
         problem, fit = held_or_straight(logs, begun)
         choosing = bool(rows[0]) and not out_of_time("the selection of terms")

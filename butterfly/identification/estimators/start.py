@@ -222,16 +222,17 @@ def _known(method: type[Estimator], terms: tuple[str, ...] | None) -> tuple[str,
     return None if terms is None else tuple(n for n in terms if n in offered(method.method))
 
 
-def lowest_end(problems: Sequence[Problem], enough: float = ROUNDING) -> Fit:
-    """Return the end of a descent from the first guess whose free runs are nearest.
+def lowest_end(problems: Sequence[Problem], enough: float = ROUNDING) -> tuple[int, Fit]:
+    """Return the end of a descent from the first guess whose free runs are nearest, and its number.
 
     From the others only where more than the noise of the sensors is left; ``enough``: of a step.
     """
-    begun = [(problem, problem.equations(problem.initial)) for problem in problems]
-    begun.sort(key=lambda each: each[1].cost if each[1].is_finite else math.inf)
-    end = begun[0][0].descend(begun[0][1], enough=enough)
+    begun = [(k, each, each.equations(each.initial)) for k, each in enumerate(problems)]
+    begun.sort(key=lambda each: each[2].cost if each[2].is_finite else math.inf)
+    (place, problem, at), *others = begun
+    end = problem.descend(at, enough=enough)
     costs = [end.cost] if end.converged else []
-    for other, at in [] if end.converged and leaves_noise(end.linearisation) else begun[1:]:
+    for number, other, at in [] if end.converged and leaves_noise(end.linearisation) else others:
         if not at.is_finite or out_of_time("fits from other initial guesses"):
             break
         with suppress(IdentifiabilityError):
@@ -239,10 +240,11 @@ def lowest_end(problems: Sequence[Problem], enough: float = ROUNDING) -> Fit:
             if not tried.converged and tried.cost < end.cost:
                 tried = other.descend(tried.linearisation, enough=enough)
             costs += [tried.cost] if tried.converged else []
-            end = tried if tried.cost < end.cost else end
+            if tried.cost < end.cost:
+                place, end = number, tried
     elsewhere = [ratio for ratio in (cost / end.cost for cost in costs) if ratio > _ELSEWHERE]
     findings = tuple(Finding(FindingKind.OTHER_END, number=min(elsewhere)) for _ in elsewhere[:1])
-    return replace(end, findings=findings)
+    return place, replace(end, findings=findings)
 
 
 def hanging(every: Problem, fit: Fit) -> Fit:

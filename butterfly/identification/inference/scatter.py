@@ -74,6 +74,15 @@ class Scatter:
         """
         return Likelihood(at, values, own, noise=self.noise).weighed(self)
 
+    def random_effects(self, at: Linearisation, step: Samples) -> Samples:
+        """(k, n) predicted (BLUP) deviations of logs from values an (n,) step from `weighed` ones.
+
+        With W'W = 1/V they are -D R'W'W (r + R step), D the variances of the effects.
+        """
+        rows, residuals = at.stack
+        pull = np.einsum("kqn,kq->kn", rows, residuals + rows @ step)
+        return np.asarray(-pull * (self.sizes[1:] ** 2 @ spread_of(at.names, at.values) ** 2))
+
 
 def spread_of(names: Sequence[str], values: Samples) -> Samples:
     """(2, n) values of the terms of friction, and of the gain; 0 of other parameters."""
@@ -112,8 +121,7 @@ class Likelihood:
             self._noise[k, :size, :size] = coloured
         if own is not None:
             self._residuals -= np.einsum("kqn,kn->kq", self._rows, own)
-        self._spread = spread_of(at.names, values)
-        self._parts = self._parts_of(self._spread)
+        self._parts = self._parts_of(spread_of(at.names, values))
         self._both = np.concatenate([self._rows, -self._residuals[:, :, None]], axis=2)
         self._known, self._pull = np.zeros(count), np.zeros(count)
         if prior is not None:
@@ -131,13 +139,6 @@ class Likelihood:
             residuals=white[:, :, -1].ravel(),
             ends=size * np.arange(1, logs + 1),
         )
-
-    def random_effects(self, scatter: Scatter, step: Samples) -> Samples:
-        """(k, n) predicted (BLUP) deviations of each log from values an (n,) step away."""
-        left = self._residuals + self._rows @ step
-        weighted = np.linalg.solve(self._variance(scatter.sizes), left[:, :, None])
-        pull = np.einsum("kqn,kq->kn", self._rows, weighted[:, :, 0])
-        return np.asarray(-pull * (scatter.sizes[1:] ** 2 @ self._spread**2))
 
     def findings(self, found: Scatter) -> tuple[Finding, ...]:
         """Return the significant random effects of a likeliest scatter."""

@@ -282,7 +282,7 @@ def test_one_parameter_of_equal_logs_is_the_textbook_s_analysis_of_variance():
 
     closed = minimize_scalar(minus_twice_log, bounds=(0, 1), method="bounded").x
     assert found.friction == pytest.approx(closed, rel=1e-3)
-    effects = likelihood.random_effects(found, np.zeros(1))
+    effects = found.random_effects(likelihood.weighed(found), np.zeros(1))
     assert effects[:, 0] == pytest.approx(estimates, rel=1e-2)
 
 
