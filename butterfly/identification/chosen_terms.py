@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.fit import Fit
+from butterfly.identification.fit import Fit, Missing
 from butterfly.identification.inference.blocks import independent_cells_of
 from butterfly.identification.inference.identifiability import Conditioning
 from butterfly.identification.inference.linear_terms import (
@@ -23,6 +23,7 @@ from butterfly.identification.inference.linear_terms import (
     stribeck_velocities,
 )
 from butterfly.identification.inference.stagewise import (
+    ROUNDS,
     Offer,
     as_good,
     friction_brakes,
@@ -38,6 +39,7 @@ from butterfly.logs.log import InputKind, Log, slow_interval
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Prior
 from butterfly.model.terms import COMMON, OF_SERVO, RARE, TERMS, companions, offered
+from butterfly.progress import out_of_time
 
 TRIAL = 2 * PASSES  # expansions of a fit with a row more, the first where one step leads
 
@@ -199,18 +201,26 @@ def nested_about(problem: Problem, at: Linearisation, most: int) -> Submodels:
     return submodels_of(cells, [log.added_mass for log in problem.logs], NEGLIGIBLE)
 
 
-def choose(every: Problem, fit: Fit, rows: Sequence[str], rare: Collection[str]) -> Fit:
+def choose(
+    every: Problem,
+    fit: Fit,
+    rows: Sequence[str],
+    rare: Collection[str],
+    rounds: int = ROUNDS,
+) -> Fit:
     """Choose from the rows of a problem, beginning with a fit in some of them.
 
     Of a fit to weighed logs those that it has stay: the friction of each log would take the place
-    of those, which the mean of all needs.
+    of those, which the mean of all needs. In 0 ``rounds`` only what is missing is found.
     """
+    if not rows or out_of_time("the selection of terms"):
+        return fit
     model = FreeRunModel(every=every, fit=fit, rows=tuple(rows))
     open_ = [name for name in rows if not (fit.scatter and name in model.terms)]
     try:
-        found = stagewise(model, open_, rare)
+        found = stagewise(model, open_, rare, rounds)
         chosen = found.model.fit
-        if fit.scatter is None:
+        if fit.scatter is None and rounds:
             chosen = found.model.problem.descend(chosen.linearisation)
     except IdentifiabilityError:
         if fit.scatter is None:
@@ -225,6 +235,7 @@ def choose(every: Problem, fit: Fit, rows: Sequence[str], rare: Collection[str])
         rivals=tuple(found.rival_values()),
         findings=tuple(dict.fromkeys([*said, *found.findings])),
         path=(*fit.path, *more),
+        missing=tuple(Missing(each.name, each.share, each.values) for each in found.missing),
     )
 
 
@@ -279,6 +290,7 @@ def separable(every: Problem, fit: Fit) -> Fit:
         fit = replace(
             end,
             rivals=fit.rivals,
+            missing=fit.missing,
             findings=(*fit.findings, said),
             path=tuple(tuple(n for n in each if n not in lost) for each in fit.path),
         )

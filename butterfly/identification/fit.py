@@ -28,6 +28,14 @@ _REMAINDER = 0.1  # share of one residual's mean cost that it may leave
 _POOR, _GOOD, _BETTER = 0.25, 0.75, 1.33  # shares of the predicted decrease
 
 
+class Missing(NamedTuple):
+    """A significant term that a fit lacks."""
+
+    name: str
+    share: float  # of the squared errors that it explains
+    values: Mapping[str, float]  # of a fit with it, by name
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Fit:
     """Where a fit of n values ended, and what speaks for others."""
@@ -42,6 +50,7 @@ class Fit:
     rivals: tuple[Mapping[str, float], ...] = ()  # values, by name, that follow the logs as well
     findings: tuple[Finding, ...] = ()
     path: tuple[tuple[str, ...], ...] = ()  # terms after each round of their choice
+    missing: tuple[Missing, ...] = ()  # the best, then those that explain the logs as well
 
     @property
     def values(self) -> Samples:

@@ -80,6 +80,7 @@ class Problem:
     lower: Samples  # (n,) lower bounds
     # reading of the encoder in rad at the model's angle 0 per added mass, where it is not fitted
     zeros: Mapping[AddedMass, float]
+    robot: Prior  # what is known of it
     known: Mapping[Key, Known]  # priors of the unknowns
     simulations: tuple[Simulation, ...]
     motion: tuple[float, ...]  # rms motion of each in rad
@@ -121,6 +122,7 @@ class Problem:
             initial=np.array([_first_guess(key, logs, start, first.zeros) for key in keys]),
             lower=np.array([least.get(name, -np.inf) for name, _ in keys]),
             zeros=first.zeros,
+            robot=known,
             known=priors,
             simulations=simulations,
             motion=motion,

@@ -30,10 +30,8 @@ from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators.output_error import OutputError
-from butterfly.identification.estimators.start import starts
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.inference.estimate import Estimate
-from butterfly.identification.inference.identifiability import prior_of_fit
 from butterfly.identification.levels import LOST, MATTERS
 from butterfly.identification.problem import Start
 from butterfly.logs.log import Log
@@ -150,11 +148,10 @@ def ratios_of(log: Log) -> RunRatios | None:
     try:
         data = DataSet.of([bare]).knowing(_RATIOS)
         with counted():
-            first = starts(data, ())
             estimator = OutputError(terms=(), workers=1)
-            known = prior_of_fit(data.logs, data.known)
-            problem, fit = estimator.chosen(data.logs, first, known, ((), set()))
-            estimate = estimator.inferred(problem, fit, known)
+            problem, fit = estimator.fit(data)
+            fit = estimator.weigh(problem, fit)
+            estimate = estimator.infer(problem, fit)
     except (ButterflyError, np.linalg.LinAlgError):
         return None
     equations = fit.plain.linearisation

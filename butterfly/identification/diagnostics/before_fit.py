@@ -113,7 +113,7 @@ def expected(data: DataSet) -> Estimate:
     estimator = OutputError(terms=terms)
     known = prior_of_fit(data.logs, data.known)
     problem = estimator.problem(data.logs, first, known)
-    return estimator.inferred(problem, problem.descend(most=PASSES, enough=SHOWS), known)
+    return estimator.infer(problem, problem.descend(most=PASSES, enough=SHOWS))
 
 
 def _reverses(angle: Samples) -> bool:

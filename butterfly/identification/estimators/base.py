@@ -8,7 +8,9 @@ from typing import Any, ClassVar, Self
 
 from butterfly.errors import InputError, nearest
 from butterfly.identification.data import DataSet
+from butterfly.identification.fit import Fit
 from butterfly.identification.inference.estimate import Estimate
+from butterfly.identification.inference.infer import infer
 from butterfly.model.prior import Known, Prior
 from butterfly.model.terms import BASE_TERMS, GEAR, PARAMETERS, TERMS, offered
 
@@ -38,7 +40,23 @@ class Estimator:
         IdentifiabilityError
             If they cannot determine the parameters.
         """
+        return self.infer(*self.fit(data))
+
+    def fit(self, data: DataSet) -> tuple[Any, Fit]:
+        """Return the end of a fit of logs, and what inference needs beside it."""
         raise NotImplementedError
+
+    def choose(self, problem: Any, fit: Fit) -> tuple[Any, Fit]:  # noqa: ANN401 - of `fit`
+        """Choose the terms of a fit; most fit those that they are given."""
+        return problem, fit
+
+    def weigh(self, problem: Any, fit: Fit) -> Fit:  # noqa: ANN401, ARG002 - of `fit`
+        """Weigh the logs of a fit; most give each the same weight."""
+        return fit
+
+    def infer(self, problem: Any, fit: Fit) -> Estimate:  # noqa: ANN401 - of `fit`
+        """Return the estimate of a fit: values, covariance, limits and findings."""
+        return infer(fit, problem)
 
     @property
     def label(self) -> str:

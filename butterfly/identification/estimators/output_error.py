@@ -125,75 +125,96 @@ class OutputError(Estimator):
             raise InputError(self.method, "workers", self.workers, "0 or more")
 
     def __call__(self, data: DataSet) -> Estimate:
-        """Fit from the closed form's estimate on that is nearest (see `Estimator`)."""
-        return self._of_calm(data, starts(data, self.terms))
+        """Estimate the parameters (see `Estimator`); terms that are given are not judged."""
+        return self._ended(*self.fit(data))
+
+    def fit(self, data: DataSet) -> Begun:
+        """Start from the closed form and fit the terms that are given, or those of the start."""
+        return self.fit_from(data, starts(data, self.terms))
+
+    def choose(self, problem: Problem, fit: Fit) -> Begun:
+        """Choose terms if none are given, else name those that are missing.
+
+        Where a fit of whole logs is no good then, it is done anew over segments of a joint's own
+        time (see `shorter_segments`).
+        """
+        if self.terms is None:
+            fit = choose(problem, fit, *self._rows(problem.logs, problem.robot))
+        problem, fit = self._over_own_time(problem, separable(problem, fit))
+        return problem, fit if self.terms is None else self._with_missing(problem, fit)
+
+    def weigh(self, problem: Problem, fit: Fit) -> Fit:
+        """Weigh logs by their scatter; choose again the terms that it hides."""
+        found = weighed(problem, fit)
+        if self.terms is None and FindingKind.SCATTER in {each.kind for each in found.findings}:
+            again = choose(problem, found, *self._rows(problem.logs, problem.robot))
+            same = again.linearisation.names == found.linearisation.names
+            found = again if same else weighed(problem, again)
+        return found
 
     def near(self, found: Estimate) -> Callable[[DataSet], Estimate]:
         """Return the estimator, its descent begun at an estimate."""
-        return lambda data: self._of_calm(data, [Start.at(found, data)])
+        return lambda data: self._ended(*self.fit_from(data, [Start.at(found, data)]))
 
     def path(self, data: DataSet, offers: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
         """Return the terms after each round of a stagewise choice from some offers."""
         self.with_terms(offers)
         rows = candidates(offers, [log.added_mass for log in data.logs], data.known)
-        first = starts(data, rows)
-        offering, logs = self.with_terms(rows), self.taken(data.logs)
-        known = prior_of_fit(logs, data.known)
-        rare = {*RARE} - {*(OF_SERVO if any(log.closed for log in logs) else ())}
-        return offering.chosen(logs, first, known, (rows, rare))[1].path or ((),)
+        problem, fit = self.with_terms(rows).fit_from(data, starts(data, rows), offered=rows)
+        rare = {*RARE} - {*(OF_SERVO if any(log.closed for log in problem.logs) else ())}
+        return choose(problem, fit, rows, rare).path or ((),)
 
-    def _of_calm(self, data: DataSet, first: Sequence[Start]) -> Estimate:
+    def of_logs(
+        self, logs: Sequence[Log], first: Sequence[Start], known: Prior = NO_PRIOR
+    ) -> Estimate:
+        """Fit the free-run simulation of all logs jointly, from one or more first guesses."""
+        return self._ended(*self.fit_of(logs, first, known))
+
+    def _ended(self, problem: Problem, fit: Fit) -> Estimate:
+        """Return the estimate of a fit, its terms chosen if none are given."""
+        if self.terms is None:
+            problem, fit = self.choose(problem, fit)
+        else:
+            problem, fit = self._over_own_time(problem, separable(problem, fit))
+        return self.infer(problem, self.weigh(problem, fit))
+
+    def fit_from(
+        self, data: DataSet, first: Sequence[Start], offered: tuple[str, ...] = ()
+    ) -> Begun:
         """Fit the logs that initial errors do not drive apart, where there are enough of them."""
         asked = {*(self.terms or ()), *self.per_mass, *self.per_log}
         data.require_angles(*asked & {*OF_ANGLE, "zero"})
         calm = data.take(data.counted)
         few = len(calm.masses) <= 1 or len(calm.logs) <= FEW  # to stand for all
         if few or len(calm.logs) == len(data.logs):
-            return self.of_logs(data.logs, first, data.known)
+            return self.fit_of(data.logs, first, data.known, offered)
         lost = {log.name for log in data.logs} - {log.name for log in calm.logs}
         left_out = Finding(FindingKind.UNPREDICTABLE, logs=tuple(sorted(lost)))
-        return self.of_logs(calm.logs, first, data.known).with_findings(left_out)
+        problem, fit = self.fit_of(calm.logs, first, data.known, offered)
+        return problem, replace(fit, findings=(*fit.findings, left_out))
 
-    def taken(self, logs: Sequence[Log]) -> Sequence[Log]:
-        """Return logs as they are simulated."""
-        return [log.opened for log in logs] if self.servo_loop == "open" else logs
-
-    def of_logs(
-        self, logs: Sequence[Log], first: Sequence[Start], known: Prior = NO_PRIOR
-    ) -> Estimate:
-        """Fit the free-run simulation of all logs jointly, from one or more first guesses."""
-        require_usable(self.method, known)
-        self._require_known_once(known)
-        logs = self.taken(logs)
-        known = prior_of_fit(logs, known)
-        rows, rare = self._rows(logs, known) if self.terms is None else ((), set[str]())
-        while True:
-            problem, fit = self.chosen(logs, first, known, (rows, rare))
-            try:
-                found = self.inferred(problem, fit, known)
-                break
-            except IdentifiabilityError:  # no term that was not asked for refuses an answer
-                fewer = tuple(name for name in rows if name not in fit.linearisation.names)
-                if fewer == rows:
-                    raise
-                rows, rare = fewer, rare.intersection(fewer)
-        whole = self.horizon is None and found.horizon == math.inf
-        return replace(found, horizon=None) if whole else found
-
-    def chosen(
+    def fit_of(
         self,
         logs: Sequence[Log],
         first: Sequence[Start],
         known: Prior,
-        rows: tuple[tuple[str, ...], set[str]],
+        offered: tuple[str, ...] = (),
     ) -> Begun:
-        """Start, fit, choose from rows of the table of terms (some of them rare), weigh logs.
+        """Fit logs in the terms of their start, or those given.
 
-        If nobody says over which time, whole logs, or segments where no run of them stays near.
+        If nobody says over which time, whole logs, or segments where errors are driven apart.
+        ``offered``: given terms that only some of the starts have.
         """
+        require_usable(self.method, known)
+        self._require_known_once(known)
+        logs = [log.opened for log in logs] if self.servo_loop == "open" else logs
+        known = prior_of_fit(logs, known)
         if self.horizon is None:
-            return self._over_own_time(logs, first, known, rows)
-        absent = {*self._rows(logs, known)[0]} - {*rows[0]} if self.terms is None else set[str]()
+            horizon = max(first_horizon(logs, each.parameters, each.zeros) for each in first)
+            return replace(self, horizon=horizon).fit_of(logs, first, known, offered)
+        rows, rare = (offered, set[str]()) if offered else ((), set[str]())
+        if self.terms is None:
+            rows, rare = self._rows(logs, known)
 
         def begun(logs: Sequence[Log]) -> Begun:
             """Fit logs in the terms of their start."""
@@ -201,71 +222,89 @@ class OutputError(Estimator):
             if any(log.closed for log in logs):
                 asked = self.terms, self.fixed
                 begins = [servo_start(self._over, asked, logs, first[0], known), *first]
-            every = [self.problem(logs, each, known).without(absent) for each in begins]
-            no_terms = ([n for n in rows[0] if not getattr(each.start, n)] for each in every)
+            every = [self.problem(logs, each, known) for each in begins]
+            no_terms = ([n for n in rows if not getattr(each.start, n)] for each in every)
             bare = [each.without(names) for each, names in zip(every, no_terms, strict=True)]
             # a fit that is but the first need not be exact
-            place, fit = lowest_end(bare, SHOWS if rows[0] else ROUNDING)
+            place, fit = lowest_end(bare, SHOWS if rows else ROUNDING)
             there = replace(every[place], initial=every[0].initial)
-            return there, begun_anew(there, hanging(there, fit), *rows)
+            return there, begun_anew(there, hanging(there, fit), rows, rare)
 
-        problem, fit = held_or_straight(logs, begun)
-        choosing = bool(rows[0]) and not out_of_time("the selection of terms")
-        fit = separable(problem, choose(problem, fit, *rows) if choosing else fit)
-        fit = weighed(problem, fit)
-        if choosing and any(each.kind is FindingKind.SCATTER for each in fit.findings):
-            again = choose(problem, fit, *rows)  # what the scatter hides
-            same = again.linearisation.names == fit.linearisation.names
-            fit = again if same else weighed(problem, again)
-        return problem, fit
+        return held_or_straight(logs, begun)
 
-    def _over_own_time(
-        self,
-        logs: Sequence[Log],
-        first: Sequence[Start],
-        known: Prior,
-        rows: tuple[tuple[str, ...], set[str]],
-    ) -> Begun:
-        """Do so over whole logs if that is right, else over segments (see `shorter_segments`)."""
-        horizon = max(first_horizon(logs, each.parameters, each.zeros) for each in first)
-        problem, fit = replace(self, horizon=horizon).chosen(logs, first, known, rows)
-        shorter = shorter_segments(problem, fit)
+    def _over_own_time(self, problem: Problem, fit: Fit) -> Begun:
+        """Do it anew over segments where errors of whole logs are no good; choose as before."""
+        shorter = None if self.horizon is not None else shorter_segments(problem, fit)
         if shorter is None or out_of_time("segments of the logs"):
             return problem, fit
         horizon, start = shorter
-        lines = [each for each in fit.findings if each.kind is FindingKind.STRAIGHT]
+        again = replace(self, horizon=horizon)
         with suppress(IdentifiabilityError):
-            again, taken = replace(self, horizon=horizon), problem.logs
-            problem, fit = again.chosen(taken, [start], known, rows)
-            fit = replace(fit, findings=(*fit.findings, *lines))
+            there, found = again.fit_of(problem.logs, [start], problem.robot)
+            if self.terms is None:
+                there, found = again.choose(there, found)
+            kept = (FindingKind.STRAIGHT, FindingKind.UNPREDICTABLE)
+            said = [each for each in fit.findings if each.kind in kept]
+            return there, replace(found, findings=(*found.findings, *said))
         return problem, fit
 
     def _over(self, terms: Iterable[str], fixed: Iterable[str], horizon: float) -> ProblemOf:
         """Return what makes problems with such terms over segments of ``horizon`` s."""
         return replace(self, terms=tuple(terms), fixed=tuple(fixed), horizon=horizon).problem
 
-    def inferred(self, every: Problem, fit: Fit, known: Prior) -> Estimate:
-        """Return the estimate of a fit in some of the values of a problem."""
-        problem, logs = every.of_fit(fit.plain), every.logs
-        twins = self._twins(problem, fit.plain, known)
+    def _with_missing(self, problem: Problem, fit: Fit) -> Fit:
+        """Return a fit in given terms with the significant ones that it lacks."""
+        rows, rare = self._rows(problem.logs, problem.robot)
+        lacking = tuple(name for name in rows if name not in problem.names)
+        wider = self._wider(problem, (*(self.terms or ()), *lacking))
+        tried = choose(wider, fit, lacking, rare, rounds=0)
+        rivals = tuple(each.values for each in tried.missing if each.values in tried.rivals)
+        return replace(fit, missing=tried.missing, rivals=rivals)
+
+    def _wider(self, problem: Problem, terms: Iterable[str]) -> Problem:
+        """Return the problem with other terms, each log simulated on the same grid."""
+        wider = replace(self, terms=tuple(terms), horizon=problem.options.horizon)
+        first = Start(problem.start, problem.zeros)
+        every = wider.problem(problem.logs, first, problem.robot)
+        return replace(every, simulations=problem.simulations)
+
+    def infer(self, problem: Problem, fit: Fit) -> Estimate:
+        """Return the estimate of a fit in some of the values of a problem.
+
+        No term that was not asked for refuses an answer: without it the logs are fitted again.
+        """
+        try:
+            return self._inferred(problem, fit)
+        except IdentifiabilityError:
+            chosen = {*fit.linearisation.names} & {*self._rows(problem.logs, problem.robot)[0]}
+            if self.terms is not None or not chosen:
+                raise
+        fewer = problem.of_fit(fit.plain).without(chosen)
+        bare = fewer.descend(fewer.equations(fewer.initial, fit.linearisation))
+        said = Finding(FindingKind.INSEPARABLE, tuple(sorted(chosen)))
+        return self._inferred(problem, replace(bare, findings=(*fit.plain.findings, said)))
+
+    def _inferred(self, every: Problem, fit: Fit) -> Estimate:
+        """Return the estimate of a fit (see `infer`)."""
+        plain, problem, logs = fit.plain, every.of_fit(fit.plain), every.logs
+        twins = self._twins(problem, plain)
         names, values = problem.labels[: problem.shared], fit.values
         rivals = [
             np.array([each.get(name, value_if_absent(name)) for name in names])
             for each in fit.rivals
         ]
-        scattering = any(each.kind is FindingKind.SCATTER for each in fit.findings)
-        if not scattering:  # which hides it
-            rivals += unsaid(problem, fit.plain)
+        if FindingKind.SCATTER not in {each.kind for each in fit.findings}:  # which hides it
+            rivals += unsaid(problem, plain)
         horizon = problem.options.horizon
         if self.horizon is None and horizon < math.inf:
-            rivals += over_shorter(problem, fit.plain)
+            rivals += over_shorter(problem, plain)
         beyond = values + fit.linearisation.step(*problem.box.about(values, np.inf))
-        found = Basis(
+        basis = Basis(
             method="output error",
             shared=problem.shared,
             masses=[log.added_mass for log in logs],
             conditions=Conditions.of(logs, cells_of(len(logs), len(problem.keys))),
-            known=known,
+            known=problem.robot,
             driven=is_driven(logs),
             timed=all(log.excitation for log in logs),
             rivals=[*rivals, beyond[: problem.shared]],
@@ -274,20 +313,18 @@ class OutputError(Estimator):
             fixed=self._fixed(problem),
             findings=[each.finding for each in twins],
         )
+        found = infer(problem.in_cells(fit), basis)
+        whole = self.horizon is None and horizon == math.inf
         local = _local(problem.keys[problem.shared :], values)
-        return replace(infer(problem.in_cells(fit), found), local=local, horizon=horizon)
+        return replace(found, local=local, horizon=None if whole else horizon)
 
-    def _twins(self, problem: Problem, fit: Fit, known: Prior) -> list[TwinTerm]:
+    def _twins(self, problem: Problem, fit: Fit) -> list[TwinTerm]:
         """Return the terms that are not fitted and that those which are speak for."""
-        logs = problem.logs
-        masses, terms = [log.added_mass for log in logs], {*problem.names} & {*offered(self.method)}
-        rows = candidates(spoken_for(problem.names), masses, known)
+        masses = [log.added_mass for log in problem.logs]
+        rows = candidates(spoken_for(problem.names), masses, problem.robot)
         rows = tuple(name for name in rows if name not in self.fixed)
-        if not rows:
-            return []
-        wider = replace(self, terms=(*terms, *rows), horizon=problem.options.horizon)
-        every = wider.problem(logs, Start(problem.start, problem.zeros), known)
-        return twin_terms(replace(every, simulations=problem.simulations), fit, rows)
+        terms = {*problem.names} & {*offered(self.method)}
+        return twin_terms(self._wider(problem, (*terms, *rows)), fit, rows) if rows else []
 
     def _require_known_once(self, known: Prior) -> None:
         """Raise InputError for what is known of the robot and yet fixed, or of mass or log."""

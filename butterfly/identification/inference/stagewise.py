@@ -28,7 +28,7 @@ from butterfly.model.parameters import AddedMass, value_if_absent
 from butterfly.model.terms import companions, is_simulated_with
 from butterfly.progress import out_of_time
 
-_ROUNDS = 4  # of terms that are added one after the other
+ROUNDS = 4  # of terms that are added one after the other
 _TIES = 2  # rows that are fitted besides the one with the largest gain
 
 
@@ -121,6 +121,8 @@ class ChosenTerms(Generic[M]):
     ties: tuple[tuple[Offer, str], ...]  # rows that did as well as a term that was taken, and that
     # rows that are not fitted, though no chance, or of help and common or of a share
     rivals: tuple[Offer, ...]
+    # rows that pass and are not fitted: the best, then those with errors as small
+    missing: tuple[Offer, ...]
     idle: tuple[str, ...]  # rows that were tried and are not fitted
     inseparable: tuple[str, ...]  # rows that the data cannot tell from the rest
 
@@ -137,8 +139,13 @@ class ChosenTerms(Generic[M]):
         return [each for each in offered if self.model.confirms(each)]
 
 
-def stagewise(model: M, rows: Sequence[str], rare: Collection[str]) -> ChosenTerms[M]:
-    """Add and take away terms of some rows until none helps; of rare ones more is asked."""
+def stagewise(
+    model: M, rows: Sequence[str], rare: Collection[str], rounds: int = ROUNDS
+) -> ChosenTerms[M]:
+    """Add and take away terms of some rows until none helps; of rare ones more is asked.
+
+    In so many ``rounds``, or in none if only what is missing is asked.
+    """
     refused: set[str] = set()
     gone: set[str] = set()  # since a term was added, which they may need
     ties: list[tuple[str, str]] = []
@@ -147,7 +154,7 @@ def stagewise(model: M, rows: Sequence[str], rare: Collection[str]) -> ChosenTer
         absent = [name for name in rows if name not in model.terms | gone | refused]
         asked = [name for name in absent if is_simulated_with(name, model.terms)]
         offers = model.offers(asked) if asked else []
-        last = added == _ROUNDS or (model.simulates and out_of_time("the selection of terms"))
+        last = added == rounds or (model.simulates and out_of_time("the selection of terms"))
         found = None if last else _best(model, offers, rare, refused, ties)
         added += found is not None
         if found is not None:
@@ -172,9 +179,18 @@ def stagewise(model: M, rows: Sequence[str], rare: Collection[str]) -> ChosenTer
             if holm[each.name] < 1 - CONFIDENCE
             or (each.ratio > 1 and (each.name not in rare or each.share > MATERIAL))
         ),
+        missing=_missing(offers, model.nested.negligible),
         idle=tuple(name for name in rows if name in (gone | refused).union(felt)),
         inseparable=tuple(name for name in asked if name not in felt),
     )
+
+
+def _missing(offers: Sequence[Offer], negligible: float) -> tuple[Offer, ...]:
+    """Return the best of the rows that pass, and those that leave errors as small."""
+    holm = _holm(offers)
+    passing = [each for each in offers if each.passes(_COMMON, holm[each.name], negligible)]
+    passing.sort(key=lambda each: -float(each.gain.mean()))
+    return tuple(each for each in passing if as_good(-each.gain, -passing[0].gain))
 
 
 def _ordered(terms: Collection[str], rows: Sequence[str]) -> tuple[str, ...]:
