@@ -5,12 +5,12 @@ from itertools import product
 
 import numpy as np
 import pytest
-from butterfly.identification.inference.equations import compressed
 
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import HarmonicBalance, Loss, OutputError
 from butterfly.identification.findings import Ending, FindingKind
+from butterfly.identification.linearisation import compressed
 from butterfly.identification.problem import Start
 from butterfly.logs.log import Intersample, Sine
 from butterfly.logs.regimes import Regime

@@ -1,0 +1,103 @@
+"""An identification step by step: each begins with the fit that the one before ended with."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from butterfly.identification.chosen_terms import choose
+from butterfly.identification.data import DataSet
+from butterfly.identification.estimators import OutputError
+from butterfly.identification.findings import FindingKind
+from butterfly.identification.weighed_logs import weighed
+from tests.conftest import MASSES
+from tests.identification.simulated import ROBOT, noisy, wild
+
+DRAGGED = replace(ROBOT, drag=2e-4)
+BARE, FREE = OutputError(terms=(), workers=1), OutputError(workers=1)
+
+
+@pytest.fixture(scope="module")
+def data():
+    logs = wild(DRAGGED, (*MASSES, *MASSES), duration=6.0)
+    return DataSet.of(noisy(logs, 1e-4, np.random.default_rng(0)))
+
+
+@pytest.fixture(scope="module")
+def scattering():
+    """Logs of which each has a friction of its own."""
+    masses, rng = (*MASSES, *MASSES), np.random.default_rng(1)
+    logs = []
+    for number, share in enumerate(1 + 0.3 * rng.standard_normal(len(masses))):
+        robot = replace(ROBOT, coulomb=share * ROBOT.coulomb, p2=share * ROBOT.p2)
+        logs.append(wild(robot, masses, duration=6.0)[number])
+    return DataSet.of(noisy(logs, 1e-4, rng))
+
+
+@pytest.fixture(scope="module")
+def begun(data):
+    return BARE.fit(data)
+
+
+def test_a_fit_ends_where_no_step_makes_the_errors_smaller(begun):
+    problem, fit = begun
+    assert fit.converged
+    assert fit.linearisation.names == problem.labels
+    about = problem.weighed(problem.equations(fit.values))
+    step = about.step(*problem.box.about(fit.values, np.inf))
+    assert about.decrease(step) < 1e-4 * about.cost
+
+
+def test_the_choice_adds_what_the_joint_has_and_leaves_less(data, begun):
+    problem, first = FREE.fit(data)
+    problem, fit = FREE.choose(problem, first)
+    assert fit.path[-1] == ("drag",)
+    assert fit.named["drag"] == pytest.approx(DRAGGED.drag, rel=0.05)
+    assert fit.cost < 0.5 * begun[1].cost
+    assert not fit.missing
+
+
+def test_of_given_terms_the_choice_says_what_is_missing_and_what_it_would_give(begun):
+    problem, fit = BARE.choose(*begun)
+    assert fit.linearisation.names == begun[1].linearisation.names
+    best = fit.missing[0]
+    assert best.name == "drag"
+    assert best.share > 0.5
+    assert best.values["drag"] == pytest.approx(DRAGGED.drag, rel=0.3)
+    estimate = BARE.infer(problem, fit)
+    for name, value in best.values.items():
+        if name in estimate.names:
+            lower, upper = estimate.limits_of(name, value)
+            assert lower <= value <= upper
+
+
+def test_nothing_is_offered_where_there_are_no_rows(begun):
+    problem, fit = begun
+    assert choose(problem, fit, (), ()) is fit
+
+
+def test_logs_that_differ_in_friction_are_weighed_by_it(scattering):
+    problem, fit = BARE.fit(scattering)
+    found = BARE.weigh(problem, fit)
+    (scatter,) = [each for each in found.findings if each.kind is FindingKind.SCATTER]
+    assert scatter.parameters == ("p2", "coulomb")
+    assert 0.1 < found.scatter.friction < 0.6
+    assert found.plain.linearisation is fit.linearisation
+    rows, residuals = found.linearisation.stack
+    assert residuals.shape == rows.shape[:2]
+    assert np.mean(residuals**2) < 2  # in standard deviations
+    truth = np.array([getattr(ROBOT, name) for name in ("p1", "p3", "p4")])
+    before, after = ([each.named[n] for n in ("p1", "p3", "p4")] for each in (fit, found))
+    assert np.abs(after / truth - 1).max() < np.abs(before / truth - 1).max()
+
+
+def test_of_few_logs_no_scatter_can_be_told(data):
+    problem, fit = BARE.fit(data.take([0, 1, 2]))
+    assert weighed(problem, fit) is fit
+
+
+def test_the_whole_is_its_steps(data):
+    problem, fit = FREE.choose(*FREE.fit(data))
+    found, whole = FREE.infer(problem, FREE.weigh(problem, fit)), FREE(data)
+    assert found.named == whole.named
+    np.testing.assert_array_equal(found.lower, whole.lower)
