@@ -20,7 +20,7 @@ from butterfly.errors import IdentifiabilityError
 from butterfly.identification.findings import Ending, Finding
 from butterfly.identification.inference.scatter import Scatter
 from butterfly.identification.levels import MATTERS, MOST, PRECISE, ROUNDING, SHOWS
-from butterfly.identification.linearisation import Linearisation, Loss
+from butterfly.identification.linearisation import Linearisation
 from butterfly.progress import current_search
 
 _LAST = 1e-4  # share of the cost that an unverified last step may be predicted to take off
@@ -165,28 +165,3 @@ def _is_last(at: Linearisation, predicted: float, last: float, rho: float, bends
     # a shortened step leaves a share of what the whole one predicts
     sure = predicted * (bends - 1) ** 2 <= _LAST**2 * at.cost
     return (_GOOD < rho < _BETTER and small and sure) or predicted <= ROUNDING * at.cost
-
-
-def minimise_robustly(
-    expand: Expand,
-    at: Linearisation,
-    box: Box,
-    loss: Loss,
-    *,
-    most: int,
-    enough: float,
-    steps: float = np.inf,
-) -> Fit:
-    """Descend to the least squares, if the loss is linear yet, then to the minimum of a loss."""
-    spent = 0
-    if at.loss is Loss.LINEAR:
-        unweighted = minimise(expand, at, box, most, enough, steps=steps)
-        if loss is Loss.LINEAR:
-            return unweighted
-        at, spent = unweighted.linearisation.counting(loss), unweighted.evaluations
-
-    def counted(values: Samples, here: Linearisation) -> Linearisation:
-        return replace(expand(values, here), loss=loss, scale=at.scale)
-
-    found = minimise(counted, at, box, MOST, enough, steps=steps)
-    return replace(found, evaluations=spent + found.evaluations)

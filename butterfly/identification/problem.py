@@ -6,6 +6,7 @@ An unknown belongs to all logs, to those with one added mass, or to one log.
 from __future__ import annotations
 
 from collections.abc import Container, Iterable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -17,7 +18,7 @@ from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.findings import Ending
-from butterfly.identification.fit import Box, Fit, minimise_robustly
+from butterfly.identification.fit import Box, Fit, minimise
 from butterfly.identification.inference.blocks import cells_of, independent_cells_of
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.scatter import Scatter
@@ -181,54 +182,52 @@ class Problem:
         are sought from those of equations ``near``, which no other trial moves. Logs beyond a cost
         of ``most`` are not simulated.
         """
-        if self.scatter is None:
-            return self._simulated(values, near, most=most, slopes=slopes)
-        own = np.maximum(self.scatter.own_of(self.labels), self.lower - values)
-        at = self._simulated(values + own, near)
-        return self.scatter.weighed(at, values, own) if at.is_finite else at
-
-    def _simulated(
-        self,
-        values: Samples,
-        near: Linearisation | None,
-        *,
-        most: float = np.inf,
-        slopes: bool = True,
-    ) -> Linearisation:
-        """Return the equations of plain logs."""
+        if self.scatter is not None:
+            own = np.maximum(self.scatter.own_of(self.labels), self.lower - values)
+            at = replace(self, scatter=None).equations(values + own, near)
+            return self.scatter.weighed(at, values, own) if at.is_finite else at
         search = current_search()
         search.simulations += 1
         of_logs = np.broadcast_to(values, (len(self.motion), len(self.keys)))
         for number, each in enumerate(self.simulations):
             each.begins = near.begins[number] if near and near.begins else each.recorded
-        simulated = partial(self._of_log, slopes=slopes)
-        if self.options.workers == 1:
-            found = _within(most, map(simulated, range(len(of_logs)), of_logs))
-        else:
-            with threads(self.options.workers) as pool:
-                found = _within(most, pool.map(simulated, range(len(of_logs)), of_logs))
+        simulated, found, cost = partial(self._of_log, slopes=slopes), [], 0.0
+        several = self.options.workers > 1
+        with threads(self.options.workers) if several else nullcontext() as pool:
+            each_log = map if pool is None else pool.map
+            for errors, rows in each_log(simulated, range(len(of_logs)), of_logs):
+                found.append((errors, rows))
+                cost += 0.5 * float(errors @ errors) if most < np.inf else 0.0
+                if not cost <= most or (most < np.inf and search.over):
+                    break
+            if pool is not None:
                 pool.shutdown(cancel_futures=True)
         spent = [each.spend() for each in self.simulations]
         steps = sum(spent[: len(found)])  # threads may have begun some of the others
         search.steps += steps
         if len(found) < len(of_logs):
             found.append(self._impossible)
-        errors, rows = zip(*found, strict=True)
+        errors_of, rows_of = zip(*found, strict=True)
         return Linearisation(
             names=self.labels,
             values=of_logs[0],
             lower=self.lower,
-            rows=joined(rows),
-            residuals=joined(errors),
-            ends=np.cumsum([each.size for each in errors]),
-            log=np.arange(len(errors)),
+            rows=joined(rows_of),
+            residuals=joined(errors_of),
+            ends=np.cumsum([each.size for each in errors_of]),
+            log=np.arange(len(found)),
             steps=steps,
             begins=tuple(each.begins for each in self.simulations),
         )
 
     def stepped(self, values: Samples, at: Linearisation) -> Linearisation:
-        """Return the equations where a step leads from others, which a higher cost ends early."""
-        return self.equations(values, at, most=at.cost if at.loss is Loss.LINEAR else np.inf)
+        """Return the equations where a step leads from others, with the loss of these.
+
+        A higher cost ends them early.
+        """
+        if at.loss is Loss.LINEAR:
+            return self.equations(values, at, most=at.cost)
+        return replace(self.equations(values, at), loss=at.loss, scale=at.scale)
 
     @np.errstate(over="ignore", invalid="ignore")  # of a motion that diverges; per thread
     def _of_log(self, index: int, values: Samples, *, slopes: bool) -> tuple[Samples, Samples]:
@@ -285,14 +284,17 @@ class Problem:
         at, evaluations = (self.equations(self.initial), 1) if at is None else (at, 0)
         if self.scatter:
             return self._descend_weighed(self.weighed(at), most, enough)
+        robust = self.options.loss is not Loss.LINEAR
         for _ in range(MOST):
-            at, rest = self.weighed(at), most - evaluations
-            before, loss = at, self.options.loss
-            end = minimise_robustly(
-                self.stepped, at, self.box, loss, most=rest, enough=enough, steps=steps
-            )
-            evaluations += end.evaluations
-            at = end.linearisation
+            before = at = self.weighed(at)
+            if at.loss is Loss.LINEAR:
+                rest = most - evaluations
+                end = minimise(self.stepped, at, self.box, rest, enough, steps=steps)
+                evaluations, at = evaluations + end.evaluations, end.linearisation
+            if robust:  # from the least squares on
+                at = at if at.loss is self.options.loss else at.counting(self.options.loss)
+                end = minimise(self.stepped, at, self.box, MOST, enough, steps=steps)
+                evaluations, at = evaluations + end.evaluations, end.linearisation
             if not end.converged and evaluations < most:
                 out_of_time("iterations of a fit that had not converged")
             if not end.converged or self.weighed(at).prior_weighs_as(before):
@@ -416,18 +418,6 @@ def relative(
     every = np.zeros((errors.size, count))
     every[:, [*columns]] = unit * rows
     return unit * errors, every
-
-
-def _within(most: float, logs: Iterable[tuple[Samples, Samples]]) -> list[tuple[Samples, Samples]]:
-    """Return the equations of the first logs, up to a cost of ``most`` or the end of the time."""
-    found: list[tuple[Samples, Samples]] = []
-    cost, search = 0.0, current_search()
-    for each in logs:
-        found.append(each)
-        cost += 0.5 * float(each[0] @ each[0]) if most < np.inf else 0.0
-        if not cost <= most or (most < np.inf and search.over):
-            break
-    return found
 
 
 def _local_key(

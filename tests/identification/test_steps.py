@@ -87,7 +87,6 @@ def test_logs_that_differ_in_friction_are_weighed_by_it(scattering):
     assert found.plain.linearisation is fit.linearisation
     rows, residuals = found.linearisation.stack
     assert residuals.shape == rows.shape[:2]
-    assert np.mean(residuals**2) < 2  # in standard deviations
     truth = np.array([getattr(ROBOT, name) for name in ("p1", "p3", "p4")])
     before, after = ([each.named[n] for n in ("p1", "p3", "p4")] for each in (fit, found))
     assert np.abs(after / truth - 1).max() < np.abs(before / truth - 1).max()

@@ -128,9 +128,24 @@ class OutputError(Estimator):
         """Estimate the parameters (see `Estimator`); terms that are given are not judged."""
         return self._ended(*self.fit(data))
 
-    def fit(self, data: DataSet) -> Begun:
-        """Start from the closed form and fit the terms that are given, or those of the start."""
-        return self.fit_from(data, starts(data, self.terms))
+    def fit(
+        self, data: DataSet, first: Sequence[Start] = (), offered: tuple[str, ...] = ()
+    ) -> Begun:
+        """Start from the closed form, or ``first``, and fit the terms of the start or those given.
+
+        Logs that initial errors drive apart are left out, where there are enough of others.
+        ``offered``: see `fit_of`.
+        """
+        asked = {*(self.terms or ()), *self.per_mass, *self.per_log}
+        data.require_angles(*asked & {*OF_ANGLE, "zero"})
+        first, calm = first or starts(data, self.terms), data.take(data.counted)
+        few = len(calm.masses) <= 1 or len(calm.logs) <= FEW  # to stand for all
+        if few or len(calm.logs) == len(data.logs):
+            return self.fit_of(data.logs, first, data.known, offered)
+        lost = {log.name for log in data.logs} - {log.name for log in calm.logs}
+        left_out = Finding(FindingKind.UNPREDICTABLE, logs=tuple(sorted(lost)))
+        problem, fit = self.fit_of(calm.logs, first, data.known, offered)
+        return problem, replace(fit, findings=(*fit.findings, left_out))
 
     def choose(self, problem: Problem, fit: Fit) -> Begun:
         """Choose terms if none are given, else name those that are missing.
@@ -154,13 +169,13 @@ class OutputError(Estimator):
 
     def near(self, found: Estimate) -> Callable[[DataSet], Estimate]:
         """Return the estimator, its descent begun at an estimate."""
-        return lambda data: self._ended(*self.fit_from(data, [Start.at(found, data)]))
+        return lambda data: self._ended(*self.fit(data, [Start.at(found, data)]))
 
     def path(self, data: DataSet, offers: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
         """Return the terms after each round of a stagewise choice from some offers."""
         self.with_terms(offers)
         rows = candidates(offers, [log.added_mass for log in data.logs], data.known)
-        problem, fit = self.with_terms(rows).fit_from(data, starts(data, rows), offered=rows)
+        problem, fit = self.with_terms(rows).fit(data, starts(data, rows), rows)
         rare = {*RARE} - {*(OF_SERVO if any(log.closed for log in problem.logs) else ())}
         return choose(problem, fit, rows, rare).path or ((),)
 
@@ -178,21 +193,6 @@ class OutputError(Estimator):
             problem, fit = self._over_own_time(problem, separable(problem, fit))
         return self.infer(problem, self.weigh(problem, fit))
 
-    def fit_from(
-        self, data: DataSet, first: Sequence[Start], offered: tuple[str, ...] = ()
-    ) -> Begun:
-        """Fit the logs that initial errors do not drive apart, where there are enough of them."""
-        asked = {*(self.terms or ()), *self.per_mass, *self.per_log}
-        data.require_angles(*asked & {*OF_ANGLE, "zero"})
-        calm = data.take(data.counted)
-        few = len(calm.masses) <= 1 or len(calm.logs) <= FEW  # to stand for all
-        if few or len(calm.logs) == len(data.logs):
-            return self.fit_of(data.logs, first, data.known, offered)
-        lost = {log.name for log in data.logs} - {log.name for log in calm.logs}
-        left_out = Finding(FindingKind.UNPREDICTABLE, logs=tuple(sorted(lost)))
-        problem, fit = self.fit_of(calm.logs, first, data.known, offered)
-        return problem, replace(fit, findings=(*fit.findings, left_out))
-
     def fit_of(
         self,
         logs: Sequence[Log],
@@ -209,9 +209,10 @@ class OutputError(Estimator):
         self._require_known_once(known)
         logs = [log.opened for log in logs] if self.servo_loop == "open" else logs
         known = prior_of_fit(logs, known)
+        over = self
         if self.horizon is None:
             horizon = max(first_horizon(logs, each.parameters, each.zeros) for each in first)
-            return replace(self, horizon=horizon).fit_of(logs, first, known, offered)
+            over = replace(self, horizon=horizon)
         rows, rare = (offered, set[str]()) if offered else ((), set[str]())
         if self.terms is None:
             rows, rare = self._rows(logs, known)
@@ -221,8 +222,8 @@ class OutputError(Estimator):
             begins = [*first]
             if any(log.closed for log in logs):
                 asked = self.terms, self.fixed
-                begins = [servo_start(self._over, asked, logs, first[0], known), *first]
-            every = [self.problem(logs, each, known) for each in begins]
+                begins = [servo_start(over.over, asked, logs, first[0], known), *first]
+            every = [over.problem(logs, each, known) for each in begins]
             no_terms = ([n for n in rows if not getattr(each.start, n)] for each in every)
             bare = [each.without(names) for each, names in zip(every, no_terms, strict=True)]
             # a fit that is but the first need not be exact
@@ -248,7 +249,7 @@ class OutputError(Estimator):
             return there, replace(found, findings=(*found.findings, *said))
         return problem, fit
 
-    def _over(self, terms: Iterable[str], fixed: Iterable[str], horizon: float) -> ProblemOf:
+    def over(self, terms: Iterable[str], fixed: Iterable[str], horizon: float) -> ProblemOf:
         """Return what makes problems with such terms over segments of ``horizon`` s."""
         return replace(self, terms=tuple(terms), fixed=tuple(fixed), horizon=horizon).problem
 
