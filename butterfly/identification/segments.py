@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from butterfly.arrays import Samples, joined
 from butterfly.identification.levels import MATTERS, PRECISE, ROUNDING
-from butterfly.identification.servo_drive import loop_on_grid, needs_loop
+from butterfly.identification.servo_drive import loop_on_grid
 from butterfly.logs.log import Intersample, Log
 from butterfly.model.greybox import (
     Columns,
@@ -80,7 +80,8 @@ class Segments:
         step, self._every = min(grid_step(log, parameters), longest), 1
         if log.closed and log.servo is not None:
             step, self._every = log.servo.updates(step)
-        self._driven, self._begun = _is_driven(log), 0.0
+        # whether a recorded input alone drives the joint, at any time
+        self._driven, self._begun = not self._looped and bool(log.command[1].any()), 0.0
         begins, end = log.time[[*edges]], log.time[-1:]
         if self._driven:
             self._begun = parameters.delay
@@ -228,7 +229,8 @@ class Segments:
         if latest is None or latest[0] != key or len(latest[1]) < count:
             if self._looped:  # the kernel's loop computes the drive
                 setpoint = self.log.goal if self.log.closed else self.log.command
-                found = self._parabolas(joint, *setpoint)
+                kind = self.log.between_samples
+                found = hold.parabolas(*setpoint, self.grid - joint.delay, kind)
             else:
                 found = self._delivered(joint, count)
             self._latest = latest = key, found
@@ -239,26 +241,23 @@ class Segments:
         (time, commands), limit = self.log.command, joint.slow_interval
         if joint.slow_delay:
             time = self.log.arrivals(joint.slow_delay, limit)
-        delivered = joint.drive.delivered(commands)
-        parts = [self._parabolas(joint, time, delivered)]
+        # late by the delay, where this does not move what is read
+        edges = self.grid if self._driven else self.grid - joint.delay
+        delivered, kind = joint.drive.delivered(commands), self.log.between_samples
+        parts = [hold.parabolas(time, delivered, edges, kind)]
         if count >= _DELAYS:
-            held = self.log.between_samples is Intersample.ZERO_ORDER_HOLD
+            held = kind is Intersample.ZERO_ORDER_HOLD
             steps = np.diff(delivered, prepend=0.0 if held else delivered[0])
             slow = np.cumsum(steps * self.log.is_slow(limit))  # of steps while the clock is slow
+            parts.append(hold.parabolas(time, slow, edges, kind)[1:])
             slopes = (joint.slope(name, commands) for name in DRIVE[: count - _DELAYS])
-            parts.append(self._parabolas(joint, time, slow)[1:])
-            parts += (self._parabolas(joint, time, each)[:1] for each in slopes)
+            parts += (hold.parabolas(time, each, edges, kind)[:1] for each in slopes)
         return joined(parts)
 
-    def _parabolas(self, joint: LumpedParameters, time: Samples, inputs: Samples) -> Samples:
-        """(2, n - 1, 3) late inputs and their derivatives by the delay (see `hold.parabolas`)."""
-        edges = self.grid if self._driven else self.grid - joint.delay
-        return hold.parabolas(time, inputs, edges, self.log.between_samples)
 
-
-def _is_driven(log: Log) -> bool:
-    """Whether a recorded input alone drives the joint, at any time."""
-    return not needs_loop(log) and bool(log.command[1].any())
+def needs_loop(log: Log) -> bool:
+    """Whether a log's drive depends on its motion, or its torque is off at times."""
+    return log.closed or (log.enabled is not None and bool(np.any(np.rint(log.enabled) == 0)))
 
 
 def _between_jumps(log: Log, bounds: Samples, longest: float) -> Samples:

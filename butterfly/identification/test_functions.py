@@ -17,7 +17,7 @@ from collections.abc import Hashable, Iterable
 from copy import copy
 from dataclasses import dataclass
 from enum import StrEnum
-from functools import cache, cached_property
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -28,14 +28,13 @@ from butterfly.arrays import Samples
 from butterfly.errors import InputError
 from butterfly.identification.inference.blocks import CELLS
 from butterfly.identification.levels import LOST, ROUNDING
-from butterfly.identification.sensor_errors import white_variance
 from butterfly.logs.log import Log
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.terms import GEAR, IDEAL, TERMS, DriveTerms, FrictionTerms, Motion, Term
 from butterfly.signals import hold
 from butterfly.signals.polynomials import slope
-from butterfly.signals.spectrum import dominant_period, resample, uniform_grid
+from butterfly.signals.spectrum import dominant_period, resample, uniform_grid, white_variance
 
 SPACING = 0.5
 """Of the test functions, in half-widths."""
@@ -50,6 +49,10 @@ LEAST_SAMPLES = _VELOCITY_ORDER + 1
 """Samples on either side of a test function's centre with which sums are integrals."""
 _LARGEST_STICK = 0.05  # share of a window that may stand still
 _STANDSTILL = 0.02  # share of the rms velocity below which the joint may stick
+_BUMP = Polynomial([1, 0, -1]) ** 4
+_AREA, _SQUARE = _BUMP.integ(), (_BUMP.deriv(2) ** 2).integ()
+_ROUGHNESS = float((_SQUARE(1) - _SQUARE(-1)) / (_AREA(1) - _AREA(-1)) ** 2)
+"""Integral of the square of a bump's second derivative, of half-width and area 1."""
 _DRIVEN = {"p4", *(row.name for row in TERMS.values() if row.of_gain)}  # what the input enters
 
 
@@ -329,17 +332,9 @@ def half_width_of(log: Log) -> float:
         omega = 2 * math.pi / dominant_period(log.time, log.angle)
     longest = min(math.pi / (2 * omega), length / CELLS)
     if acceptable := _QUIET * log.rms_motion * omega**2:
-        noise = math.sqrt(step * variance * _bump_roughness())  # with a half-width of 1 s
+        noise = math.sqrt(step * variance * _ROUGHNESS)  # with a half-width of 1 s
         longest = min(longest, max(HALF_WIDTH, (noise / acceptable) ** 0.4))
     return max(longest, LEAST_SAMPLES * step)
-
-
-@cache
-def _bump_roughness() -> float:
-    """Return the integral of the square of a bump's second derivative, of half-width and area 1."""
-    bump = Polynomial([1, 0, -1]) ** 4
-    area, square = bump.integ(), (bump.deriv(2) ** 2).integ()
-    return float((square(1) - square(-1)) / (area(1) - area(-1)) ** 2)
 
 
 def _velocity(angle: Samples, half_width: float, step: float) -> Samples:
