@@ -179,7 +179,10 @@ class Segments:
         read = self._read(joint)
         averaged = read.readings.into >= 0
         middles = (self.grid[:-1] + self.grid[1:])[averaged] / 2 + self._late(joint)
-        inputs = np.asarray((self._delivered(joint)[0] @ hold.SIMPSON)[averaged])
+        delivered = hold.parabolas(
+            *self._delivered(joint), self._edges(joint), self.log.between_samples
+        )
+        inputs = np.asarray((delivered[0] @ hold.SIMPSON)[averaged])
         return read.counts, np.asarray(middles), inputs
 
     def loop(self, joint: LumpedParameters, zero: float) -> Loop | None:
@@ -205,8 +208,9 @@ class Segments:
         left along the polynomial of theirs: so the same ones are averaged while it hardly changes.
         Keeps the last.
         """
-        late, log, unit = self._late(joint), self.log, PRECISE * self.log.mean_step
+        late, log = joint.delay if self._driven else 0.0, self.log
         if self._latest_read is None or self._latest_read[0] != late:
+            unit = PRECISE * log.mean_step
             moved = round(late / unit) * unit
             samples = log.time[self._first :] - moved, log.measured[self._first :]
             into, weights, measured, counts = polynomials.averages(
@@ -223,36 +227,38 @@ class Segments:
 
         Searches simulate many times with one delay. Of a servo they are those of its set-point.
         """
-        count = 2 if self._looped else max(drives, 2)
+        count, log = 2 if self._looped else max(drives, 2), self.log
         key = joint.delay, joint.slow_delay, joint.slow_interval, joint.drive
         latest = self._latest
-        if latest is None or latest[0] != key or len(latest[1]) < count:
-            if self._looped:  # the kernel's loop computes the drive
-                setpoint = self.log.goal if self.log.closed else self.log.command
-                kind = self.log.between_samples
-                found = hold.parabolas(*setpoint, self.grid - joint.delay, kind)
-            else:
-                found = self._delivered(joint, count)
-            self._latest = latest = key, found
-        return latest[1][:count]
-
-    def _delivered(self, joint: LumpedParameters, count: int = 2) -> Samples:
-        """(count, n - 1, 3) delivered inputs by the drive's model, and their derivatives."""
-        (time, commands), limit = self.log.command, joint.slow_interval
-        if joint.slow_delay:
-            time = self.log.arrivals(joint.slow_delay, limit)
-        # late by the delay, where this does not move what is read
-        edges = self.grid if self._driven else self.grid - joint.delay
-        delivered, kind = joint.drive.delivered(commands), self.log.between_samples
-        parts = [hold.parabolas(time, delivered, edges, kind)]
+        if latest is not None and latest[0] == key and len(latest[1]) >= count:
+            return latest[1][:count]
+        if self._looped:  # the kernel's loop computes the drive
+            time, inputs = log.goal if log.closed else log.command
+        else:
+            time, inputs = self._delivered(joint)
+        edges, kind = self._edges(joint), log.between_samples
+        parts = [hold.parabolas(time, inputs, edges, kind)]
         if count >= _DELAYS:
             held = kind is Intersample.ZERO_ORDER_HOLD
-            steps = np.diff(delivered, prepend=0.0 if held else delivered[0])
-            slow = np.cumsum(steps * self.log.is_slow(limit))  # of steps while the clock is slow
-            parts.append(hold.parabolas(time, slow, edges, kind)[1:])
-            slopes = (joint.slope(name, commands) for name in DRIVE[: count - _DELAYS])
-            parts += (hold.parabolas(time, each, edges, kind)[:1] for each in slopes)
-        return joined(parts)
+            steps = np.diff(inputs, prepend=0.0 if held else inputs[0])
+            slow = steps * log.is_slow(joint.slow_interval)  # while the clock is slow
+            parts.append(hold.parabolas(time, np.cumsum(slow), edges, kind)[1:])
+            for name in DRIVE[: count - _DELAYS]:
+                by_term = joint.slope(name, log.command[1])
+                parts.append(hold.parabolas(time, by_term, edges, kind)[:1])
+        self._latest = key, joined(parts)
+        return self._latest[1]
+
+    def _delivered(self, joint: LumpedParameters) -> tuple[Samples, Samples]:
+        """Return stamps at which commands arrive, and what the drive's model makes of them."""
+        time, commands = self.log.command
+        if joint.slow_delay:
+            time = self.log.arrivals(joint.slow_delay, joint.slow_interval)
+        return time, joint.drive.delivered(commands)
+
+    def _edges(self, joint: LumpedParameters) -> Samples:
+        """Return the instants between which the input, as recorded, acts."""
+        return self.grid if self._driven else self.grid - joint.delay
 
 
 def needs_loop(log: Log) -> bool:

@@ -201,11 +201,6 @@ class Columns:
         return require_plain_base(self.joint) if moves else None
 
     @cached_property
-    def constants(self) -> Constants:
-        """The kernel's constants."""
-        return constants_of(self.joint, moving=self.moving)
-
-    @cached_property
     def drives(self) -> int:
         """Number of input derivatives needed, of p4, delay, slow_delay and `DRIVE` in order."""
         gains = COLUMNS[LOOP_TERMS[0]]
@@ -262,7 +257,8 @@ def differentiate(
         return Differentiated(values, np.empty((values.size, 0)), steps, np.empty(0))
     values = np.empty((2, readings.weights.shape[1]))
     rows = np.empty((values.shape[1], columns.column.size))
-    joint, moving, constants = columns.joint, columns.moving, columns.constants
+    joint, moving = columns.joint, columns.moving
+    constants = constants_of(joint, moving=moving)
     open_circuit, drives = constants._replace(back_emf=0.0), joint.p4 * inputs[0]
     numbers, moved = columns.column, inputs if loop is None else inputs[:0]
     gives, steps = numbers == COLUMNS["begin_to_give"], 0
