@@ -195,12 +195,6 @@ class Columns:
         )
 
     @cached_property
-    def moving(self) -> bool | None:
-        """True if the base moves, or is differentiated; InputError if that is not simulated."""
-        moves = self.joint.base_gives or COLUMNS["give"] in self.column
-        return require_plain_base(self.joint) if moves else None
-
-    @cached_property
     def drives(self) -> int:
         """Number of input derivatives needed, of p4, delay, slow_delay and `DRIVE` in order."""
         gains = COLUMNS[LOOP_TERMS[0]]
@@ -257,10 +251,11 @@ def differentiate(
         return Differentiated(values, np.empty((values.size, 0)), steps, np.empty(0))
     values = np.empty((2, readings.weights.shape[1]))
     rows = np.empty((values.shape[1], columns.column.size))
-    joint, moving = columns.joint, columns.moving
+    joint, numbers = columns.joint, columns.column
+    moving = require_plain_base(joint) if joint.base_gives or COLUMNS["give"] in numbers else None
     constants = constants_of(joint, moving=moving)
     open_circuit, drives = constants._replace(back_emf=0.0), joint.p4 * inputs[0]
-    numbers, moved = columns.column, inputs if loop is None else inputs[:0]
+    moved = inputs if loop is None else inputs[:0]
     gives, steps = numbers == COLUMNS["begin_to_give"], 0
     if gives.any():
         torques = np.zeros((1, *inputs.shape[1:]))
