@@ -1,4 +1,4 @@
-"""What the package is made of, counted: its tuned numbers.
+"""What the package is made of, counted: its tuned numbers, and what a fit executes.
 
 ``python -m tests.house`` writes docs/tuned-numbers.md anew.
 """
@@ -6,12 +6,27 @@
 import ast
 import io
 import re
+import sys
+import threading
 import tokenize
+from collections import Counter
+from collections.abc import Callable, Container
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from types import FrameType
+from typing import Any, NamedTuple
 
 ROOT = Path(__file__).parent.parent
+PACKAGE = ROOT / "butterfly"
+
+CHOICE = frozenset({"stagewise"})
+"""Functions that choose terms."""
+CONTRASTS = frozenset({"agreement_of", "contrasts"})
+"""Functions that pass over the data for contrasts."""
+OF_A_FIT = ("identification", "model")
+"""Rooms of the package whose files and functions a fit is asked about."""
+
+_COMPREHENSIONS = ("<listcomp>", "<setcomp>", "<dictcomp>", "<genexpr>")
 TABLE = ROOT / "docs/tuned-numbers.md"
 _HEAD = """# Tuned numbers of identification
 
@@ -28,6 +43,110 @@ class Number(NamedTuple):
     name: str
     value: str
     meaning: str
+
+
+class Executed(NamedTuple):
+    """What of the package a piece of work executed."""
+
+    calls: Counter[tuple[str, str]]  # of each function, by file and qualified name
+    deepest: tuple[str, ...]  # the most functions that were on the stack at once, from the first
+
+    @property
+    def files(self) -> list[str]:
+        """Files of `OF_A_FIT`."""
+        return sorted({file for file, _ in self.functions})
+
+    @property
+    def functions(self) -> list[tuple[str, str]]:
+        """Functions of `OF_A_FIT`, all comprehensions of one function counted once."""
+        return sorted({each for each in self.calls if each[0].split("/")[0] in OF_A_FIT})
+
+    def called(self, names: Container[str]) -> int:
+        """Return how often functions of some names were called."""
+        return sum(n for (_, name), n in self.calls.items() if name.split(".")[-1] in names)
+
+
+def executed(work: Callable[[], object]) -> Executed:
+    """Profile a piece of work, once it has run, so that nothing is imported or compiled any more.
+
+    Frames of all threads count, the stack is that of this one. What runs compiled counts where it
+    is called from Python.
+    """
+    work()
+    package, main = f"{PACKAGE}/", threading.get_ident()
+    calls: Counter[tuple[str, str]] = Counter()
+    stack: list[str] = []
+    deepest: tuple[str, ...] = ()
+
+    def on(frame: FrameType, event: str, _: Any) -> None:
+        nonlocal deepest
+        code = frame.f_code
+        if event not in {"call", "return"} or not code.co_filename.startswith(package):
+            return
+        parts = (
+            "<comprehension>" if each in _COMPREHENSIONS else each
+            for each in code.co_qualname.split(".")
+        )
+        name = ".".join(parts)
+        if event == "call":
+            calls[code.co_filename.removeprefix(package), name] += 1
+        if threading.get_ident() != main:
+            return
+        if event == "return":
+            del stack[-1:]
+            return
+        stack.append(name)
+        if len(stack) > len(deepest):
+            deepest = tuple(stack)
+
+    threading.setprofile(on)
+    sys.setprofile(on)
+    try:
+        work()
+    finally:
+        sys.setprofile(None)
+        threading.setprofile(None)
+    return Executed(calls, deepest)
+
+
+@cache
+def trees() -> dict[str, ast.Module]:
+    """Return the syntax trees of the package's modules by dotted name."""
+    found = {}
+    for path in sorted(PACKAGE.rglob("*.py")):
+        parts = path.relative_to(ROOT).with_suffix("").parts
+        name = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+        found[name] = ast.parse(path.read_text(encoding="utf-8"))
+    return found
+
+
+def carriers() -> list[str]:
+    """Return the classes of identification whose fields are rows and residuals, or a target."""
+    return [
+        f"{module}.{node.name}"
+        for module, tree in trees().items()
+        if module.startswith("butterfly.identification")
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ClassDef)
+        and "rows" in (fields := _fields_of(node))
+        and not fields.isdisjoint({"residuals", "target"})
+    ]
+
+
+def call_sites(names: Container[str]) -> list[str]:
+    """Return where functions of some names are called, by module and line."""
+    return [
+        f"{module}:{node.lineno}"
+        for module, tree in trees().items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call)
+        and getattr(node.func, "id", getattr(node.func, "attr", None)) in names
+    ]
+
+
+def _fields_of(node: ast.ClassDef) -> set[str]:
+    targets = [each.target for each in node.body if isinstance(each, ast.AnnAssign)]
+    return {each.id for each in targets if isinstance(each, ast.Name)}
 
 
 @cache

@@ -22,7 +22,7 @@ from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.parameter import or_nan
 from butterfly.logs.log import InputKind, Log
 from butterfly.logs.manifest import Manifest
-from butterfly.model.linear import Linearisation, resonance_frequency
+from butterfly.model.linear import LinearJoint, resonance_frequency
 from butterfly.model.parameters import (
     GRAVITY,
     NO_ADDED_MASS,
@@ -325,7 +325,7 @@ class IdentifiedModel:
         self, omega: ArrayLike, added_mass: AddedMass = NO_ADDED_MASS
     ) -> NDArray[np.complex128]:
         """G(jw) of the linearisation (13) in rad per unit of input, at frequencies in rad/s."""
-        return Linearisation.of(self.with_added_mass(added_mass)).response(omega)
+        return LinearJoint.of(self.with_added_mass(added_mass)).response(omega)
 
     def resonance(self, added_mass: AddedMass = NO_ADDED_MASS) -> float:
         """Return the resonance frequency of the linearisation in rad/s; 0 without a peak."""

@@ -20,10 +20,9 @@ from butterfly.identification.encoder_offset import (
     reading_of,
 )
 from butterfly.identification.findings import Finding
-from butterfly.identification.free_run import Simulations
+from butterfly.identification.free_run import Simulations, turns_over
 from butterfly.identification.inference.identifiability import is_driven
 from butterfly.identification.levels import LOST
-from butterfly.identification.own_time import turns_over
 from butterfly.identification.servo_drive import driven
 from butterfly.identification.unit_errors import (
     unit_errors_of_refused,
@@ -250,13 +249,16 @@ class DataSet:
 
     @cached_property
     def counted(self) -> list[int]:
-        """Indices of the logs in which the hand stays away from the upright; all, if none does."""
-        every = list(range(len(self.logs)))
-        return [k for k in every if not self._turns_over(self.logs[k])] or every
+        """Indices of the logs in which the hand stays away from the upright; all, if none does.
 
-    def _turns_over(self, log: Log) -> bool:
-        """Whether the hand passes near the upright, where the motion is sensitive to its start."""
-        return self.hangs and not log.closed and turns_over(log, self.zero_of(log))
+        Near it the motion is sensitive to its start.
+        """
+        every = list(range(len(self.logs)))
+        if not self.hangs:
+            return every
+        pairs = enumerate(self.logs)
+        away = [k for k, log in pairs if log.closed or not turns_over(log, self.zero_of(log))]
+        return away or every
 
     def require_angles(self, *needed: str) -> None:
         """Raise InputError if something needs the angle, and a log has only a velocity."""

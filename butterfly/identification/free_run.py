@@ -1,4 +1,11 @@
-"""Free-run simulation of whole logs, and its FIT."""
+"""Free-run simulation of logs and its FIT: of whole logs, or over a joint's own time.
+
+A joint that nothing holds, such as a cart, an arm without gravity in somebody's loop, or a hand
+about the upright, integrates twice whatever its simulation lacks: after a minute little is left to
+see of its inertia. Its own time is the period of its motion, or the time in which its speed
+settles, or half a period of small swings, in which an error about the upright grows e^pi-fold: the
+shortest of these.
+"""
 
 from __future__ import annotations
 
@@ -14,19 +21,19 @@ from butterfly.arrays import Samples
 from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.levels import LOST, ROUNDING
-from butterfly.identification.own_time import falls, is_held, own_time
 from butterfly.identification.segments import grid_step
-from butterfly.identification.sensor_errors import white_variance
 from butterfly.identification.simulation import Simulation, segment_length
 from butterfly.identification.test_functions import HALF_WIDTH, VELOCITY_SHARE, half_width_of
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.progress import current_search
 from butterfly.signals.polynomials import slope
-from butterfly.signals.spectrum import resample, uniform_grid
+from butterfly.signals.spectrum import dominant_period, resample, uniform_grid, white_variance
 
 LEAST_FIT = 100 * (1 - LOST)
 """FIT in per cent below which a simulation does not follow a log."""
+
+_UPRIGHT = 0.9 * math.pi  # rad from the rest angle
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -290,6 +297,41 @@ def fit_of(error: float, motion: float, noise: float = 0.0) -> float:
     return 100 * (1 - left / moved)
 
 
+def turns_over(log: Log, zero: float) -> bool:
+    """Whether a hand passes near the upright, from where gravity does not bring it back.
+
+    ``zero``: reading of the encoder in rad where the hand hangs.
+    """
+    angle = log.angle - zero
+    turned = 2 * math.pi * round(float(np.median(angle)) / (2 * math.pi))
+    return bool(np.max(np.abs(angle - turned)) > _UPRIGHT)
+
+
+def falls(log: Log, joint: LumpedParameters, zero: float) -> bool:
+    """Whether gravity drives the errors of a loaded joint apart, as it does about the upright."""
+    return not log.closed and joint.p3 > 0 and turns_over(log, zero)
+
+
+def is_held(log: Log, joint: LumpedParameters, zero: float) -> bool:
+    """Whether a servo's loop, or gravity within the log, brings a loaded joint back."""
+    if log.closed:
+        return True
+    if not (joint.p3 > 0 and joint.p1 > 0) or falls(log, joint, zero):
+        return False
+    back = 2 * math.pi * max(math.sqrt(joint.p1 / joint.p3), joint.p2 / joint.p3)
+    return back < float(log.time[-1] - log.time[0])
+
+
+def own_time(log: Log, joint: LumpedParameters) -> float:
+    """Return the own time in s of a loaded joint in a log."""
+    times = [dominant_period(log.time, log.angle)]
+    if joint.p2 > 0:
+        times.append(2 * math.pi * joint.p1 / joint.p2)
+    if joint.p3 > 0:
+        times.append(math.pi * math.sqrt(max(joint.p1, 0.0) / joint.p3))
+    return float(f"{min(each for each in times if each > 0):.2g}")  # which hardly depends on values
+
+
 def first_horizon(
     logs: Sequence[Log], parameters: LumpedParameters, zeros: Mapping[AddedMass, float]
 ) -> float:
@@ -298,7 +340,7 @@ def first_horizon(
     A fit of whole logs is lost there, but not where errors only add up.
     """
     apart = _driven_apart(logs, parameters, zeros)
-    return _own_time(logs, parameters, zeros) if apart else math.inf
+    return _least_own_time(logs, parameters, zeros) if apart else math.inf
 
 
 def horizon_of(
@@ -310,7 +352,7 @@ def horizon_of(
     time (see `own_time`). Over that, gravity moves a hand whatever else the parameters are: they
     are judged so only if they leave hardly more than noise.
     """
-    own = _own_time(logs, parameters, zeros)
+    own = _least_own_time(logs, parameters, zeros)
     if math.isinf(own) or not _driven_apart(logs, parameters, zeros):
         return own
     runs = [
@@ -326,7 +368,7 @@ def horizon_of(
     return own if noisy <= 1 / LOST else math.inf
 
 
-def _own_time(
+def _least_own_time(
     logs: Sequence[Log], parameters: LumpedParameters, zeros: Mapping[AddedMass, float]
 ) -> float:
     """Return the least own time in s of joints that nothing holds, if no run follows these."""

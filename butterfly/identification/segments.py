@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from butterfly.arrays import Samples, joined
 from butterfly.identification.levels import MATTERS, PRECISE, ROUNDING
-from butterfly.identification.servo_drive import loop_on_grid, needs_loop
+from butterfly.identification.servo_drive import loop_on_grid
 from butterfly.logs.log import Intersample, Log
 from butterfly.model.greybox import (
     Columns,
@@ -80,7 +80,8 @@ class Segments:
         step, self._every = min(grid_step(log, parameters), longest), 1
         if log.closed and log.servo is not None:
             step, self._every = log.servo.updates(step)
-        self._driven, self._begun = _is_driven(log), 0.0
+        # whether a recorded input alone drives the joint, at any time
+        self._driven, self._begun = not self._looped and bool(log.command[1].any()), 0.0
         begins, end = log.time[[*edges]], log.time[-1:]
         if self._driven:
             self._begun = parameters.delay
@@ -178,7 +179,10 @@ class Segments:
         read = self._read(joint)
         averaged = read.readings.into >= 0
         middles = (self.grid[:-1] + self.grid[1:])[averaged] / 2 + self._late(joint)
-        inputs = np.asarray((self._delivered(joint)[0] @ hold.SIMPSON)[averaged])
+        delivered = hold.parabolas(
+            *self._delivered(joint), self._edges(joint), self.log.between_samples
+        )
+        inputs = np.asarray((delivered[0] @ hold.SIMPSON)[averaged])
         return read.counts, np.asarray(middles), inputs
 
     def loop(self, joint: LumpedParameters, zero: float) -> Loop | None:
@@ -204,8 +208,9 @@ class Segments:
         left along the polynomial of theirs: so the same ones are averaged while it hardly changes.
         Keeps the last.
         """
-        late, log, unit = self._late(joint), self.log, PRECISE * self.log.mean_step
+        late, log = joint.delay if self._driven else 0.0, self.log
         if self._latest_read is None or self._latest_read[0] != late:
+            unit = PRECISE * log.mean_step
             moved = round(late / unit) * unit
             samples = log.time[self._first :] - moved, log.measured[self._first :]
             into, weights, measured, counts = polynomials.averages(
@@ -222,43 +227,43 @@ class Segments:
 
         Searches simulate many times with one delay. Of a servo they are those of its set-point.
         """
-        count = 2 if self._looped else max(drives, 2)
+        count, log = 2 if self._looped else max(drives, 2), self.log
         key = joint.delay, joint.slow_delay, joint.slow_interval, joint.drive
         latest = self._latest
-        if latest is None or latest[0] != key or len(latest[1]) < count:
-            if self._looped:  # the kernel's loop computes the drive
-                setpoint = self.log.goal if self.log.closed else self.log.command
-                found = self._parabolas(joint, *setpoint)
-            else:
-                found = self._delivered(joint, count)
-            self._latest = latest = key, found
-        return latest[1][:count]
-
-    def _delivered(self, joint: LumpedParameters, count: int = 2) -> Samples:
-        """(count, n - 1, 3) delivered inputs by the drive's model, and their derivatives."""
-        (time, commands), limit = self.log.command, joint.slow_interval
-        if joint.slow_delay:
-            time = self.log.arrivals(joint.slow_delay, limit)
-        delivered = joint.drive.delivered(commands)
-        parts = [self._parabolas(joint, time, delivered)]
+        if latest is not None and latest[0] == key and len(latest[1]) >= count:
+            return latest[1][:count]
+        if self._looped:  # the kernel's loop computes the drive
+            time, inputs = log.goal if log.closed else log.command
+        else:
+            time, inputs = self._delivered(joint)
+        edges, kind = self._edges(joint), log.between_samples
+        parts = [hold.parabolas(time, inputs, edges, kind)]
         if count >= _DELAYS:
-            held = self.log.between_samples is Intersample.ZERO_ORDER_HOLD
-            steps = np.diff(delivered, prepend=0.0 if held else delivered[0])
-            slow = np.cumsum(steps * self.log.is_slow(limit))  # of steps while the clock is slow
-            slopes = (joint.slope(name, commands) for name in DRIVE[: count - _DELAYS])
-            parts.append(self._parabolas(joint, time, slow)[1:])
-            parts += (self._parabolas(joint, time, each)[:1] for each in slopes)
-        return joined(parts)
+            held = kind is Intersample.ZERO_ORDER_HOLD
+            steps = np.diff(inputs, prepend=0.0 if held else inputs[0])
+            slow = steps * log.is_slow(joint.slow_interval)  # while the clock is slow
+            parts.append(hold.parabolas(time, np.cumsum(slow), edges, kind)[1:])
+            for name in DRIVE[: count - _DELAYS]:
+                by_term = joint.slope(name, log.command[1])
+                parts.append(hold.parabolas(time, by_term, edges, kind)[:1])
+        self._latest = key, joined(parts)
+        return self._latest[1]
 
-    def _parabolas(self, joint: LumpedParameters, time: Samples, inputs: Samples) -> Samples:
-        """(2, n - 1, 3) late inputs and their derivatives by the delay (see `hold.parabolas`)."""
-        edges = self.grid if self._driven else self.grid - joint.delay
-        return hold.parabolas(time, inputs, edges, self.log.between_samples)
+    def _delivered(self, joint: LumpedParameters) -> tuple[Samples, Samples]:
+        """Return stamps at which commands arrive, and what the drive's model makes of them."""
+        time, commands = self.log.command
+        if joint.slow_delay:
+            time = self.log.arrivals(joint.slow_delay, joint.slow_interval)
+        return time, joint.drive.delivered(commands)
+
+    def _edges(self, joint: LumpedParameters) -> Samples:
+        """Return the instants between which the input, as recorded, acts."""
+        return self.grid if self._driven else self.grid - joint.delay
 
 
-def _is_driven(log: Log) -> bool:
-    """Whether a recorded input alone drives the joint, at any time."""
-    return not needs_loop(log) and bool(log.command[1].any())
+def needs_loop(log: Log) -> bool:
+    """Whether a log's drive depends on its motion, or its torque is off at times."""
+    return log.closed or (log.enabled is not None and bool(np.any(np.rint(log.enabled) == 0)))
 
 
 def _between_jumps(log: Log, bounds: Samples, longest: float) -> Samples:

@@ -22,6 +22,7 @@ from scipy.special import ndtr, ndtri
 from butterfly.arrays import Samples, blocks
 from butterfly.compiled import compiled
 from butterfly.identification.levels import CONFIDENCE, PRECISE, ROUNDING
+from butterfly.signals.spectrum import roughness
 
 Places: TypeAlias = NDArray[np.int16]
 Counts: TypeAlias = NDArray[np.int64]
@@ -127,20 +128,6 @@ def _sums(places: Places, moved: int, counts: Counts, by_place: Samples) -> Samp
         begin += counts[cell]
         result[0, cell], result[1, cell] = mean, variance
     return result
-
-
-def roughness(errors: Samples) -> float:
-    """Mean square of the second differences of (n,) errors: 6 times the variance of white ones."""
-    total, count = 0.0, errors.size - 2
-    for part in blocks(count):
-        bends = np.diff(errors[part.start : part.stop + 2], 2)
-        total += float(bends @ bends)
-    return total / count if count > 0 else 0.0
-
-
-def white_variance(errors: Samples) -> float:
-    """Variance of white noise that is as rough as (n,) errors."""
-    return roughness(errors) / 6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

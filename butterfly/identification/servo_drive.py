@@ -32,11 +32,6 @@ _DRIVES = {
 _HALF = VELOCITY_SHARE * HALF_WIDTH  # half-width in s of the window of a velocity
 
 
-def needs_loop(log: Log) -> bool:
-    """Whether a log's drive depends on its motion, or its torque is off at times."""
-    return log.closed or (log.enabled is not None and bool(np.any(np.rint(log.enabled) == 0)))
-
-
 def loop_on_grid(  # noqa: PLR0917 - a servo, and where it is looked at
     log: Log, parameters: LumpedParameters, zero: float, grid: Samples, inputs: Samples, every: int
 ) -> Loop:

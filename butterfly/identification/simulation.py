@@ -2,14 +2,19 @@
 
 A log is one segment from a given start, or one or more from starts that are fitted (multiple
 shooting). Where small errors grow, as about the upright, no simulation stays near a log for long,
-but each of many short ones does (see `segment_starts`).
+but each of many short ones does.
+
+The effects of a segment's start are projected out of its errors and their derivatives, so that
+fitted starts are no parameters of a fit (variable projection: Golub & Pereyra, Inverse Problems 19,
+2003; Schittkowski, Numerical Data Fitting in Dynamical Systems, 2002). All segments of a log are
+treated at once.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -18,16 +23,16 @@ from numpy.typing import NDArray
 
 from butterfly.arrays import Samples, joined
 from butterfly.identification.inference.blocks import edges_of
-from butterfly.identification.levels import MOST, ROUNDING
-from butterfly.identification.segment_starts import SegmentStarts, StartEffects
-from butterfly.identification.segments import LONGEST_STEP, Segments, Starts
-from butterfly.identification.servo_drive import needs_loop
+from butterfly.identification.levels import MOST, ROUNDING, SHOWS
+from butterfly.identification.segments import LONGEST_STEP, Segments, Starts, needs_loop
 from butterfly.logs.log import InitialState, Log
 from butterfly.model.greybox import Columns
 from butterfly.model.parameters import LumpedParameters
 from butterfly.progress import current_search
 from butterfly.signals import hold, polynomials
 
+_SETTLED = 1e-4  # share of the squared errors that another start may still explain
+_SHORTER = 0.25  # of a step that went too far
 _HOPEFUL = 2  # steps after which a search is given up if the model is worse than a constant
 _START = ("zero", "velocity")
 
@@ -53,6 +58,101 @@ class Averages(NamedTuple):
     roots: Samples  # (m,) weights of errors (see `Segments.roots`)
     middles: Samples  # (m,) of steps in s
     inputs: Samples  # (m,) mean delivered inputs
+
+
+@dataclass(frozen=True, eq=False)
+class StartEffects:
+    """Directions in which the starts of s segments move m errors."""
+
+    directions: Samples  # (m, j) orthonormal within each segment; 0 where one has fewer
+    bounds: NDArray[np.int64]  # (s + 1,) numbers of the first error of each segment, and of all
+
+    def take_away(self, rows: Samples) -> None:
+        """Take from (m, ...) rows, in place, what other starts explain."""
+        for column in rows.reshape(len(rows), -1).T:  # one at a time, which takes little memory
+            for direction in self.directions.T:
+                along = _spread(_sums(direction * column, self.bounds), self.bounds)
+                np.subtract(column, direction * along, out=column)
+
+
+@dataclass(eq=False)
+class SegmentStarts:
+    """Starts of s segments, how good they are, and how they are improved."""
+
+    begins: Samples  # (s, 2) angle in rad from the encoder's zero, velocity in rad/s
+    cost: Samples  # (s,) mean squared errors
+    step: Samples  # (s, 2) to where these are least to first order
+    settled: NDArray[np.bool_]  # (s,) whether no other start makes them much smaller
+    effects: StartEffects
+    share: Samples  # (s,) of the step that is tried next
+
+    @classmethod
+    def of(
+        cls,
+        begins: Samples,
+        errors: Samples,
+        moves: Samples,
+        bounds: NDArray[np.int64],
+        *,
+        at_rest: NDArray[np.bool_],
+        unit: float,
+    ) -> SegmentStarts:
+        """Assess starts by (m,) errors and their (m, 2) derivatives by angle and velocity.
+
+        Of a segment that begins ``at_rest`` only the angle there is fitted: friction holds a joint
+        at rest, so that derivatives by its velocity do not exist, and its acceleration determines
+        the inertia. ``unit``: of velocities over that of angles, in 1/s.
+        """
+        a, b = moves[:, 0], unit * moves[:, 1]
+        aa, ab, bb, squares = (_sums(x, bounds) for x in (a * a, a * b, b * b, errors**2))
+        finite = np.isfinite(aa + ab + bb + squares)
+        aa, ab, bb = (np.where(finite, x, 0.0) for x in (aa, ab, bb))
+        # squared singular values of both columns, and the direction of the larger
+        middle, half = (aa + bb) / 2, np.hypot((aa - bb) / 2, ab)
+        largest = middle + half
+        smallest = np.divide(aa * bb - ab**2, largest, out=np.zeros_like(aa), where=largest > 0)
+        both = ~at_rest & (smallest > SHOWS**2 * largest)
+        x, y = np.where(aa > bb, [largest - bb, ab], [ab, largest - aa])
+        alone = at_rest | both
+        x, y = np.where(alone, 1.0, x), np.where(alone, 0.0, y)
+        size = np.hypot(x, y)
+        x, y = (np.divide(each, size, out=np.zeros_like(x), where=size > 0) for each in (x, y))
+        first, length = _unit(a * _spread(x, bounds) + b * _spread(y, bounds), bounds, finite)
+        along = _sums(first * b, bounds)
+        second, rest = _unit(b - first * _spread(along, bounds), bounds, finite & both)
+        explained = np.array([_sums(each * errors, bounds) for each in (first, second)])
+        explained[:, ~finite] = 0.0
+        beside = -_over(explained[1], rest)
+        forth = -_over(explained[0] + np.where(both, along, 0.0) * beside, length)
+        counts = np.maximum(np.diff(bounds), 1)
+        cost = squares / counts
+        left = np.sum(explained**2, axis=0) / counts
+        return cls(
+            begins=begins.copy(),
+            cost=cost,
+            step=np.column_stack([x * forth, unit * (y * forth + beside)]),
+            settled=~finite | (left <= np.maximum(_SETTLED * cost, ROUNDING**2)),
+            effects=StartEffects(np.column_stack([first, second]), bounds),
+            share=np.ones(len(begins)),
+        )
+
+    def replace(
+        self,
+        which: NDArray[np.intp],
+        others: SegmentStarts,
+        taken: NDArray[np.bool_] | None = None,
+    ) -> None:
+        """Take other starts in place of those numbered ``which``, or those of a mask alone."""
+        mask = np.ones(which.size, dtype=bool) if taken is None else taken
+        for name in ("begins", "cost", "step", "settled"):
+            getattr(self, name)[which[mask]] = getattr(others, name)[mask]
+
+    def take(self, which: NDArray[np.intp], tried: SegmentStarts) -> None:
+        """Take those of tried starts in place of those numbered ``which`` that are better."""
+        better = tried.cost < self.cost[which]
+        self.share[which] *= np.where(better, 1 / _SHORTER, _SHORTER)
+        np.minimum(self.share, 1.0, out=self.share)
+        self.replace(which, tried, better)
 
 
 class Simulation:
@@ -117,7 +217,7 @@ class Simulation:
         """Simulate the log, its added mass on the bare hand (78); ``zero`` is the encoder's."""
         begins = np.array([self.given_start(velocity)])
         if self.fitted:
-            begins = self._about_best_starts((), parameters, zero)[2].begins
+            begins = self._about_best_starts((), parameters, zero)[3]
         joint = parameters.with_added_mass(self.log.added_mass)
         return SimulatedMotion(self.segments.run(joint, zero, begins), self.log.integrated)
 
@@ -132,7 +232,9 @@ class Simulation:
 
         The effects of fitted starts are projected out.
         """
-        if self.fitted or ("delay" in names and self.given_start(velocity).velocity):
+        if self.fitted:
+            return self._about_best_starts(names, parameters, zero)[:2]
+        if "delay" in names and self.given_start(velocity).velocity:
             return self.with_starts(names, parameters, zero, velocity)[:2]
         columns = self._columns(names, parameters)
         return self.segments.linearised(columns, zero, np.array([self.given_start(velocity)]))
@@ -145,29 +247,21 @@ class Simulation:
         velocity: float | None = None,
     ) -> tuple[Samples, Samples, StartEffects]:
         """Return what `linearised` does, and how each segment's start moves errors."""
-        if not self.fitted:
-            start = self.given_start(velocity)
-            columns = self._columns(tuple(dict.fromkeys((*names, *_START))), parameters)
-            errors, rows = self.segments.linearised(columns, zero, np.array([start]))
-            by_start = self._by_start(
-                rows[:, [columns.names.index(each) for each in _START]],
-                self.segments.roots(columns.joint),
+        if self.fitted:
+            return self._about_best_starts(names, parameters, zero)[:3]
+        start = self.given_start(velocity)
+        columns = self._columns(tuple(dict.fromkeys((*names, *_START))), parameters)
+        errors, rows = self.segments.linearised(columns, zero, np.array([start]))
+        by_start = self._by_start(
+            rows[:, [columns.names.index(each) for each in _START]],
+            self.segments.roots(columns.joint),
+        )
+        if "delay" in names:  # which moves the grid's begin, where a given start is not
+            rows[:, columns.names.index("delay")] += (
+                self.segments.moved * start.velocity * by_start[:, 0]
             )
-            if "delay" in names:  # which moves the grid's begin, where a given start is not
-                rows[:, columns.names.index("delay")] += (
-                    self.segments.moved * start.velocity * by_start[:, 0]
-                )
-            bounds = np.array([0, errors.size])
-            return errors, rows[:, : len(names)], StartEffects(_orthonormal(by_start), bounds)
-        errors, rows, found = self._about_best_starts(names, parameters, zero)
-        joint = parameters.with_added_mass(self.log.added_mass)
-        bounds = self.segments.bounds(joint)[self._uncounted :]
-        errors, rows = errors[bounds[0] :], rows[bounds[0] :, : len(names)]
-        directions = found.effects.directions[bounds[0] :]
-        effects = StartEffects(directions, bounds - bounds[0])
-        effects.take_away(errors)
-        effects.take_away(rows)
-        return errors, rows, effects
+        bounds = np.array([0, errors.size])
+        return errors, rows[:, : len(names)], StartEffects(_orthonormal(by_start), bounds)
 
     def averages(self, parameters: LumpedParameters) -> Averages:
         """Return what (m,) errors are averages of."""
@@ -182,55 +276,49 @@ class Simulation:
         looped = needs_loop(self.log)  # which has only the exact derivative by a base
         return Columns.of(names, parameters, self.log.added_mass, exact=looped)
 
+    @np.errstate(over="ignore", invalid="ignore")
     def _about_best_starts(
         self, names: Sequence[str], parameters: LumpedParameters, zero: float
-    ) -> tuple[Samples, Samples, SegmentStarts]:
-        """Return (m,) errors and (m, n) derivatives of all segments, and their best starts.
-
-        The derivatives are by names, then by the starts.
-        """
+    ) -> tuple[Samples, Samples, StartEffects, Starts]:
+        """Return what `with_starts` does about the best starts of all segments, and these."""
         by_start = self._columns(_START, parameters)
         every = by_start
         if names:
             every = self._columns(tuple(dict.fromkeys((*names, *_START))), parameters)
-        whole = np.arange(len(self.begins))
-        _, _, at = self._expanded(by_start, zero, self.begins, whole)
+        whole, linearised = np.arange(len(self.begins)), self.segments.linearised
+        at = self._assessed(*linearised(by_start, zero, self.begins), by_start, self.begins, whole)
         # where the last search led astray, for what no joint has
         if (astray := np.flatnonzero(~(at.cost <= self.log.rms_measured**2))).size:
-            at.replace(astray, self._expanded(by_start, zero, self.recorded[astray], astray)[2])
-        begins = at.begins + np.where(at.settled[:, np.newaxis], 0.0, at.step)
-        errors, rows, tried = self._expanded(every, zero, begins, whole)
-        at.take(whole, tried)
-        self._search(at, by_start, zero)
-        if (moved := np.flatnonzero((at.begins != begins).any(axis=1))).size:
-            kept = self.segments.errors_of(moved, every.joint)
-            errors[kept], rows[kept], _ = self._expanded(every, zero, at.begins[moved], moved)
-            tried = self._assessed(errors, rows, every, at.begins, whole)
-        if self._warm:
-            self.begins = at.begins
-        return errors, rows, tried
-
-    def _search(self, at: SegmentStarts, by_start: Columns, zero: float) -> None:
-        """Improve starts that are not the best yet."""
-        for tries in range(1, MOST):
+            begins = self.recorded[astray]
+            found = linearised(by_start, zero, begins, astray)
+            at.replace(astray, self._assessed(*found, by_start, begins, astray))
+        tried = at.begins + np.where(at.settled[:, np.newaxis], 0.0, at.step)
+        errors, rows = linearised(every, zero, tried)
+        about = self._assessed(errors, rows, every, tried, whole)
+        at.take(whole, about)
+        for tries in range(1, MOST):  # to improve those that are not the best yet
             going = ~at.settled & (at.share >= ROUNDING)
             if tries > _HOPEFUL:
                 hopeless = self._warm and current_search().over
                 going &= (at.cost <= self.log.rms_measured**2) & (not hopeless)
             if not (some := np.flatnonzero(going)).size:
                 break
-            there = at.begins[some] + at.share[some, np.newaxis] * at.step[some]
-            at.take(some, self._expanded(by_start, zero, there, some)[2])
+            begins = at.begins[some] + at.share[some, np.newaxis] * at.step[some]
+            found = linearised(by_start, zero, begins, some)
+            at.take(some, self._assessed(*found, by_start, begins, some))
+        if (moved := np.flatnonzero((at.begins != tried).any(axis=1))).size:
+            kept = self.segments.errors_of(moved, every.joint)
+            errors[kept], rows[kept] = linearised(every, zero, at.begins[moved], moved)
+            about = self._assessed(errors, rows, every, at.begins, whole)
+        if self._warm:
+            self.begins = at.begins
+        bounds = self.segments.bounds(every.joint)[self._uncounted :]
+        errors, rows = errors[bounds[0] :], rows[bounds[0] :, : len(names)]
+        effects = StartEffects(about.effects.directions[bounds[0] :], bounds - bounds[0])
+        effects.take_away(errors)
+        effects.take_away(rows)
+        return errors, rows, effects, at.begins
 
-    def _expanded(
-        self, columns: Columns, zero: float, begins: Starts, some: NDArray[np.intp]
-    ) -> tuple[Samples, Samples, SegmentStarts]:
-        """Linearise some segments about their starts, and assess these."""
-        with np.errstate(over="ignore", invalid="ignore"):
-            errors, rows = self.segments.linearised(columns, zero, begins, some)
-        return errors, rows, self._assessed(errors, rows, columns, begins, some)
-
-    @np.errstate(over="ignore", invalid="ignore")
     def _assessed(
         self,
         errors: Samples,
@@ -258,6 +346,34 @@ class Simulation:
         """
         by_zero, by_velocity = rows.T
         return np.column_stack([(1 - self.log.integrated) * roots - by_zero, by_velocity])
+
+
+def _sums(rows: Samples, bounds: NDArray[np.int64]) -> Samples:
+    """(s, ...) sums of (m, ...) rows over segments, some of which may have none."""
+    full = np.diff(bounds) > 0
+    found = np.zeros((full.size, *rows.shape[1:]))
+    found[full] = np.add.reduceat(rows, bounds[:-1][full], axis=0)
+    return found
+
+
+def _spread(values: Samples, bounds: NDArray[np.int64]) -> Samples:
+    """(m, ...) values of (s, ...) segments, each at all its errors."""
+    return np.repeat(values, np.diff(bounds), axis=0)
+
+
+def _unit(
+    column: Samples, bounds: NDArray[np.int64], wanted: NDArray[np.bool_]
+) -> tuple[Samples, Samples]:
+    """Return an (m,) column of length 1 in each wanted segment, 0 in others, and (s,) lengths."""
+    lengths = np.where(wanted, np.sqrt(_sums(column**2, bounds)), 0.0)
+    scale = _over(np.ones_like(lengths), lengths)
+    spread = _spread(scale, bounds)
+    return np.where(spread > 0, column, 0.0) * spread, lengths
+
+
+def _over(values: Samples, sizes: Samples) -> Samples:
+    """(s,) values over sizes; 0 where these are 0."""
+    return np.divide(values, sizes, out=np.zeros_like(values), where=sizes > 0)
 
 
 def segment_length(

@@ -17,7 +17,7 @@ from collections.abc import Hashable, Iterable
 from copy import copy
 from dataclasses import dataclass
 from enum import StrEnum
-from functools import cache, cached_property
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -28,14 +28,13 @@ from butterfly.arrays import Samples
 from butterfly.errors import InputError
 from butterfly.identification.inference.blocks import CELLS
 from butterfly.identification.levels import LOST, ROUNDING
-from butterfly.identification.sensor_errors import white_variance
 from butterfly.logs.log import Log
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.terms import GEAR, IDEAL, TERMS, DriveTerms, FrictionTerms, Motion, Term
 from butterfly.signals import hold
 from butterfly.signals.polynomials import slope
-from butterfly.signals.spectrum import dominant_period, resample, uniform_grid
+from butterfly.signals.spectrum import dominant_period, resample, uniform_grid, white_variance
 
 SPACING = 0.5
 """Of the test functions, in half-widths."""
@@ -50,6 +49,10 @@ LEAST_SAMPLES = _VELOCITY_ORDER + 1
 """Samples on either side of a test function's centre with which sums are integrals."""
 _LARGEST_STICK = 0.05  # share of a window that may stand still
 _STANDSTILL = 0.02  # share of the rms velocity below which the joint may stick
+_BUMP = Polynomial([1, 0, -1]) ** 4
+_AREA, _SQUARE = _BUMP.integ(), (_BUMP.deriv(2) ** 2).integ()
+_ROUGHNESS = float((_SQUARE(1) - _SQUARE(-1)) / (_AREA(1) - _AREA(-1)) ** 2)
+"""Integral of the square of a bump's second derivative, of half-width and area 1."""
 _DRIVEN = {"p4", *(row.name for row in TERMS.values() if row.of_gain)}  # what the input enters
 
 
@@ -127,12 +130,8 @@ class WeakSignals:
     # by parameter: (n,) averages over each test function of what it multiplies in the equation, the
     # motor's torque on the left: multiplied by the parameters' values they sum to 0
     mean: dict[str, Samples]
-    still: Samples  # (n,) share of each test function in which the joint may stick
-
-    @property
-    def moving(self) -> NDArray[np.bool_]:
-        """(n,) whether the joint moves enough for friction to be a function of the motion."""
-        return np.asarray(self.still < _LARGEST_STICK)
+    # (n,) whether the joint moves enough in each for friction to be a function of the motion
+    moving: NDArray[np.bool_]
 
 
 class Averaging:
@@ -163,7 +162,9 @@ class Averaging:
         angle = (resample(log.time, log.angle, self._grid) if astray else log.angle) - zero
         self._rests = log.initial_state.velocity == 0
         mirror = angle[math.ceil(half_width / self._step) : 0 : -1] if self._rests else angle[:0]
-        velocity = _velocity(np.append(mirror, angle), half_width, self._step)[mirror.size :]
+        half = max(round(VELOCITY_SHARE * half_width / self._step), _VELOCITY_ORDER // 2 + 1)
+        half = min(half, (mirror.size + angle.size - 1) // 2)
+        velocity = slope(np.append(mirror, angle), half, _VELOCITY_ORDER, self._step)[mirror.size :]
         self.added = log.added_mass
         weight, mass = self.added.weight, self.added.mass
         self._motion = settings.motion(angle, velocity, weight=weight, mass=mass)
@@ -204,7 +205,7 @@ class Averaging:
             angle=self._motion.angle[centres],
             velocity=self._motion.velocity[centres],
             mean={name: place.mean[key] for name, key in keys.items()},
-            still=place.still,
+            moving=place.moving,
         )
 
     def _driven(self, motion: Motion, delay: float, drive: DriveTerms) -> Motion:
@@ -221,7 +222,7 @@ class Averaging:
 
     def moving(self, delay: float) -> NDArray[np.bool_]:
         """(n,) whether the joint moves in each test function."""
-        return self.signals((), delay=delay).moving
+        return self._place(delay).moving
 
     def carrying(self, added: AddedMass) -> Averaging:
         """Return the same averages with another added mass, if none depends on it."""
@@ -252,17 +253,18 @@ class Averaging:
             lead = margin if self._rests else 0
             size = time.size + lead
             bumps = Bumps(half_width=self.half_width, step=self._step, size=size, margin=margin)
-            place = _Place(bumps, lead, np.empty(0), {})
-            self._places[margin] = place._replace(still=place.means(self._still))
+            place = _Place(bumps, lead, np.empty(0, dtype=bool), {})
+            moving = np.asarray(place.means(self._still) < _LARGEST_STICK)
+            self._places[margin] = place._replace(moving=moving)
         return self._places[margin]
 
 
 class _Place(NamedTuple):
-    """Test functions, the share of each that stands still, and means over them."""
+    """Test functions, whether the joint moves in each, and means over them."""
 
     bumps: Bumps
     lead: int  # samples that are mirrored before the first
-    still: Samples
+    moving: NDArray[np.bool_]
     # by name; what the input enters by name, delay and drive
     mean: dict[tuple[Hashable, ...], Samples]
 
@@ -329,22 +331,9 @@ def half_width_of(log: Log) -> float:
         omega = 2 * math.pi / dominant_period(log.time, log.angle)
     longest = min(math.pi / (2 * omega), length / CELLS)
     if acceptable := _QUIET * log.rms_motion * omega**2:
-        noise = math.sqrt(step * variance * _bump_roughness())  # with a half-width of 1 s
+        noise = math.sqrt(step * variance * _ROUGHNESS)  # with a half-width of 1 s
         longest = min(longest, max(HALF_WIDTH, (noise / acceptable) ** 0.4))
     return max(longest, LEAST_SAMPLES * step)
-
-
-@cache
-def _bump_roughness() -> float:
-    """Return the integral of the square of a bump's second derivative, of half-width and area 1."""
-    bump = Polynomial([1, 0, -1]) ** 4
-    area, square = bump.integ(), (bump.deriv(2) ** 2).integ()
-    return float((square(1) - square(-1)) / (area(1) - area(-1)) ** 2)
-
-
-def _velocity(angle: Samples, half_width: float, step: float) -> Samples:
-    half = max(round(VELOCITY_SHARE * half_width / step), _VELOCITY_ORDER // 2 + 1)
-    return slope(angle, min(half, (angle.size - 1) // 2), _VELOCITY_ORDER, step)
 
 
 def _momentum(row: Term, motion: Motion) -> tuple[Samples, int]:

@@ -11,7 +11,7 @@ from scipy.linalg import expm
 
 from butterfly.arrays import Samples
 from butterfly.errors import require_number
-from butterfly.model.linear import DelayStates, Linearisation
+from butterfly.model.linear import DelayStates, LinearJoint
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.model.terms import CONSERVATIVE, DISSIPATIVE, torque_of
 
@@ -38,7 +38,7 @@ def linearised(
     Order 0 omits the delay. A negative delay, possible in an estimate but not causal, is omitted
     too. The system is then named ``hand_without_delay``, otherwise ``hand``.
     """
-    p = Linearisation.of(parameters.with_added_mass(added_mass), angle)
+    p = LinearJoint.of(parameters.with_added_mass(added_mass), angle)
     names = ["angle", "velocity", *["torque"] * (p.time_constant > 0)]
     a, b = np.zeros((3, 3)), np.zeros(3)
     a[0, 1] = 1.0
@@ -115,7 +115,7 @@ def discretised(
 
 def transfer_function(parameters: LumpedParameters) -> control.TransferFunction:
     """G(s) from command to angle of the loaded joint about hanging (13), with the armature lag."""
-    p = Linearisation.of(parameters)
+    p = LinearJoint.of(parameters)
     slow = np.polymul([p.time_constant, 1.0], [p.inertia, p.damping, p.stiffness])
     return control.tf([p.gain], np.trim_zeros(np.polyadd(slow, [p.back_emf, 0.0]), "f"))
 

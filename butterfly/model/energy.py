@@ -18,7 +18,6 @@ from butterfly.model.terms import CONSERVATIVE, Term, torque_of
 _GRID = 721  # angles at which the potential is evaluated
 _POINTS = 1000  # of the quadrature over half a period
 _NEAREST = 1e-3  # of the energy from rest to the top: so small an error decides what the hand does
-_ASIDE = 1e-20  # rad, of an imaginary step
 
 
 def potential(p: LumpedParameters, angle: Any, rows: Iterable[Term] = CONSERVATIVE) -> Any:  # noqa: ANN401
@@ -35,13 +34,6 @@ def potential(p: LumpedParameters, angle: Any, rows: Iterable[Term] = CONSERVATI
 def pull(p: LumpedParameters, angle: float) -> float:
     """Torque in N m of the potential at an angle in rad: its slope, downwards."""
     return -torque_of(p, p.motion(angle, 0.0), CONSERVATIVE)  # type: ignore[no-any-return]
-
-
-def stiffness(p: LumpedParameters, angle: float) -> float:
-    """Curvature in N m/rad of the potential at an angle in rad."""
-    # by an imaginary step, exact to rounding (Squire & Trapp, SIAM Review 40, 1998)
-    beside = p.motion(angle + 1j * _ASIDE, 0.0)
-    return float(np.imag(torque_of(p, beside, CONSERVATIVE)) / _ASIDE)
 
 
 def energy(p: LumpedParameters, angle: Any, velocity: Any) -> Any:  # noqa: ANN401

@@ -12,7 +12,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from operator import itemgetter
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,15 +22,54 @@ from butterfly.arrays import Samples
 from butterfly.errors import InputError, nearest
 from butterfly.model.kernel import differentiate as kernel
 from butterfly.model.kernel.equation import COLUMNS, DRIVES, MOST_STEPS, Constants
-from butterfly.model.kernel.integrate import integrate, integrate_loop, steps_at
-from butterfly.model.kernel.moving_base import begin_to_give
+from butterfly.model.kernel.integrate import begin_to_give, integrate, integrate_loop, steps_at
 from butterfly.model.kernel.servo_loop import MEMORY, Loop
-from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
+from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters, first_moments
 from butterfly.model.terms import BASE_TERMS, BEYOND_MUJOCO, DRIVE, GEAR, LOOP_TERMS, TERMS
 
 INITIAL = {"zero": -1.0, "velocity": 1.0}
 """Parameters of the initial state, the encoder zero in rad and the velocity in rad/s, and the
 derivatives of the initial angle and velocity by them."""
+
+
+DERIVED = ("viscous", "lag", "coulomb", "stribeck", "bristle_stiffness")
+OF_BASE = ("give", "swing", "slow", "moment", "moment_offset")
+"""Constants of the equation that follow from parameters: see the next two functions."""
+
+
+def derived(p: Any) -> tuple[float, ...]:  # noqa: ANN401 - also translated
+    """Return the derived constants of the joint."""
+    coulomb = max(p.coulomb, 0.0)
+    return (
+        p.p2 - p.back_emf,
+        p.time_constant,
+        coulomb,
+        max(p.stribeck, -coulomb),
+        p.bristle_stiffness if coulomb > 0 else 0.0,
+    )
+
+
+def of_base(p: Any) -> tuple[float, ...]:  # noqa: ANN401 - also translated
+    """Return the derived constants of a moving base."""
+    w = p.base_frequency
+    moment, beside = first_moments(p)
+    return p.base_compliance, 1 / w**2, 2 * p.base_damping / w, moment, beside
+
+
+_IN_ORDER = itemgetter(*Constants._fields)
+
+
+def constants_of(p: LumpedParameters, *, moving: bool | None = None) -> Constants:
+    """Return the constants of the equation with the parameters of the loaded joint.
+
+    Those of a moving base are 0 unless it moves, or is ``moving`` for its derivatives. An estimator
+    may try negative friction under a load; it counts as 0, since it would drive the motion.
+    Bristles without Coulomb friction are ignored.
+    """
+    own = dict(zip(DERIVED, derived(p), strict=True)) | {"geared": p.geared}
+    gives = of_base(p) if moving or p.base_gives else (0.0,) * len(OF_BASE)
+    own |= dict(zip(OF_BASE, gives, strict=True))
+    return Constants(*map(float, _IN_ORDER(vars(p) | own)))
 
 
 class Simulated(NamedTuple):
@@ -72,14 +112,14 @@ def simulate_counted(  # noqa: PLR0917 - as `simulate`
     end of each interval, already delayed; unused with the ``loop`` of a servo. From where an
     interval needs more than ``most`` steps, angles and velocities are NaN.
     """
-    start, constants = (angle, velocity, 0.0, 0.0), Constants.of(parameters)
+    start, constants = (angle, velocity, 0.0, 0.0), constants_of(parameters)
     moving = require_plain_base(parameters) if parameters.base_gives else None
     written = np.empty(time.size), np.empty(time.size)
     if loop is None:
         drives = parameters.p4 * inputs
         steps = integrate(time, drives, start, constants, moving, most, *written)
     else:
-        off, memory = _open_circuit(constants), np.zeros(MEMORY)
+        off, memory = constants._replace(back_emf=0.0), np.zeros(MEMORY)
         steps = integrate_loop(time, start, constants, off, loop, memory, moving, most, *written)
     return Simulated(*written, steps)
 
@@ -90,7 +130,7 @@ def steps_of_interval(parameters: LumpedParameters, velocity: float, duration: f
     0 if it needs more than `MOST_STEPS`.
     """
     moving = True if parameters.base_gives else None
-    return int(steps_at(velocity, duration, Constants.of(parameters), moving))
+    return int(steps_at(velocity, duration, constants_of(parameters), moving))
 
 
 def require_plain_base(parameters: LumpedParameters) -> bool:
@@ -101,11 +141,6 @@ def require_plain_base(parameters: LumpedParameters) -> bool:
             expected = "0 on a moving base (not simulated together)"
             raise InputError("Base", name, f"{value:g} {unit}".strip(), expected)
     return True
-
-
-def _open_circuit(constants: Constants) -> Constants:
-    """Return the constants with an open motor circuit, without back EMF."""
-    return constants._replace(back_emf=0.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -158,17 +193,6 @@ class Columns:
             initial=initial,
             mixture=mixture,
         )
-
-    @cached_property
-    def moving(self) -> bool | None:
-        """True if the base moves, or is differentiated; InputError if that is not simulated."""
-        moves = self.joint.base_gives or COLUMNS["give"] in self.column
-        return require_plain_base(self.joint) if moves else None
-
-    @cached_property
-    def constants(self) -> Constants:
-        """The kernel's constants."""
-        return Constants.of(self.joint, moving=self.moving)
 
     @cached_property
     def drives(self) -> int:
@@ -227,24 +251,25 @@ def differentiate(
         return Differentiated(values, np.empty((values.size, 0)), steps, np.empty(0))
     values = np.empty((2, readings.weights.shape[1]))
     rows = np.empty((values.shape[1], columns.column.size))
-    joint, moving, constants = columns.joint, columns.moving, columns.constants
-    numbers, moved = columns.column, inputs if loop is None else inputs[:0]
+    joint, numbers = columns.joint, columns.column
+    moving = require_plain_base(joint) if joint.base_gives or COLUMNS["give"] in numbers else None
+    constants = constants_of(joint, moving=moving)
+    open_circuit, drives = constants._replace(back_emf=0.0), joint.p4 * inputs[0]
+    moved = inputs if loop is None else inputs[:0]
     gives, steps = numbers == COLUMNS["begin_to_give"], 0
     if gives.any():
-        torques, yielding = np.zeros((1, *inputs.shape[1:])), Constants.of(joint, moving=True)
+        torques = np.zeros((1, *inputs.shape[1:]))
+        yielding = constants_of(joint, moving=True)
         for (first, last), begin in zip(pieces.tolist(), begins.tolist(), strict=True):
-            part, driven = time[first : last + 1], inputs[0, first:last]
-            angle, velocity, count = simulate_counted(
-                joint, part, driven, begin[0], begin[1], most=most
-            )
-            steps += count
-            steps += begin_to_give(part, angle, velocity, yielding, torques[0, first:last])
+            part, motion = time[first : last + 1], np.empty((2, last + 1 - first))
+            start = (*begin, 0.0, 0.0)
+            steps += integrate(part, drives[first:last], start, constants, moving, most, *motion)
+            steps += begin_to_give(part, *motion, yielding, torques[0, first:last])
         numbers = np.where(gives, DRIVES + len(inputs), numbers)
         moved = np.concatenate([inputs, torques])
-    drives = joint.p4 * inputs[0]
     steps += kernel.differentiate(
         *(pieces, begins, time, drives, constants, readings.into, readings.weights, values),
-        *(numbers, columns.initial, moved, rows, loop, _open_circuit(constants), moving, most),
+        *(numbers, columns.initial, moved, rows, loop, open_circuit, moving, most),
         kernel.Work.of(columns.initial, 0 if loop is None else time.size - 1),
     )
     return Differentiated(values[0], rows @ columns.mixture, steps, values[1])
@@ -304,7 +329,7 @@ def _require_derivative(
     if name in BEYOND_MUJOCO and loaded.bristle_stiffness > 0:
         expected = "0 with friction that depends on torque or angle (not simulated together)"
         raise InputError("sensitivities", "bristle_stiffness", loaded.bristle_stiffness, expected)
-    if name.startswith("bristle_") and not Constants.of(loaded).bristle_stiffness > 0:
+    if name.startswith("bristle_") and not constants_of(loaded).bristle_stiffness > 0:
         stiffness, coulomb = loaded.bristle_stiffness, loaded.coulomb
         expected = "both more than 0, for their derivatives"
         found = f"{stiffness:g} N m/rad and {coulomb:g} N m"

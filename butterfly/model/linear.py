@@ -10,9 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError
-from butterfly.model.energy import stiffness
 from butterfly.model.parameters import LumpedParameters
-from butterfly.model.terms import TERMS
+from butterfly.model.terms import CONSERVATIVE, TERMS, torque_of
 
 HIGHEST_ORDER = 10
 """At this order a delay of half a turn is exact to rounding."""
@@ -21,12 +20,13 @@ LARGEST_SWING = 1.0
 """Swing in rad beyond which harmonics and resonance jumps appear."""
 
 _SMALLEST_SWING = 1e-6  # rad
+_ASIDE = 1e-20  # rad, of an imaginary step
 
 _DESCRIBED = tuple(row for row in TERMS.values() if row.describing and row.name != "p2")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Linearisation:
+class LinearJoint:
     """p1 thdd + damping thd + stiffness th = torque, the motor's torque after its lag (8).
 
     time_constant torque' + torque = p4 u(t - delay) - back_emf thd. Friction that holds the joint
@@ -45,15 +45,17 @@ class Linearisation:
     delay: float
 
     @classmethod
-    def of(cls, parameters: LumpedParameters, angle: float = 0.0) -> Linearisation:
+    def of(cls, parameters: LumpedParameters, angle: float = 0.0) -> LinearJoint:
         """Linearise the loaded joint about an angle in rad at which a constant input holds it."""
         p = parameters
+        # by an imaginary step, exact to rounding (Squire & Trapp, SIAM Review 40, 1998)
+        beside = p.motion(angle + 1j * _ASIDE, 0.0)
         back_emf = p.back_emf if p.time_constant > 0 else 0.0
         return cls(
             inertia=p.p1,
             damping=p.p2 - back_emf,
             back_emf=back_emf,
-            stiffness=stiffness(p, angle),
+            stiffness=float(np.imag(torque_of(p, beside, CONSERVATIVE)) / _ASIDE),
             gain=p.p4,
             time_constant=p.time_constant,
             delay=p.delay,
@@ -86,7 +88,7 @@ def resonance_frequency(parameters: LumpedParameters) -> float:
     at a root of a quadratic, the largest of which is the peak. Without the armature's lag, b = 0,
     there is one root.
     """
-    p = Linearisation.of(parameters)
+    p = LinearJoint.of(parameters)
     b, c = p.time_constant * p.inertia, p.inertia + p.time_constant * p.damping
     a = p.damping + p.back_emf + p.time_constant * p.stiffness
     if b == 0:
@@ -146,7 +148,7 @@ def quasi_linear_response(
     The swing is about angle 0; terms without describing function (bias, offset, cosine of cogging,
     bristles, friction of a gear, terms of the drive) are omitted.
     """
-    linear = Linearisation.of(parameters)
+    linear = LinearJoint.of(parameters)
     w, a = np.asarray(omega, dtype=np.float64), np.asarray(amplitude, dtype=np.float64)
     motion = parameters.motion(0.0, 0.0, **parameters.on_base)
     torque = linear.brake(w)

@@ -239,24 +239,24 @@ class AddedMass:
     def __hash__(self) -> int:
         return hash(self.key)
 
-    @property
+    @cached_property
     def inertia(self) -> float:
         """Z = m_a l_a^2 in kg m^2 (81), plus its own inertia; on a slide m_a in kg."""
         if self.joint is JointKind.SLIDE:
             return self.mass
         return self.mass * self.arm**2 + self.own_inertia
 
-    @property
+    @cached_property
     def swung(self) -> float:
         """m_a l_a^2 in kg m^2, without own inertia; on a slide m_a in kg."""
         return self.inertia - self.own_inertia
 
-    @property
+    @cached_property
     def weight(self) -> float:
         """m_a g in N, the load on the bearing for any direction of the axis."""
         return self.mass * (self.gravity or GRAVITY)
 
-    @property
+    @cached_property
     def gravity_moment(self) -> float:
         """X = m_a g l_a in N m (81)."""
         return self.mass * self.gravity * self.arm

@@ -18,6 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Container, Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass, fields
+from operator import attrgetter
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -182,7 +183,7 @@ class FrictionTerms:
     @property
     def geared(self) -> bool:
         """Whether friction grows with the torque of motor or load."""
-        return any(getattr(self, name) for name in GEAR)
+        return any(_OF_GEAR(self))
 
     def motion(self, angle: Any, velocity: Any, **more: Any) -> Motion:  # noqa: ANN401 - numbers, or arrays
         """Return a `Motion`, in rad and rad/s, with these terms and ``more`` fields."""
@@ -470,6 +471,7 @@ GEAR = tuple(
     for which in ("motor", "load", "lifting", "lowering")[:each]
 )
 """Friction that grows with torque."""
+_OF_GEAR = attrgetter(*GEAR)
 
 TERMS = {row.name: row for row in _ROWS}
 """All rows by name, in printed order."""

@@ -10,8 +10,8 @@ import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, require_number
-from butterfly.model.energy import Orbit, pull, stiffness
-from butterfly.model.linear import DelayStates
+from butterfly.model.energy import Orbit, pull
+from butterfly.model.linear import DelayStates, LinearJoint
 from butterfly.model.terms import DISSIPATIVE, made_up
 
 _ORDER = 8  # of Padé's approximation; to 6e-8 at the third harmonic of the orbit a quarter late
@@ -85,7 +85,8 @@ class _Transverse:
         p, self._step = orbit.conserving, orbit.period / _STEPS
         times = ((np.arange(_STEPS)[:, None] + _NODES) * self._step).ravel()
         angle, velocity = orbit.solution(times)
-        pulls, slopes = (np.array([f(p, x) for x in angle.tolist()]) for f in (pull, stiffness))
+        pulls = np.array([pull(p, x) for x in angle.tolist()])
+        slopes = np.array([LinearJoint.of(p, x).stiffness for x in angle.tolist()])
         change = np.stack([-pulls, p.p1 * velocity], axis=1)
         begin, speed = orbit.start
         self._flow = speed, pull(p, begin) / p.p1  # velocity and acceleration at first

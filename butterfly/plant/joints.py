@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from butterfly.arrays import Samples
 from butterfly.compiled import compiled
 from butterfly.errors import InputError
+from butterfly.model.greybox import constants_of
 from butterfly.model.kernel.equation import MOST_STEPS, Constants, State, friction_at, least_steps
 from butterfly.model.kernel.integrate import after_steps, count_steps
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, VoltageDrive
@@ -66,7 +67,7 @@ class Joint(ABC):
         self._lags = drive is not None and drive.time_constant > 0
         self.input_kind = robot.input_kind
         self._loaded = robot.loaded(added)
-        self._constants = Constants.of(self._loaded)
+        self._constants = constants_of(self._loaded)
         self._moving = True if robot.base else None
         self._initial = float(angle), float(velocity)
 

@@ -20,7 +20,7 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.identified import Identified
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.parameter import Parameter, or_nan
-from butterfly.identification.servo_drive import needs_loop
+from butterfly.identification.segments import needs_loop
 from butterfly.model.terms import LOOP_TERMS, TERMS
 from butterfly.report.format import counted
 from butterfly.report.live_log import LiveLog

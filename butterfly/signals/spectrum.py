@@ -1,4 +1,4 @@
-"""Uniform samples of a signal: amplitude, periodogram and dominant frequency."""
+"""Uniform samples of a signal: amplitude, noise, periodogram and dominant frequency."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 from scipy import fft
 from scipy.optimize import minimize_scalar
 
-from butterfly.arrays import Samples
+from butterfly.arrays import Samples, blocks
 
 _MOST = 2**15  # samples that are looked at, where a signal has more
 _GLANCED = 2**12  # the same where a hundredth is near enough
@@ -30,6 +30,20 @@ def rms_amplitude(centred: Samples) -> float:
     White noise of variance s^2 biases it to sqrt(A^2 + 2 s^2); `fit_basis` does not have this bias.
     """
     return float(np.sqrt(2.0 * np.mean(centred**2)))
+
+
+def roughness(errors: Samples) -> float:
+    """Mean square of the second differences of (n,) errors: 6 times the variance of white ones."""
+    total, count = 0.0, errors.size - 2
+    for part in blocks(count):
+        bends = np.diff(errors[part.start : part.stop + 2], 2)
+        total += float(bends @ bends)
+    return total / count if count > 0 else 0.0
+
+
+def white_variance(errors: Samples) -> float:
+    """Variance of white noise that is as rough as (n,) errors."""
+    return roughness(errors) / 6
 
 
 def dominant_frequency(time: Samples, values: Samples, most: int = _MOST) -> tuple[float, float]:

@@ -13,7 +13,7 @@ from butterfly.files import shipped
 from butterfly.logs.log import Log, Sine
 from butterfly.logs.manifest import read_manifest
 from butterfly.logs.reading import read_entry
-from butterfly.model.linear import Linearisation, resonance_frequency
+from butterfly.model.linear import LinearJoint, resonance_frequency
 from butterfly.model.parameters import NO_ADDED_MASS, LumpedParameters
 from butterfly.signals.frequency_response import steady_window
 from butterfly.signals.spectrum import periodogram, resample, rms_amplitude, uniform_grid
@@ -48,7 +48,7 @@ def synthetic_figures(synthetic: Synthetic) -> list[ThesisFigure]:
         for noise in (False, True)
     )
     for number, omega in ((3, 4.0), (4, 7.0)):
-        log, said = clean[omega], size * float(abs(Linearisation.of(robot).response(omega)))
+        log, said = clean[omega], size * float(abs(LinearJoint.of(robot).response(omega)))
         seen = rms_amplitude(log.angle[steady_window(log, omega)])
         most = math.degrees(np.abs(log.angle).max())
         claims = [
@@ -97,7 +97,7 @@ def _gains(robot: LumpedParameters, *logs: Mapping[float, Log]) -> list[ThesisFi
     omega, fine = np.array([*logs[0]]), np.linspace(0.5, 8.0, 400)
     gains = np.array([[tables.scripted_point(log)[1] for log in each.values()] for each in logs])
     quiet, loud = 10 ** (gains / 20)
-    exact, line = (np.abs(Linearisation.of(robot).response(w)) for w in (omega, fine))
+    exact, line = (np.abs(LinearJoint.of(robot).response(w)) for w in (omega, fine))
     off, above = 100 * np.abs(quiet / exact - 1).max(), 100 * ((loud / quiet).max() - 1)
     tops, peak = [omega[each.argmax()] for each in (quiet, loud)], resonance_frequency(robot)
     crosses = "crosses", {"omega_rad_per_s": omega, "gain_without_noise": quiet}
@@ -198,7 +198,7 @@ def _real_gains(sines: Sequence[tuple[Log, Sine]]) -> ThesisFigure:
 
 def resonance_figure(robot: LumpedParameters) -> ThesisFigure:
     """Return errors of (86) to (100) without noise, wherever the peak is between two gains."""
-    peak, linear = resonance_frequency(robot), Linearisation.of(robot)
+    peak, linear = resonance_frequency(robot), LinearJoint.of(robot)
     top = float(abs(linear.response(peak))) ** 2
     ways: dict[str, tuple[str, Callable[[Samples, Samples], float]]] = {
         "(86) the largest": ("line", lambda w, g: float(method.largest(w, g)[0][0])),

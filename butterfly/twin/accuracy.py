@@ -18,7 +18,7 @@ from butterfly.arrays import Samples
 from butterfly.identification.free_run import Setting
 from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import Intersample, Log
-from butterfly.model.linear import Linearisation, resonance_frequency
+from butterfly.model.linear import LinearJoint, resonance_frequency
 from butterfly.progress import in_threads, out_of_time, untracked
 from butterfly.signals import hold
 from butterfly.twin.twin import Accuracy, Twin
@@ -124,7 +124,7 @@ def _minute(twin: Twin) -> tuple[Log, Setting]:
     inputs, start = np.zeros(time.size), 0.0 if loaded.p4 else _SWING
     for tone in _TONES if loaded.p4 else ():
         omega = tone * pace
-        gain = abs(complex(Linearisation.of(loaded).response(omega)))
+        gain = abs(complex(LinearJoint.of(loaded).response(omega)))
         inputs += (_SWING / gain + loaded.holding / loaded.p4) * np.sin(omega * time)
     log = Log(
         time,

@@ -18,8 +18,16 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from butterfly.arrays import Samples
 from butterfly.identification.parameter import unit_of
-from butterfly.model.greybox import require_plain_base, simulate
-from butterfly.model.kernel.equation import DERIVED, OF_BASE, Constants, derived, of_base
+from butterfly.model.greybox import (
+    DERIVED,
+    OF_BASE,
+    constants_of,
+    derived,
+    of_base,
+    require_plain_base,
+    simulate,
+)
+from butterfly.model.kernel.equation import Constants
 from butterfly.model.kernel.integrate import interval
 from butterfly.model.parameters import UNDER_LOAD, AddedMass, LumpedParameters, under
 from butterfly.model.terms import TERMS, DriveTerms
@@ -173,7 +181,7 @@ def constants(twin: Twin) -> dict[str, float]:
     p = twin.loaded
     others = {"limit": twin.limit, "resolution": twin.resolution, "delay": max(p.delay, 0.0)}
     drive = {name: others.get(name, getattr(p, name, 0.0)) for name in _SHAPES}
-    values = Constants.of(p)._asdict() | drive
+    values = constants_of(p)._asdict() | drive
     return {name: each for name, each in values.items() if each != _SHAPES.get(name, 0.0)}
 
 

@@ -9,7 +9,7 @@ from butterfly.identification.physical import Missing, physical_parameters
 from butterfly.identification.quantities import Quantities
 from butterfly.logs.log import InputKind
 from butterfly.model.control_bridge import linearised
-from butterfly.model.linear import Linearisation, resonance_frequency
+from butterfly.model.linear import LinearJoint, resonance_frequency
 from butterfly.model.parameters import (
     NO_ADDED_MASS,
     AddedMass,
@@ -210,7 +210,7 @@ def test_resonance_damping_decay_and_speed_per_volt_are_those_of_the_linearised_
     values = np.array([0.6, 0.1, 0.0, 2.0])
     found = _of_logs({}, values, np.diag([1e-4, 1e-6, 0, 1e-4]), carrier=SLIDE)
     parameters = LumpedParameters(**dict(zip(NAMES, values, strict=True)))
-    speed = abs(1j * 1e-6 * Linearisation.of(parameters).response(1e-6))  # per V, at low frequency
+    speed = abs(1j * 1e-6 * LinearJoint.of(parameters).response(1e-6))  # per V, at low frequency
     assert found["speed_gain"].value == pytest.approx(speed, rel=1e-6)
     assert found["speed_gain"].unit == "m/s/V"
     assert "resonance" not in {each.name for each in found.found}

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from butterfly.model.energy import potential, pull, stiffness
-from butterfly.model.linear import Linearisation
+from butterfly.model.energy import potential, pull
+from butterfly.model.linear import LinearJoint
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import DRIVE, TERMS, torque_of
 from tests.model.joints import SLIDING
@@ -41,8 +41,7 @@ def test_pull_stiffness_and_potential_are_those_written_out_by_hand(angle):
         + p.cogging_cosine * n * np.sin(n * angle)
         + p.spring
     )
-    assert stiffness(p, angle) == pytest.approx(expected, rel=1e-12)
-    assert Linearisation.of(p, angle).stiffness == pytest.approx(expected, rel=1e-12)
+    assert LinearJoint.of(p, angle).stiffness == pytest.approx(expected, rel=1e-12)
     assert pull(p, angle) == pytest.approx(_torque(p, angle), rel=1e-12)
     work, _ = quad(lambda x: -_torque(p, x), 0.0, angle)
     assert potential(p, angle) == pytest.approx(work, rel=1e-9, abs=1e-15)

@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from butterfly.model.greybox import simulate
-from butterfly.model.kernel.equation import Constants, least_steps
+from butterfly.model.greybox import constants_of, simulate
+from butterfly.model.kernel.equation import least_steps
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from tests.model.joints import PENDULUM, instants, some
 
@@ -121,8 +121,8 @@ def test_the_energy_of_a_free_decay_never_grows_whatever_friction_is_tried(terms
 def test_what_settles_far_faster_than_the_clock_has_no_motion_and_takes_no_steps_without_number():
     """A trial of a fit: at its speed the drag would stop it in 2 ns."""
     joint = LumpedParameters(p1=1.8e-7, p2=0.0, p3=0.075, p4=-0.074, bias=0.072, drag=0.0124)
-    assert least_steps(Constants.of(joint), 4000.0, 0.01) == 0
-    assert least_steps(Constants.of(joint), 0.0, 0.01) == 1
+    assert least_steps(constants_of(joint), 4000.0, 0.01) == 0
+    assert least_steps(constants_of(joint), 0.0, 0.01) == 1
     time = np.arange(0, 20, 0.01)
     angle, _ = simulate(joint, time, 0.1 * np.sin(4 * instants(time)), -0.79)
     assert np.isnan(angle[-1])

@@ -48,7 +48,7 @@ def test_the_response_is_that_of_the_small_motion_about_rest():
     spring = p.p3 - p.cogging * 3 + p.spring
     below = spring - p.p1 * OMEGA**2 + 1j * OMEGA * (p.p2 - 1.5e-3 + 1.5e-3 * lag)
     undelayed = p.p4 * lag / below
-    response = linear.Linearisation.of(p).response(OMEGA)
+    response = linear.LinearJoint.of(p).response(OMEGA)
     np.testing.assert_allclose(response, undelayed * np.exp(-0.03j * OMEGA), rtol=1e-12)
     np.testing.assert_allclose(bridge.transfer_function(p)(1j * OMEGA), undelayed, rtol=1e-10)
 
@@ -59,7 +59,7 @@ def test_the_state_space_has_the_linearisation_s_response_whatever_lag_and_delay
     robot, mass, angle
 ):
     """To 1e-6 up to 1.4/delay rad/s, and without the delay at every frequency."""
-    exact = linear.Linearisation.of(robot.with_added_mass(mass), angle)
+    exact = linear.LinearJoint.of(robot.with_added_mass(mass), angle)
     omega = np.geomspace(0.1, 1.4 / max(robot.delay, 0.01), 30)
     system = bridge.linearised(robot, mass, angle=angle)
     assert system.name == "hand"
@@ -111,16 +111,16 @@ def test_the_nonlinear_system_is_the_whole_equation(robot):
 @settings(max_examples=20)
 @given(robots.map(lambda robot: replace(robot, delay=0.0)))
 def test_the_resonance_is_where_the_response_peaks(robot):
-    spring = linear.Linearisation.of(robot).stiffness
+    spring = linear.LinearJoint.of(robot).stiffness
     grid = np.linspace(0.01, 3, 3000) * np.sqrt(max(spring, 1e-6) / robot.p1)
-    gains = np.abs(linear.Linearisation.of(robot).response(grid))
+    gains = np.abs(linear.LinearJoint.of(robot).response(grid))
     inner = np.flatnonzero((gains[1:-1] > gains[:-2]) & (gains[1:-1] > gains[2:])) + 1
     found = linear.resonance_frequency(robot)
     if found == 0.0:
         assert inner.size == 0
         return
     peak = minimize_scalar(
-        lambda w: -abs(complex(linear.Linearisation.of(robot).response(w))),
+        lambda w: -abs(complex(linear.LinearJoint.of(robot).response(w))),
         bounds=(found / 1.1, found * 1.1),
         method="bounded",
         options={"xatol": 1e-9},
@@ -162,7 +162,7 @@ def test_what_makes_no_sense_is_refused(make, message):
 def test_the_quasi_linear_response_tends_to_the_linear_one():
     omega = np.array([1.0, 3.9, 9.0])
     small = linear.quasi_linear_response(THESIS, omega, np.full(3, 1e-5))
-    np.testing.assert_allclose(small, linear.Linearisation.of(THESIS).response(omega), rtol=1e-8)
+    np.testing.assert_allclose(small, linear.LinearJoint.of(THESIS).response(omega), rtol=1e-8)
 
 
 SWINGING = replace(PENDULUM, p2=0.0014)

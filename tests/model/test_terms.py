@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from butterfly.model.kernel.equation import Constants, friction_at, rates
+from butterfly.model.greybox import constants_of
+from butterfly.model.kernel.equation import friction_at, rates
 from butterfly.model.parameters import AddedMass, Friction, Hand, LumpedParameters, TorqueDrive
 from butterfly.model.terms import BASE_TERMS, DRIVE, GEAR, LOOP_TERMS, TERMS, DriveTerms
 from butterfly.plant.mjcf import compile_model
@@ -91,7 +92,7 @@ def test_the_kernel_has_the_torque_of_every_row(name, angle, velocity):
     loaded = bare.with_added_mass(ADDED)
     gain = loaded.p4 * float(loaded.delivered(np.array([COMMAND]))[0])
     state = (angle, velocity, 0.0, 0.0)
-    acceleration, *_ = rates(state, gain, float(np.sign(velocity)), Constants.of(loaded))
+    acceleration, *_ = rates(state, gain, float(np.sign(velocity)), constants_of(loaded))
     motion = _motion(angle, velocity, weight=ADDED.weight, mass=ADDED.mass, input=COMMAND)
     if name in GEAR:  # the table takes the load from the parameters
         motion = loaded.motion(angle, velocity, motor=gain)
@@ -144,7 +145,7 @@ def _mujoco_torque(robot, added, angle, velocity):
     data = mujoco.MjData(model)
     data.ctrl[0] = COMMAND
     if robot.friction.sticks_harder:  # the joint sets it for each step
-        constants = Constants.of(robot.loaded(added))
+        constants = constants_of(robot.loaded(added))
         model.dof_frictionloss[0] = friction_at(angle, velocity, COMMAND, constants)
     data.qpos[0], data.qvel[0] = angle, velocity
     mujoco.mj_forward(model, data)

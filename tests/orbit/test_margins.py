@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from butterfly.errors import InputError
-from butterfly.model.energy import Orbit, energy, pull, stiffness
+from butterfly.model.energy import Orbit, energy, pull
+from butterfly.model.linear import LinearJoint
 from butterfly.model.parameters import LumpedParameters, TorqueDrive
 from butterfly.orbit.controller import EnergyShaping, gain_for
 from butterfly.orbit.margins import loop_margins
@@ -55,7 +56,7 @@ def test_the_multiplier_is_the_decay_of_a_small_deviation_from_step_to_step(dela
     late = round(delay / CYCLE)
     time = np.arange(0, periods * orbit.period + 2 * CYCLE, CYCLE)
     angle, velocity = orbit.solution(time)
-    slope = [stiffness(p, x) / p.p1 for x in angle.tolist()]
+    slope = [LinearJoint.of(p, x).stiffness / p.p1 for x in angle.tolist()]
     change = np.stack([[-pull(p, x) for x in angle.tolist()], p.p1 * velocity], axis=1)
     x, excess, torque = np.array([0.01, 0.0]), [], [0.0] * late
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from butterfly.errors import InputError
 from butterfly.logs.log import Intersample, Sine
 from butterfly.model.control_bridge import linearised
-from butterfly.model.linear import Linearisation
+from butterfly.model.linear import LinearJoint
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.signals.frequency_response import (
     measured_response,
@@ -47,7 +47,7 @@ def test_a_held_input_s_half_sample_of_delay_is_taken_out(sine_log, step):
     angle = control.forced_response(sampled, time, inputs).outputs
     held = replace(sine_log, intersample=Intersample.ZERO_ORDER_HOLD)
     log = replace(held, time=time, input=inputs, angle=angle, velocity=None)
-    exact = complex(Linearisation.of(SYSTEM).response(5.0))
+    exact = complex(LinearJoint.of(SYSTEM).response(5.0))
     assert response_point(log).gain == pytest.approx(exact, rel=0.3 * (5 * step) ** 2 + 1e-5)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from butterfly.identification.estimators import Linear
-from butterfly.model.linear import Linearisation, resonance_frequency
+from butterfly.model.linear import LinearJoint, resonance_frequency
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.thesis.tables import complex_resonance
 from tests.identification.simulated import response
@@ -18,7 +18,7 @@ RUNS = 300
 
 
 def _points(mass, rng=None, noise=NOISE):
-    exact = Linearisation.of(THESIS.with_added_mass(mass)).response(OMEGAS) * AMPLITUDE
+    exact = LinearJoint.of(THESIS.with_added_mass(mass)).response(OMEGAS) * AMPLITUDE
     real, imaginary = (0, 0) if rng is None else noise * rng.standard_normal((2, OMEGAS.size))
     return [
         response(mass, float(w), phasor, input_=AMPLITUDE, error=max(noise, 1e-12))
@@ -65,7 +65,7 @@ def test_the_joint_linear_fit_reaches_the_bound_and_its_intervals_cover():
     def responses(values):
         p = LumpedParameters(**dict(zip(("p1", "p2", "p3", "p4"), values, strict=True)))
         loaded = [p.with_added_mass(m) for m in MASSES]
-        parts = [Linearisation.of(each).response(OMEGAS) * AMPLITUDE for each in loaded]
+        parts = [LinearJoint.of(each).response(OMEGAS) * AMPLITUDE for each in loaded]
         flat = np.concatenate(parts)
         return np.concatenate([flat.real, flat.imag])
 

@@ -18,7 +18,8 @@ from butterfly.identification.free_run import FreeRun
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.levels import SPREADS
 from butterfly.logs.log import InputKind, Log, Sine
-from butterfly.model.kernel.equation import Constants, friction_level, pull, rates
+from butterfly.model.greybox import constants_of
+from butterfly.model.kernel.equation import friction_level, pull, rates
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
 from butterfly.plant.rig import Rig
 from butterfly.plant.robot import Robot
@@ -114,7 +115,7 @@ def test_the_kernel_keeps_its_velocity_under_a_whole_compensation(kind):
     """Of a law without interval; torque of a lag and deflection of bristles as they settle."""
     twin = drawn(3, kind)[0]
     law = Compensation.of(replace(twin, limit=math.inf)).having(smoothing=1e-3)
-    p, constants = twin.loaded, Constants.of(twin.loaded)
+    p, constants = twin.loaded, constants_of(twin.loaded)
     moving = [at for at in _points(3) if abs(at[1]) > 1e-3]
     assert len(moving) > 20
     for x, v, _ in moving:

@@ -43,9 +43,8 @@ from butterfly.identification.levels import DRAWS, LOST, PRECISE, SHOWS, SPREADS
 from butterfly.identification.linearisation import Linearisation
 from butterfly.identification.predict import covariance_root, honest_covariance
 from butterfly.identification.problem import Key, columns_of, labels_of, relative
-from butterfly.identification.segment_starts import StartEffects
 from butterfly.identification.sensor_errors import Curve, SensorErrors, correlations
-from butterfly.identification.simulation import Averages
+from butterfly.identification.simulation import Averages, StartEffects
 from butterfly.logs.log import Log
 from butterfly.model.parameters import JointKind
 from butterfly.model.terms import PARAMETERS, TERMS, lower_bounds

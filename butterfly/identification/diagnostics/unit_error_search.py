@@ -31,7 +31,6 @@ from butterfly.identification.levels import CLEARLY, FEW, LOST, MATTERS, PRECISE
 from butterfly.identification.linearisation import Linearisation, Solution
 from butterfly.identification.plausibility import is_possible
 from butterfly.identification.problem import Start
-from butterfly.identification.sensor_errors import white_variance
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging
 from butterfly.identification.unit_errors import (
     RIGHT,
@@ -46,7 +45,7 @@ from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR, Known, Prior
 from butterfly.model.terms import FrictionTerms, offered
 from butterfly.progress import out_of_time
-from butterfly.signals.spectrum import periodogram
+from butterfly.signals.spectrum import periodogram, white_variance
 from butterfly.verdict import Level
 
 _AS_GOOD = 1.3  # times the least misfit, below which a mistake explains as much

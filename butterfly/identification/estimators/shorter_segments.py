@@ -12,9 +12,9 @@ from butterfly.arrays import Samples
 from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.estimators.start import refitted, white_cost
 from butterfly.identification.fit import Fit
+from butterfly.identification.free_run import is_held, own_time
 from butterfly.identification.inference.blocks import CELLS
 from butterfly.identification.levels import FEW, PRECISE, WEIGHED
-from butterfly.identification.own_time import is_held, own_time
 from butterfly.identification.problem import Problem, Start
 from butterfly.progress import out_of_time
 

@@ -37,7 +37,6 @@ from butterfly.identification.levels import (
 )
 from butterfly.identification.linearisation import Linearisation, scaled_least_squares
 from butterfly.identification.problem import Problem, Start
-from butterfly.identification.sensor_errors import white_variance
 from butterfly.identification.servo_drive import driven_alone
 from butterfly.identification.test_functions import HALF_WIDTH, half_width_of
 from butterfly.logs.log import Log
@@ -46,6 +45,7 @@ from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Known, Prior
 from butterfly.model.terms import GEAR, GROWING, LOOP_TERMS, OF_ANGLE, OF_SERVO, offered
 from butterfly.progress import out_of_time
+from butterfly.signals.spectrum import white_variance
 
 _ELSEWHERE = 1.05  # ratio of costs, above which two ends are not the same
 _PASSES = 4  # of a descent at another delay, or one that is given up if not lower than another

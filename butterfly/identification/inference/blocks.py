@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.identification.levels import CLEARLY, FEW
-from butterfly.identification.sensor_errors import white_variance
 from butterfly.logs.log import MIN_SAMPLES, Log, slow_interval
 from butterfly.model.parameters import AddedMass
+from butterfly.signals.spectrum import white_variance
 
 CELLS = 10
 """Blocks into which a log is cut: enough to estimate their scatter within a quarter."""

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from butterfly.compiled import compiled, inlined, inner, pasted
-from butterfly.model.parameters import LumpedParameters, first_moments
 from butterfly.model.terms import DRIVE, LOOP_TERMS
 
 State = tuple[float, float, float, float]
@@ -52,44 +51,6 @@ class Constants(NamedTuple):
     moment: float
     moment_offset: float
     coulomb_slope: float
-
-    @classmethod
-    def of(cls, p: LumpedParameters, *, moving: bool | None = None) -> Constants:
-        """Return the constants of the parameters of the loaded joint.
-
-        Those of a moving base are 0 unless it moves, or is ``moving`` for its derivatives.
-
-        An estimator may try negative friction under a load; it counts as 0, since it would drive
-        the motion. Bristles without Coulomb friction are ignored.
-        """
-        own = dict(zip(DERIVED, derived(p), strict=True))
-        if moving or p.base_gives:
-            own |= dict(zip(OF_BASE, of_base(p), strict=True))
-        return cls(*(float(own.get(name, getattr(p, name, 0.0))) for name in cls._fields))
-
-
-DERIVED = ("viscous", "lag", "coulomb", "stribeck", "bristle_stiffness")
-OF_BASE = ("give", "swing", "slow", "moment", "moment_offset")
-"""Derived constants, returned by the next two functions."""
-
-
-def derived(p: Any) -> tuple[float, ...]:
-    """Return the derived constants of the joint."""
-    coulomb = max(p.coulomb, 0.0)
-    return (
-        p.p2 - p.back_emf,
-        p.time_constant,
-        coulomb,
-        max(p.stribeck, -coulomb),
-        p.bristle_stiffness if coulomb > 0 else 0.0,
-    )
-
-
-def of_base(p: Any) -> tuple[float, ...]:
-    """Return the derived constants of a moving base."""
-    w = p.base_frequency
-    moment, beside = first_moments(p)
-    return p.base_compliance, 1 / w**2, 2 * p.base_damping / w, moment, beside
 
 
 THROUGH_DRIVE = ("p4", "delay", "slow_delay", *DRIVE, *LOOP_TERMS, "begin_to_give")

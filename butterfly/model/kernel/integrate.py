@@ -1,10 +1,10 @@
-"""Simulate a joint: its states at instants, from its input or its servo loop."""
+"""Simulate a joint: its states at instants, and what a base adds that only begins to give."""
 
 from __future__ import annotations
 
-from butterfly.compiled import compiled, inlined, pasted
+from butterfly.compiled import compiled, inlined, inner, pasted
 from butterfly.model.kernel.equation import MOST_STEPS, V, X, least_steps
-from butterfly.model.kernel.moving_base import least_base_steps
+from butterfly.model.kernel.moving_base import least_base_steps, moments
 from butterfly.model.kernel.moving_steps import advance_moving
 from butterfly.model.kernel.servo_loop import at, torque
 from butterfly.model.kernel.steps import LOST, advance, part_of
@@ -82,3 +82,53 @@ def after_steps(state, drives, h, count, c, moving):
         own = drives if count == 1 else part_of(drives, k, count)
         state = step(state, own, h / count, c, None, False, moving)
     return state if count else LOST
+
+
+@compiled
+def begin_to_give(time, angle, velocity, c, torques):
+    """Write (n - 1, 3) torques by ``give`` on a motion whose base begins to give.
+
+    With the momentum h' thd of the motion on (n,) instants, and rests = swing sd + slow s + h' thd,
+
+        sd = (rests - slow s - h' thd) / swing,  d rests/dt = -s;
+
+    the torque is -h' sdd, sdd its mean over an interval. Returns the number of steps taken.
+    """
+    force, rests, rate, steps = 0.0, moments(angle[0], c)[1] * velocity[0], 0.0, 0
+    for k in range(time.size - 1):
+        h, ends = time[k + 1] - time[k], (angle[k], velocity[k], angle[k + 1], velocity[k + 1])
+        count = max(least_base_steps(c, h), 1)
+        dt, begun = h / count, rate
+        steps += count
+        for part in range(count):
+            first = _between(part / count, h, ends, c)[1]
+            second = _between((part + 0.5) / count, h, ends, c)[1]
+            third = _between((part + 1.0) / count, h, ends, c)[1]
+            a1, b1 = (rests - c.slow * force - first) / c.swing, -force
+            s, r = force + 0.5 * dt * a1, rests + 0.5 * dt * b1
+            a2, b2 = (r - c.slow * s - second) / c.swing, -s
+            s, r = force + 0.5 * dt * a2, rests + 0.5 * dt * b2
+            a3, b3 = (r - c.slow * s - second) / c.swing, -s
+            s, r = force + dt * a3, rests + dt * b3
+            a4, b4 = (r - c.slow * s - third) / c.swing, -s
+            force += dt / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
+            rests += dt / 6.0 * (b1 + 2.0 * b2 + 2.0 * b3 + b4)
+        rate = (rests - c.slow * force - _between(1.0, h, ends, c)[1]) / c.swing
+        for i in range(3):
+            torques[k, i] = -_between(0.5 * i, h, ends, c)[0] * (rate - begun) / h
+    return steps
+
+
+@inner
+def _between(share, h, ends, c):
+    """Return h' and h' thd at a share of an interval, by the cubic through both its ends."""
+    (x, v, y, w), rest = ends, 1.0 - share
+    at = (
+        x
+        + share * share * (3.0 - 2.0 * share) * (y - x)
+        + h * share * rest * (rest * v - share * w)
+    )
+    _, lever = moments(at, c)
+    speed = 6.0 * share * rest * (y - x) / h
+    speed += rest * (1.0 - 3.0 * share) * v + share * (3.0 * share - 2.0) * w
+    return lever, lever * speed

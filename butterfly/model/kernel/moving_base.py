@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 
-from butterfly.compiled import compiled, inner, pasted
+from butterfly.compiled import inner, pasted
 from butterfly.model.kernel.equation import (
     BASIS,
     DRIVES,
@@ -56,7 +56,7 @@ def moving_rates(state, drive, sign, c):
     """Return the rates of velocity, spring force and its rate, while the joint slides."""
     x, v, force, change = state
     still, _, _ = rates((x, v, 0.0, 0.0), drive, sign, c)
-    torque, (moment, lever) = c.p1 * still, _moments(x, c)
+    torque, (moment, lever) = c.p1 * still, moments(x, c)
     push = moment * v * v - c.slow * change - force
     common = c.p1 * c.swing - c.give * lever * lever
     speeding = (c.swing * torque - c.give * lever * push) / common
@@ -64,60 +64,10 @@ def moving_rates(state, drive, sign, c):
 
 
 @pasted
-def _moments(x, c):
+def moments(x, c):
     """Return h = -h'' and h' in kg m at an angle."""
     sine, cosine = math.sin(x), math.cos(x)
     return c.moment * sine + c.moment_offset * cosine, c.moment * cosine - c.moment_offset * sine
-
-
-@compiled
-def begin_to_give(time, angle, velocity, c, torques):
-    """Write (n - 1, 3) torques by ``give`` on a motion whose base begins to give.
-
-    With the momentum h' thd of the motion on (n,) instants, and rests = swing sd + slow s + h' thd,
-
-        sd = (rests - slow s - h' thd) / swing,  d rests/dt = -s;
-
-    the torque is -h' sdd, sdd its mean over an interval. Returns the number of steps taken.
-    """
-    force, rests, rate, steps = 0.0, _moments(angle[0], c)[1] * velocity[0], 0.0, 0
-    for k in range(time.size - 1):
-        h, ends = time[k + 1] - time[k], (angle[k], velocity[k], angle[k + 1], velocity[k + 1])
-        count = max(least_base_steps(c, h), 1)
-        dt, begun = h / count, rate
-        steps += count
-        for part in range(count):
-            first = _between(part / count, h, ends, c)[1]
-            second = _between((part + 0.5) / count, h, ends, c)[1]
-            third = _between((part + 1.0) / count, h, ends, c)[1]
-            a1, b1 = (rests - c.slow * force - first) / c.swing, -force
-            s, r = force + 0.5 * dt * a1, rests + 0.5 * dt * b1
-            a2, b2 = (r - c.slow * s - second) / c.swing, -s
-            s, r = force + 0.5 * dt * a2, rests + 0.5 * dt * b2
-            a3, b3 = (r - c.slow * s - second) / c.swing, -s
-            s, r = force + dt * a3, rests + dt * b3
-            a4, b4 = (r - c.slow * s - third) / c.swing, -s
-            force += dt / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
-            rests += dt / 6.0 * (b1 + 2.0 * b2 + 2.0 * b3 + b4)
-        rate = (rests - c.slow * force - _between(1.0, h, ends, c)[1]) / c.swing
-        for i in range(3):
-            torques[k, i] = -_between(0.5 * i, h, ends, c)[0] * (rate - begun) / h
-    return steps
-
-
-@inner
-def _between(share, h, ends, c):
-    """Return h' and h' thd at a share of an interval, by the cubic through both its ends."""
-    (x, v, y, w), rest = ends, 1.0 - share
-    at = (
-        x
-        + share * share * (3.0 - 2.0 * share) * (y - x)
-        + h * share * rest * (rest * v - share * w)
-    )
-    _, lever = _moments(at, c)
-    speed = 6.0 * share * rest * (y - x) / h
-    speed += rest * (1.0 - 3.0 * share) * v + share * (3.0 * share - 2.0) * w
-    return lever, lever * speed
 
 
 @inner
@@ -130,7 +80,7 @@ def stuck_rates(state, c):
 @inner
 def held(state, drive, c):
     """Torque in N m that static friction must hold."""
-    _, lever = _moments(state[X], c)
+    _, lever = moments(state[X], c)
     _, _, bend = stuck_rates(state, c)
     return drive + pull(state[X], c) - c.give * lever * bend
 
@@ -140,7 +90,7 @@ def linearise_moving(state, rate, shape, sign, c, carries, stages, i):
     """Write the derivatives of the rates at stage ``i``; see `equation.linearise`."""
     x, v, force, change = state
     sine, cosine = shape[0], shape[1]
-    moment, lever = _moments(x, c)
+    moment, lever = moments(x, c)
     torque = c.p1 * rate[0] + c.give * lever * rate[2]
     push = moment * v * v - c.slow * change - force
     common = c.p1 * c.swing - c.give * lever * lever

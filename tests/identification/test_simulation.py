@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from butterfly.identification import segments
-from butterfly.identification.segment_starts import SegmentStarts
-from butterfly.identification.simulation import Simulation
+from butterfly.identification.simulation import SegmentStarts, Simulation
 from butterfly.model.parameters import LumpedParameters
 from tests.identification.simulated import driven
 from tests.independent.integrator import Joint
