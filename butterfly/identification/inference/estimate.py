@@ -17,9 +17,9 @@ from butterfly.identification.findings import KINDS, Ending, Finding, FindingKin
 from butterfly.identification.inference.agreement import Contrast
 from butterfly.identification.inference.blocks import Condition
 from butterfly.identification.inference.covariance import half_widths, honest_half_widths
-from butterfly.identification.inference.identifiability import precision
-from butterfly.identification.levels import PRECISE, SPREADS
+from butterfly.identification.levels import SPREADS
 from butterfly.identification.parameter import Parameter, meaning_of, or_none, unit_of
+from butterfly.identification.trust import Trust, trust_of
 from butterfly.logs.log import InputKind, Log
 from butterfly.logs.units import taken_text
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
@@ -124,7 +124,7 @@ class Estimate:
         """Return a row per parameter, with the truth if given; those known exactly come last."""
         if isinstance(truth, LumpedParameters):
             truth = asdict(truth)
-        errors, claims = self.standard_errors, precision(self.values, self.lower, self.upper)
+        errors = self.standard_errors
         rows = []
         for k, name in enumerate(self.names):
             if name in self.unestimated:
@@ -132,11 +132,9 @@ class Estimate:
             if name in self.open:
                 most = float(abs(self.values[k]) + self.farther[k])
                 least = 0.0 if name == "p1" else -most
-                limits = {"lower": least, "upper": most}
-                rows.append(self._row(name, truth, value=None, claim="open", **limits))
+                rows.append(self._row(name, truth, value=None, lower=least, upper=most))
                 continue
             left_out = [float(values[k]) for values in self.left_out.values()]
-            known = math.isfinite(self.lower[k]) and math.isfinite(self.upper[k])
             rows.append(
                 self._row(
                     name,
@@ -148,10 +146,9 @@ class Estimate:
                     least_left_out=min(left_out, default=None),
                     largest_left_out=max(left_out, default=None),
                     on_bound=name in self.on_bound,
-                    claim=str(claims[k]) if known else "",
                 )
             )
-        exact: dict[str, Any] = {"standard_error": 0.0, "known": True, "claim": "known"}
+        exact: dict[str, Any] = {"standard_error": 0.0, "known": True}
         rows += [
             self._row(name, truth, value=value, lower=value, upper=value, **exact)
             for name, value in self.given.fixed.items()
@@ -171,15 +168,20 @@ class Estimate:
         unit = unit_of(name, self.input_kind, self.joint)
         if self.ratios and not term.of_gain:
             unit = f"{unit}/({unit_of('p1', self.input_kind, self.joint)})"
-        meaning = meaning_of(name, self.joint)
+        meaning, doubted = meaning_of(name, self.joint), False
         for each in self.findings:
             if each.parameters[:1] == (name,) and each.kind in _OF_UNIT:
                 silent = each.kind is FindingKind.UNIT_ASSUMED
                 meaning += f"; {taken_text(each.parameters[1], silent=silent)}"
-                doubted = each.doubts and numbers["claim"] == "precise"
-                numbers |= {"claim": "unit-unread"} if doubted else {}
-        true = None if truth is None else float(truth[name])
-        return Parameter(name=name, meaning=meaning, unit=unit, true=true, **numbers)
+                doubted |= each.doubts
+        row = Parameter(
+            name=name,
+            meaning=meaning,
+            unit=unit,
+            true=None if truth is None else float(truth[name]),
+            **numbers,
+        )
+        return replace(row, claim=row.rated(doubted=doubted).claim)
 
     def to_dict(self, truth: Truth | None = None) -> dict[str, Any]:
         """Return all fields, as JSON can hold them."""
@@ -293,14 +295,22 @@ class Estimate:
         """
         if self.unsettled or any(each.forbids for each in self.findings):
             return Level.WARNING
-        widths = self.relative_half_widths
+        widths, trust = self.relative_half_widths, self.trust
         deciding = [name for name in OF_VERDICT if name in widths]
         if self.open:  # then all others that are not 0 decide
             deciding = [n for n in PARAMETERS if n != "delay" and widths.get(n, math.inf) < 1]
-        near = all(widths[name] <= PRECISE for name in deciding)
+        near = all(trust[name].level is Level.GOOD for name in deciding)
         near = near and bool(deciding or not self.open)
         doubted = any(each.doubts for each in self.findings)
         return Level.GOOD if near and not doubted else Level.CARE
+
+    @property
+    def trust(self) -> dict[str, Trust]:
+        """How far each of the n values can be trusted, by its limits."""
+        rows = zip(self.values.tolist(), self.lower.tolist(), self.upper.tolist(), strict=True)
+        found = (trust_of(*row) for row in rows)
+        rated = dict(zip(self.names, found, strict=True))
+        return rated | dict.fromkeys(self.open, Trust.OPEN)
 
     @property
     def unsettled(self) -> bool:

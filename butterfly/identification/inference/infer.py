@@ -36,12 +36,12 @@ from butterfly.identification.inference.equations import CellEquations, scaled_l
 from butterfly.identification.inference.estimate import OF_VERDICT, Estimate
 from butterfly.identification.inference.identifiability import (
     Conditioning,
-    precision,
     with_held,
     with_scale,
 )
 from butterfly.identification.inference.submodels import without_logs
 from butterfly.identification.levels import CLEARLY, FEW, LOST, PRECISE
+from butterfly.identification.trust import Trust, trust_of
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import TERMS
@@ -298,7 +298,8 @@ def misfit_half_widths(
     misfit: Samples, values: Samples, half: Samples, names: Sequence[str]
 ) -> Samples:
     """(n,) half-widths that include the bias by a misfit of the scale, or of precise values."""
-    claims = precision(values, values - half, values + half)
-    doubted = [n in OF_VERDICT or c == "precise" for n, c in zip(names, claims, strict=True)]
-    bias = np.where(np.array(doubted) & (misfit > LOST), misfit * np.abs(values), 0.0)
+    limits = zip(values.tolist(), (values - half).tolist(), (values + half).tolist(), strict=True)
+    looks = [trust_of(*each) is Trust.PRECISE for each in limits]
+    doubted = np.isin(names, OF_VERDICT) | looks
+    bias = np.where(doubted & (misfit > LOST), misfit * np.abs(values), 0.0)
     return np.maximum(half, bias)
