@@ -9,7 +9,6 @@ from collections.abc import Callable, Mapping, Sequence
 from butterfly.errors import IdentifiabilityError, UnusableError, listed
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.free_run import over_segments
-from butterfly.identification.inference.blocks import Condition
 from butterfly.identification.inference.estimate import OF_VERDICT, Estimate
 from butterfly.identification.parameter import or_nan
 from butterfly.identification.plausibility import BETTER_METHOD
@@ -52,15 +51,10 @@ def estimate_notes(estimate: Estimate) -> list[str]:
 def grave_notes(estimate: Estimate) -> list[str]:
     """Return the sentences of findings that need care, gravest first."""
     scatters = [each for each in estimate.findings if each.kind is FindingKind.SCATTER]
-    scattered = {name for each in scatters for name in each.parameters}
     return [
         *_texts_of(estimate, Level.CARE),
         *([_scatter(*scatters)] if scatters else []),
-        *(
-            contrast_text(each, estimate)
-            for each in estimate.agreement
-            if not (each.condition is Condition.LOG and each.parameter in scattered)  # said above
-        ),
+        *(contrast_text(each, estimate) for each in estimate.agreement),
     ]
 
 

@@ -39,10 +39,12 @@ from butterfly.identification.estimators.start import (
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Loss
 from butterfly.identification.free_run import first_horizon
+from butterfly.identification.inference.agreement import is_large
 from butterfly.identification.inference.blocks import Conditions, cells_of
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.identifiability import is_driven, prior_of_fit
 from butterfly.identification.inference.infer import SolvedFit, infer
+from butterfly.identification.inference.limits import Rival
 from butterfly.identification.inference.linear_terms import candidates
 from butterfly.identification.levels import FEW, ROUNDING, SHOWS
 from butterfly.identification.problem import LOCAL, Key, Problem, ProblemOptions, Start
@@ -249,10 +251,10 @@ class OutputError(Estimator):
         """Return the estimate of a fit, its logs weighed if they scatter."""
         problem, end, findings = fitted.problem, fitted.end, fitted.findings
         logs = problem.logs
-        solved = cells = problem.solved(end)
+        solved, unweighted = problem.solved(end), None
         if weighed and (with_scatter := weighed_end(weighed, end)):
             end, findings = with_scatter, (*findings, *weighed.findings)
-            solved = problem.solved(end, cells=1)
+            solved, unweighted = problem.solved(end, cells=1), solved
         owned = problem.keys[problem.shared :]
         twins = self._twins(fitted, known)
         beyond = end.values + end.at.step(*problem.box.about(end.values, np.inf))
@@ -261,19 +263,19 @@ class OutputError(Estimator):
         horizon = problem.options.horizon
         if self.horizon is None and horizon < math.inf:
             others += over_shorter(problem, fitted.end)
-        rivals = (*fitted.rivals, *others, beyond[: problem.shared])
+        rivals = map(Rival, (*fitted.rivals, *others, beyond[: problem.shared]))
         found = SolvedFit(
             method="output error",
             equations=solved,
-            unweighted=cells,
+            unweighted=unweighted,
             shared=problem.shared,
             masses=[log.added_mass for log in logs],
             conditions=Conditions.of(logs, cells_of(len(logs), len(problem.keys))),
             known=known,
             driven=is_driven(logs),
             timed=all(log.excitation for log in logs),
-            rivals=rivals,
-            wider=[each.rival for each in twins],
+            rivals=[*rivals, *(each.rival for each in twins)],
+            large=is_large(each.residuals for each in fitted.end.at.logs),
             consider_covariance=_waits(logs, solved.names),
             fixed=self._fixed(problem),
             findings=(*findings, *(each.finding for each in twins)),

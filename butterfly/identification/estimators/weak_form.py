@@ -43,6 +43,7 @@ from butterfly.identification.inference.equations import CellEquations, Solution
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.identifiability import is_driven, prior_of_fit
 from butterfly.identification.inference.infer import SolvedFit, infer
+from butterfly.identification.inference.limits import Rival
 from butterfly.identification.inference.linear_terms import TermChoice, optional_terms
 from butterfly.identification.test_functions import Averaging
 from butterfly.identification.weak_regression import WeakFit, averaging_of, fitted_terms
@@ -117,7 +118,9 @@ class WeakForm(Estimator):
         fit = refined(ordinary, instruments_of(logs, ordinary.about.windows, parameters, zeros))
 
         solved, cells = fit.solved, cells_of(len(logs), len(fit.solved.names))
-        rivals = [each + solved.values - ordinary.solved.values for each in chosen.rival_values]
+        rivals = [
+            Rival(each + solved.values - ordinary.solved.values) for each in chosen.rival_values
+        ]
         doubt = None if uncertain is None else offset_covariance(fit, uncertain)
         counted = solved.log.size == cells * len(logs)
         conditions = Conditions.of(logs, cells) if counted else None  # one per cell

@@ -20,7 +20,7 @@ from butterfly.arrays import BLOCK, Samples, unit_columns, unit_diagonal
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.findings import Ending
 from butterfly.identification.inference.blocks import cut
-from butterfly.identification.inference.covariance import cluster_covariance
+from butterfly.identification.inference.limits import cluster_covariance
 from butterfly.identification.levels import FEW, ROUNDING
 from butterfly.model.prior import Penalty
 from butterfly.model.terms import TERMS, lower_bounds

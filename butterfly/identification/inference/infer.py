@@ -9,12 +9,11 @@ from typing import TypeAlias
 
 import numpy as np
 
-from butterfly.arrays import Samples, unit_diagonal
+from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.findings import Ending, Finding, FindingKind
 from butterfly.identification.inference.agreement import (
     Contrast,
-    Rival,
     disagreements_of,
     weighed_within,
 )
@@ -26,18 +25,16 @@ from butterfly.identification.inference.consistency import (
     scale_errors,
     scale_rivals,
 )
-from butterfly.identification.inference.covariance import (
-    cluster_covariance,
-    half_widths,
-    honest_half_widths,
-    robust,
-)
 from butterfly.identification.inference.equations import CellEquations, scaled_least_squares
 from butterfly.identification.inference.estimate import OF_VERDICT, Estimate
-from butterfly.identification.inference.identifiability import (
-    Conditioning,
-    with_held,
-    with_scale,
+from butterfly.identification.inference.identifiability import Conditioning, with_held, with_scale
+from butterfly.identification.inference.limits import (
+    Evidence,
+    Rival,
+    cluster_covariance,
+    half_widths,
+    misfit_over_value,
+    robust,
 )
 from butterfly.identification.inference.submodels import without_logs
 from butterfly.identification.levels import CLEARLY, FEW, LOST, PRECISE
@@ -49,8 +46,6 @@ from butterfly.model.terms import TERMS
 Pair: TypeAlias = tuple[Samples, Samples]
 """An (n, n) covariance and its (n,) degrees of freedom."""
 
-_NOTHING = np.finfo(float).tiny ** 0.5
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SolvedFit:
@@ -61,7 +56,7 @@ class SolvedFit:
 
     method: str
     equations: CellEquations  # as the solver weighs them
-    # before logs were weighted by random effects, to compare conditions; the same if None
+    # before logs were weighted by their scatter, to compare conditions; None if they were not
     unweighted: CellEquations | None = None
     shared: int | None = None  # number of the first values, the robot's parameters; None: all
     masses: Sequence[AddedMass] = ()  # one per log
@@ -71,10 +66,10 @@ class SolvedFit:
     timed: bool = False  # whether sines of known frequency show the clock
     # (n,) estimates from parts of the data; None: those without each added mass
     left_out: Mapping[Hashable, Samples] | None = None
-    rivals: Sequence[Samples] = ()  # (shared,) values of other fits that predict as well
-    wider: Sequence[Rival] = ()  # the same with (shared,) half-widths of their own
+    rivals: Sequence[Rival] = ()  # other (shared,) values that may be right
     consider_covariance: Samples | None = None  # (n, n), by errors of quantities taken as given
     torques: bool = False  # whether residuals are torques, so that a misfit may bias any value
+    large: bool = False  # whether most of the error is no noise
     fixed: dict[str, float] = field(default_factory=dict)  # values that were not fitted
     findings: Sequence[Finding] = ()  # of the method
 
@@ -95,8 +90,7 @@ class SolvedFit:
             unweighted=unweighted and with_held(unweighted, *about),
             shared=None if self.shared is None else self.shared + 1,
             known=given,
-            rivals=[np.insert(each, at, value) for each in self.rivals],
-            wider=[Rival(*map(np.insert, each, (at, at), (value, 0.0))) for each in self.wider],
+            rivals=[each.inserted(at, value) for each in self.rivals],
             consider_covariance=consider,
         )
 
@@ -119,26 +113,41 @@ def infer(solved: SolvedFit) -> Estimate:
     known, robot = fit.known, slice(fit.shared)
     names, fixed = equations.names[robot], known.fixed | fit.fixed
     conditioning = conditioning_of(equations)
-    contrasts, rivals = agreement_of(fit)
+    contrasts, disagreeing = agreement_of(fit)
     scales = [*scale_rivals(equations, fit.masses, known, timed=fit.timed)]
     carried = fit.carried(weighed_within(contrasts))
-    spread = covariance, freedom = covariance_of(fit, carried)
+    covariance, freedom = covariance_of(fit, carried)
     left_out, few = (fit.left_out, []) if fit.left_out is not None else without_each_mass(fit)
     count = np.unique(equations.log).size  # of logs; stretches of time vary less
     few_logs = [Finding(FindingKind.FEW_LOGS, number=count)] if fit.masses and count <= FEW else []
-    half = half_widths_of(fit, spread, left_out.values(), rivals, scales)
+    half = half_widths(covariance, freedom)
+    rivals = (
+        *fit.rivals,
+        *(each.rival(covariance, freedom).within(robot) for each in scales),
+        *(each.at_most(half).within(robot) for each in disagreeing),
+    )
     values = equations.values[robot]
+    evidence = Evidence(
+        values=values,
+        half=half[robot],
+        least=equations.lower[robot],
+        left_out=[each[robot] for each in left_out.values()],
+        rivals=rivals,
+    )
+    if fit.torques:
+        evidence = replace(evidence, bias=bias_of(fit, evidence))
+    lower, upper = evidence.limits
     return Estimate(
         method=fit.method,
         names=names,
         values=values,
         covariance=covariance[robot, robot],
-        lower=np.maximum(values - half, equations.lower[robot]),
-        upper=values + half,
+        lower=lower,
+        upper=upper,
         left_out={key: each[robot] for key, each in left_out.items()},
         condition=conditioning.number,
         on_bound=tuple(compress(names, equations.on_bound[robot])),
-        ending=ending_of(fit, half),
+        ending=ending_of(fit, evidence.half_widths),
         findings=(
             *conditioning.findings,
             *findings_of_bounds(fit, covariance),
@@ -152,11 +161,9 @@ def infer(solved: SolvedFit) -> Estimate:
         fixed={name: value for name, value in fixed.items() if name not in names},
         agreement=contrasts,
         known=known,
-        rivals=(
-            *fit.rivals,
-            *(each.values for each in fit.wider),
-            *(each.values[robot] for each in scales),
-        ),
+        rivals=rivals,
+        bias=evidence.bias,
+        least=evidence.least,
         freedom=freedom[robot],
     )
 
@@ -188,11 +195,16 @@ def conditioning_of(equations: CellEquations) -> Conditioning:
 
 
 def agreement_of(fit: SolvedFit) -> tuple[tuple[Contrast, ...], list[Rival]]:
-    """Return the contrasts between conditions, the best first, and (n,) rivals about the fit."""
+    """Return the contrasts between conditions, the best first, and (n,) rivals about the fit.
+
+    From log to log they are sought where logs were not weighted, which says it already.
+    """
     if fit.conditions is None:
         return (), []
-    about = fit.unweighted or fit.equations
-    contrasts, rivals = disagreements_of(about, fit.conditions)
+    about, between = fit.unweighted or fit.equations, fit.unweighted is None
+    contrasts, rivals = disagreements_of(
+        about, fit.conditions, between_logs=between, large=fit.large
+    )
     shift = fit.equations.values - about.values
     return contrasts, [each._replace(values=each.values + shift) for each in rivals]
 
@@ -233,29 +245,15 @@ def without_each_mass(fit: SolvedFit) -> tuple[dict[Hashable, Samples], list[Fin
     return left_out, [] if not masses or left_out or known.scale(different[0]) else [few]
 
 
-def half_widths_of(
-    fit: SolvedFit,
-    spread: Pair,
-    left_out: Iterable[Samples],
-    rivals: Iterable[Rival],
-    scales: Iterable[ScaleRival],
-) -> Samples:
-    """(shared,) half-widths by covariance and freedom, with partial estimates and rivals inside.
-
-    Of torques they include the bias that a misfit may cause, too.
-    """
-    robot = slice(fit.shared)
-    values, covariance, freedom = fit.equations.values[robot], spread[0][robot, robot], spread[1]
-    half, partial = half_widths(covariance, freedom[robot]), [each[robot] for each in left_out]
-    likely = [(each, half) for each in fit.rivals]
-    likely += [(r.values[robot], np.minimum(r.half_widths[robot], half)) for r in rivals]
-    likely += [(r.values[robot], r.half_widths(*spread)[robot]) for r in scales]
-    likely += fit.wider
-    found = honest_half_widths(values, half, partial, likely)
-    if not fit.torques:
-        return found
-    misfit = misfit_over_value(fit.equations)[robot]
-    return misfit_half_widths(misfit, values, found, fit.equations.names[robot])
+def bias_of(fit: SolvedFit, evidence: Evidence) -> Samples:
+    """(shared,) sizes of errors by a misfit, of the scale and of values that look precise; or 0."""
+    equations, robot = fit.equations, slice(fit.shared)
+    misfit = misfit_over_value(equations.rows, equations.residuals, equations.values)[robot]
+    values, half = evidence.values, evidence.half_widths
+    limits = zip(values.tolist(), (values - half).tolist(), (values + half).tolist(), strict=True)
+    looks = [trust_of(*each) is Trust.PRECISE for each in limits]
+    doubted = np.isin(equations.names[robot], OF_VERDICT) | looks
+    return np.where(doubted & (misfit > LOST), misfit * np.abs(values), 0.0)
 
 
 def ending_of(fit: SolvedFit, half: Samples) -> Ending:
@@ -279,27 +277,3 @@ def findings_of_bounds(fit: SolvedFit, covariance: Samples) -> list[Finding]:
     )
     found = ((kind, tuple(compress(names, which))) for kind, which in groups)
     return [Finding(kind, some) for kind, some in found if some]
-
-
-def misfit_over_value(equations: CellEquations) -> Samples:
-    """(n,) R = |r| / (|p| |s|), with s a value's column less its projection on the others.
-
-    Standard errors take residuals for noise; where these are as large as the effect of a parameter
-    alone, a misfit may have biased its value: a ripple of the velocity looks like inertia.
-    """
-    scaled, size = unit_diagonal(equations.curvature.sum(axis=0))
-    alone = size / np.sqrt(np.diag(np.linalg.pinv(scaled)))
-    effect, left = np.abs(equations.values) * alone, np.sqrt(equations.cost.sum())
-    most = np.full(effect.size, np.finfo(float).max)
-    return np.asarray(np.divide(left, effect, out=most, where=effect > left * _NOTHING))
-
-
-def misfit_half_widths(
-    misfit: Samples, values: Samples, half: Samples, names: Sequence[str]
-) -> Samples:
-    """(n,) half-widths that include the bias by a misfit of the scale, or of precise values."""
-    limits = zip(values.tolist(), (values - half).tolist(), (values + half).tolist(), strict=True)
-    looks = [trust_of(*each) is Trust.PRECISE for each in limits]
-    doubted = np.isin(names, OF_VERDICT) | looks
-    bias = np.where(doubted & (misfit > LOST), misfit * np.abs(values), 0.0)
-    return np.maximum(half, bias)
