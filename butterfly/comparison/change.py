@@ -11,8 +11,8 @@ from scipy.special import chdtrc, fdtrc, ndtri, stdtr, stdtrit
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError
-from butterfly.identification.inference.covariance import widened
 from butterfly.identification.inference.estimate import Estimate
+from butterfly.identification.inference.limits import widened
 from butterfly.identification.levels import CONFIDENCE
 from butterfly.model.terms import GROWING, PARAMETERS, TERMS
 
@@ -151,7 +151,8 @@ class _Side:
         spread = np.sqrt(np.diag(covariance))
         errors = np.maximum(spread, half / _quantile(freedom, 0.5 + CONFIDENCE / 2))
         apart = [each[rows] for each in estimate.left_out.values()]
-        wide = widened(values, covariance, apart, [each[rows] for each in estimate.rivals])
+        likely = [each.values[rows] for each in estimate.rivals if each.predicts]
+        wide = widened(values, covariance, apart, likely)
         scale = errors / np.sqrt(np.diag(wide))
         unsigned = [k for k, name in enumerate(names) if not TERMS[name].sign_observable]
         values[unsigned] = np.abs(values[unsigned])

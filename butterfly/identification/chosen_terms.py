@@ -235,8 +235,17 @@ def choose(
         rivals=tuple(found.rival_values()),
         findings=tuple(dict.fromkeys([*said, *found.findings])),
         path=(*fit.path, *more),
-        missing=tuple(Missing(each.name, each.share, each.values) for each in found.missing),
+        missing=tuple(map(_missing, found.missing)),
     )
+
+
+def _missing(offer: Offer) -> Missing:
+    """Return a row that passes and is not fitted, with its share of each log's errors."""
+    nested, names = offer.nested, np.array(offer.nested.names)
+    fits = nested.fitted(np.array([offer.kept, offer.kept | (names == offer.name)]))
+    _, log = np.unique(nested.equations.log, return_inverse=True)
+    before, after = (np.bincount(log, each) for each in nested.costs(fits))
+    return Missing(offer.name, offer.share, 1 - after / before, offer.values)
 
 
 def chosen_at_once(problem: Problem, end: Fit, rows: Sequence[str]) -> tuple[Problem, Fit]:

@@ -33,6 +33,7 @@ class Missing(NamedTuple):
 
     name: str
     share: float  # of the squared errors that it explains
+    shares: Samples  # (k,) the same of each log
     values: Mapping[str, float]  # of a fit with it, by name
 
 

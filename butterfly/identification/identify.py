@@ -24,6 +24,7 @@ from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.free_run import FreeRun, WholeRuns
 from butterfly.identification.identified import Identified
 from butterfly.identification.inference.estimate import Estimate
+from butterfly.identification.inference.limits import Rival
 from butterfly.identification.levels import LOST
 from butterfly.identification.parameters_by_hand import try_parameters
 from butterfly.identification.plausibility import (
@@ -98,11 +99,10 @@ def judge(
     segmented = found.horizon is not None and math.isfinite(found.horizon)
     followed = list(range(len(data.logs))) if segmented else data.counted
     residuals = residuals or residuals_of(data, found)
-    contrasted = found.with_contrasts(residuals.agreement, residuals.rivals)
-    contrasted = contrasted.holding(*residuals.encoder.rival) if residuals.encoder else contrasted
-    for friction in residuals.of_friction:
-        contrasted = contrasted.holding(friction)
-    judged_so_far = contrasted.holding(residuals.missing.rival).with_findings(
+    rivals = [residuals.encoder.rival] if residuals.encoder else []
+    if residuals.missing.rival is not None:
+        rivals.append(Rival(residuals.missing.rival, predicts=False))
+    sure = found.with_evidence(*rivals).with_findings(
         *judge_physics(found, data.masses),
         *([data.correction] if data.correction else []),
         *_poor_fit(data, estimator, data.simulations.followed(found, followed)),
@@ -112,7 +112,6 @@ def judge(
         *judge_knowledge(found, data),
         *judge_basis(found, data),
     )
-    sure = judged_so_far
     if slips := find_unit_errors(data, estimator, sure):  # which explain what was a guess
         rest = (each for each in sure.findings if each.kind is not FindingKind.TORQUE_DRIVEN)
         sure = replace(sure, findings=(*slips, *rest))
@@ -182,7 +181,9 @@ def fitted(data: DataSet, estimator: Estimator) -> tuple[DataSet, Estimate]:
         return best, estimate
     named = estimate.named | {n: v for n, v in others[0][1].named.items() if n in estimate.names}
     unsure = Finding(FindingKind.CLOCK, ("p1",), number=share)
-    return replace(best, correction=unsure), estimate.holding(np.array([*named.values()]))
+    return replace(best, correction=unsure), estimate.with_evidence(
+        Rival(np.array([*named.values()]), predicts=False)
+    )
 
 
 @_UNWARNED

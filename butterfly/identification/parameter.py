@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, fields
 from typing import Any
 
+from butterfly.identification.trust import Trust, trust_of
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import JointKind, LumpedParameters
 from butterfly.model.terms import PARAMETERS, TERMS
@@ -39,7 +40,17 @@ class Parameter:
     true: float | None = None
     on_bound: bool = False
     known: bool = False  # whether it was given exactly, and is no estimate
-    claim: str = ""  # how well it is known: precise, rough, not-from-zero, open, known, unit-unread
+    claim: str = ""  # how well it is known, for programs: see `identification.trust`
+
+    @property
+    def trust(self) -> Trust:
+        """How far it can be trusted."""
+        return self.rated(on_bound=self.on_bound, doubted=self.claim == Trust.UNREAD.claim)
+
+    def rated(self, **found: bool) -> Trust:
+        """Return the same with what is found of it, as of `trust_of`."""
+        lower, upper = or_nan(self.lower), or_nan(self.upper)
+        return trust_of(self.value, lower, upper, known=self.known, **found)
 
     @property
     def farther(self) -> float | None:

@@ -33,12 +33,8 @@ from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.inference.blocks import length_of
-from butterfly.identification.inference.covariance import (
-    half_widths,
-    honest_half_widths,
-    widened,
-)
 from butterfly.identification.inference.estimate import Estimate
+from butterfly.identification.inference.limits import widened
 from butterfly.identification.levels import BAND_DRAWS, CONFIDENCE, DRAWS, SPREADS
 from butterfly.identification.sensor_errors import SensorErrors
 from butterfly.logs.log import Log
@@ -115,18 +111,18 @@ def draw_parameters(
 
 
 def honest_covariance(estimate: Estimate) -> Samples:
-    """(n, n) covariance widened as the intervals are, but for rivals of conditions' limits."""
+    """(n, n) covariance widened as the intervals are by fits that predict as well."""
     widths = estimate.farther
     if not (np.isfinite(estimate.covariance).all() and np.isfinite(widths).all()):
         raise IdentifiabilityError(
             f"the method {estimate.method!r} gives no covariance, which drawing parameters needs"
         )
-    partial = list(estimate.left_out.values())
-    if estimate.freedom is not None:
-        half = half_widths(estimate.covariance, estimate.freedom)
-        likely = [(each, half) for each in estimate.rivals]
-        widths = np.minimum(honest_half_widths(estimate.values, half, partial, likely), widths)
-    covariance = widened(estimate.values, estimate.covariance, partial, estimate.rivals)
+    evidence = estimate.evidence
+    likely = [each for each in evidence.rivals if each.predicts]
+    by_fits = replace(evidence, rivals=likely, bias=None)
+    widths = np.minimum(by_fits.half_widths, widths)
+    values = [each.values for each in likely]
+    covariance = widened(estimate.values, estimate.covariance, evidence.left_out, values)
     spread = np.sqrt(np.diag(covariance))
     varies = spread > 0
     factor = np.max(widths[varies] / spread[varies], initial=0.0) / SPREADS

@@ -16,8 +16,7 @@ from butterfly.arrays import Samples
 from butterfly.identification.chosen_terms import FreeRunModel
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Fit
-from butterfly.identification.inference.agreement import Rival
-from butterfly.identification.inference.covariance import cluster_covariance, half_widths
+from butterfly.identification.inference.limits import Rival, cluster_covariance, half_widths
 from butterfly.identification.inference.stagewise import Offer
 from butterfly.identification.levels import MATTERS
 from butterfly.identification.problem import Problem

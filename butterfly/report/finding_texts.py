@@ -9,11 +9,11 @@ from collections.abc import Callable, Mapping, Sequence
 from butterfly.errors import IdentifiabilityError, UnusableError, listed
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.free_run import over_segments
-from butterfly.identification.inference.blocks import Condition
 from butterfly.identification.inference.estimate import OF_VERDICT, Estimate
 from butterfly.identification.parameter import or_nan
 from butterfly.identification.plausibility import BETTER_METHOD
 from butterfly.identification.repeatability import contradiction_text
+from butterfly.identification.trust import Trust
 from butterfly.identification.unit_errors import unit_error_text
 from butterfly.logs.units import Unread, taken_text
 from butterfly.model.terms import TERMS
@@ -51,15 +51,10 @@ def estimate_notes(estimate: Estimate) -> list[str]:
 def grave_notes(estimate: Estimate) -> list[str]:
     """Return the sentences of findings that need care, gravest first."""
     scatters = [each for each in estimate.findings if each.kind is FindingKind.SCATTER]
-    scattered = {name for each in scatters for name in each.parameters}
     return [
         *_texts_of(estimate, Level.CARE),
         *([_scatter(*scatters)] if scatters else []),
-        *(
-            contrast_text(each, estimate)
-            for each in estimate.agreement
-            if not (each.condition is Condition.LOG and each.parameter in scattered)  # said above
-        ),
+        *(contrast_text(each, estimate) for each in estimate.agreement),
     ]
 
 
@@ -151,14 +146,11 @@ def values_sentence(estimate: Estimate) -> str:
     """Say how well each value is known, by its 95 % interval; p1 and p4 first."""
     names = sorted(estimate.names, key=lambda name: name not in OF_VERDICT)
     names = [name for name in names if name not in estimate.unestimated]
-    ends = zip(estimate.names, estimate.lower.tolist(), estimate.upper.tolist(), strict=True)
-    zero = {name for name, lower, upper in ends if lower <= 0 <= upper}
     opened = [row for row in estimate.table() if row.value is None]
     ratios = {name for name in names if estimate.ratios and not TERMS[name].of_gain}
     shown = {name: f"{name}/p1" if name in ratios else name for name in estimate.names}
-    widths = estimate.relative_half_widths
-    rest = zero.union(estimate.open)
-    known = [name for name in names if name not in rest and math.isfinite(widths[name])]
+    widths, trust = estimate.relative_half_widths, estimate.trust
+    known = [name for name in names if trust[name].sized]
     parts = [
         ", ".join(f"{shown[name]} ±{upwards(widths[name])}" for name in group)
         for group in (
@@ -166,11 +158,11 @@ def values_sentence(estimate: Estimate) -> str:
             [name for name in known if name not in OF_VERDICT],
         )
     ]
-    unknown = [shown[name] for name in names if name not in {*known, *rest}]
+    unknown = [shown[name] for name in names if trust[name] is Trust.UNSURE]
     parts += [f"{_both(unknown)} without an interval"] if unknown else []
     missing = [name for name in estimate.unestimated if name in OF_VERDICT]
     parts += [f"{_both(missing)} not estimated"] if missing else []
-    at_zero = [shown[name] for name in names if name in zero and name not in estimate.open]
+    at_zero = [shown[name] for name in names if trust[name] is Trust.ZERO]
     parts += [f"{_both(at_zero)} not significant"] if at_zero else []
     limits = [(shown[row.name], limit_text(or_nan(row.upper)), row.unit) for row in opened]
     limited = [f"{name} (at most {most} {unit})" for name, most, unit in limits]

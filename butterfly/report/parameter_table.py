@@ -7,14 +7,14 @@ from typing import Any, ClassVar
 
 from butterfly.identification.derived_quantities import SYMBOLS
 from butterfly.identification.diagnostics.before_fit import Forecast, Told
-from butterfly.identification.levels import CLEARLY, PRECISE
 from butterfly.identification.parameter import Parameter, or_nan, or_none
 from butterfly.identification.physical import Missing, PhysicalParameters
+from butterfly.identification.trust import Trust
 from butterfly.model.prior import plain
 from butterfly.report.format import interval, limit_text, upwards, with_error
 from butterfly.report.page import Marked, PageTable
 from butterfly.result import Answer
-from butterfly.verdict import Level, Verdict
+from butterfly.verdict import Verdict
 
 FORECAST_HEADERS = ("parameter", "meaning", "before the fit", "expected", "what would mend it")
 """Headers of `forecast_rows`."""
@@ -31,10 +31,9 @@ def parameter_texts(row: Parameter) -> dict[str, str]:
         if row.standard_error is not None:
             error = f"{row.standard_error:#.2g}"
         limits = interval(or_nan(row.lower), or_nan(row.upper))
-        if row.value is None:
-            width = "open"
-        elif row.lower is not None and row.upper is not None and row.lower <= 0 <= row.upper:
-            width = "may be 0"
+        trust = row.rated()
+        if trust in {Trust.OPEN, Trust.ZERO}:
+            width = trust.badge
         elif row.value and row.farther is not None:
             width = f"± {upwards(row.farther / abs(row.value))}"
     left_out = ""
@@ -66,19 +65,8 @@ def _value(row: Parameter, *, limited: bool = False) -> str:
 
 
 def badge_of(row: Parameter) -> Marked:
-    """Return how well a parameter is known, in short, as in the verdict; "" if unknown."""
-    if row.value is None or row.known:
-        return Marked("known", level=Level.NOTE) if row.known else Marked("open", level=Level.CARE)
-    if row.on_bound:
-        return Marked("at bound", level=Level.CARE)
-    if row.claim == "not-from-zero":
-        return Marked("may be 0", level=Level.CARE)
-    half, size = or_nan(row.farther), abs(row.value)
-    if half <= PRECISE * size and row.claim != "unit-unread":
-        return Marked("good", level=Level.GOOD)
-    if CLEARLY * half <= size:
-        return Marked("care", level=Level.CARE)
-    return Marked("poor", level=Level.WARNING) if row.claim else Marked("")
+    """Return how far a parameter can be trusted, in short, as in the verdict; "" if unknown."""
+    return Marked(row.trust.badge, level=row.trust.level)
 
 
 def with_limit(value: float, farther: float | None) -> str:

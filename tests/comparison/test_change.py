@@ -7,10 +7,10 @@ import pytest
 
 from butterfly.comparison.change import LEVEL, change
 from butterfly.errors import InputError
-from butterfly.identification.inference.covariance import (
+from butterfly.identification.inference.limits import (
+    Evidence,
     cluster_covariance,
     half_widths,
-    honest_half_widths,
 )
 from butterfly.model.prior import Prior
 from tests.identification.simulated import estimate_of
@@ -24,7 +24,7 @@ def estimate(values, covariance, freedom=None, *, names=NAMES, left_out=()):
     """Return an estimate with the intervals that its errors make."""
     free = np.full(len(names), np.inf) if freedom is None else freedom
     half = half_widths(covariance, np.minimum(free, 1e9))
-    half = honest_half_widths(values, half, left_out)
+    half = Evidence(values=values, half=half, least=-half, left_out=left_out).half_widths
     limits = {"lower": values - half, "upper": values + half}
     limits["left_out"] = dict(enumerate(left_out))
     return replace(estimate_of(values, covariance, names=names), **limits, freedom=freedom)

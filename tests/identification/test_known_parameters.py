@@ -12,7 +12,7 @@ from butterfly.identification.diagnostics.unit_error_search import find_unit_err
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
 from butterfly.identification.findings import FindingKind
 from butterfly.identification.fit import Loss
-from butterfly.identification.inference.covariance import cluster_covariance
+from butterfly.identification.inference.limits import cluster_covariance
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import JointKind
 from butterfly.model.prior import Known, Penalty, Prior

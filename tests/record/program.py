@@ -114,7 +114,7 @@ def estimated(estimate):
     return {key: dict(zip(names, values, strict=False)) for key, values in by_name.items()} | {
         "covariance": {f"{names[i]} {names[j]}": estimate.covariance[i, j] for i, j in pairs},
         "left_out": _each(names, estimate.left_out.items()),
-        "rival": _each(names, enumerate(estimate.rivals)),
+        "rival": _each(names, enumerate(each.values for each in estimate.rivals)),
         "held": dict(estimate.fixed),
         "local": {f"{k} {name}": x for k, own in estimate.local.items() for name, x in own.items()},
         "resonance": {str(mass): omega for mass, omega in estimate.resonances.items()},

@@ -16,9 +16,8 @@ from scipy.special import fdtrc
 
 from butterfly.arrays import Samples, standard_error
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.inference.agreement import Rival
 from butterfly.identification.inference.blocks import independent_cells_of
-from butterfly.identification.inference.covariance import cluster_covariance, half_widths
+from butterfly.identification.inference.limits import Rival, cluster_covariance, half_widths
 from butterfly.identification.inference.submodels import submodels_of
 from butterfly.identification.levels import MATTERS
 from butterfly.identification.linearisation import Linearisation
@@ -71,5 +70,6 @@ def off_centre(
     square = float(found[count:] @ np.linalg.solve(waved, found[count:])) / len(_WAVES)
     if not fdtrc(len(_WAVES), degrees - 1, square * (degrees - 1) / degrees) < MATTERS:
         return None
-    rival = Rival(found[:count], half_widths(covariance, freedom)[:count])
+    half = half_widths(covariance, freedom)[:count]
+    rival = Rival(found[:count], half, predicts=False)
     return OffCentre(amplitude=float(np.hypot(*found[count:])), rival=rival)

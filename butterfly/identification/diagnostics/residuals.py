@@ -4,14 +4,13 @@ From the errors of the free runs the effects of small changes of the parameters,
 each log's start are projected out, to first order and jointly: a value that is off within its
 interval is no misfit. The remainder is compared with errors drawn from the model of each log's
 encoder and noise (a parametric bootstrap: Efron & Tibshirani, An Introduction to the Bootstrap,
-1993, section 6.5). Missing terms are those that improve the prediction of held-out logs.
+1993, section 6.5). Missing terms are those that the choice of terms left out, though they help.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -23,23 +22,9 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.encoder_errors import OffCentre, off_centre
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.free_run import FreeRun, Setting
-from butterfly.identification.inference.agreement import (
-    Contrast,
-    Rival,
-    contrasts_of,
-    friction_rivals,
-)
-from butterfly.identification.inference.blocks import Conditions, cells_of, independent_cells_of
 from butterfly.identification.inference.estimate import Estimate
-from butterfly.identification.inference.linear_terms import (
-    STRIBECK,
-    LinearModel,
-    candidates,
-    stribeck_velocities,
-)
-from butterfly.identification.inference.stagewise import is_near, stagewise
-from butterfly.identification.inference.submodels import submodels_of
-from butterfly.identification.levels import DRAWS, LOST, PRECISE, SHOWS, SPREADS
+from butterfly.identification.inference.missing_terms import MissingTerms
+from butterfly.identification.levels import DRAWS, SHOWS, SPREADS
 from butterfly.identification.linearisation import Linearisation
 from butterfly.identification.predict import covariance_root, honest_covariance
 from butterfly.identification.problem import Key, columns_of, labels_of, relative
@@ -47,7 +32,7 @@ from butterfly.identification.sensor_errors import Curve, SensorErrors, correlat
 from butterfly.identification.simulation import Averages, StartEffects
 from butterfly.logs.log import Log
 from butterfly.model.parameters import JointKind
-from butterfly.model.terms import PARAMETERS, TERMS, lower_bounds
+from butterfly.model.terms import lower_bounds
 from butterfly.signals.frequency_response import first_counted
 
 _LONGEST_LAG = 2.0  # of the correlations, in s; a quarter of the errors at most
@@ -120,38 +105,12 @@ class LogResiduals:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class MissingTerms:
-    """Missing terms: those of the table that improve the prediction of held-out logs."""
-
-    terms: tuple[str, ...] = ()
-    others: tuple[tuple[str, ...], ...] = ()  # sets of as many that predict as well
-    share: float = 0.0  # of the squared residuals that they explain
-    moved: tuple[str, ...] = ()  # parameters that they move by more than their intervals allow
-    rival: Samples | None = None  # (n,) values with them, if they move any so far
-
-    @property
-    def names(self) -> str:
-        """Names of the terms and of their alternatives."""
-        return " or ".join(" + ".join(each) for each in (self.terms, *self.others) if each)
-
-    @property
-    def findings(self) -> list[Finding]:
-        """The finding that names them, and the parameters that they move; none without terms."""
-        if not self.terms:
-            return []
-        return [Finding(FindingKind.MISSING_TERM, (self.names, *self.moved), number=self.share)]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Residuals:
     """Residuals of the free runs of all logs."""
 
     logs: tuple[LogResiduals, ...]  # one for each log of the data set
-    missing: MissingTerms = MissingTerms()
-    # contrasts between conditions, where sensors do not explain the residuals; and (n,) rivals
-    agreement: tuple[Contrast, ...] = ()
-    rivals: tuple[Samples, ...] = ()
-    of_friction: tuple[Samples, ...] = ()  # (n,) rivals of friction alone, by a large misfit
+    # where sensors do not explain the residuals
+    missing: MissingTerms = field(default_factory=MissingTerms)
     encoder: OffCentre | None = None  # where errors repeat with the angle
 
     @property
@@ -238,20 +197,15 @@ def residuals_of(data: DataSet, estimate: Estimate, runs: Sequence[FreeRun] = ()
     draws = [each.drawn(rest, random) for each, rest in pairs]
     _reduce([errors for _, errors in draws], at, directions)
     judged = [each.judged(rest, *drawn) for (each, rest), drawn in zip(pairs, draws, strict=True)]
-    result = Residuals(logs=(), encoder=unknowns.off_centre(at, found))
-    if sum(each.outside for each in judged) > _BY_CHANCE * len(every):
-        logs = [each.run.log for each in found]
-        large = Residuals(logs=tuple(judged)).times > 1 / LOST  # most is no noise
-        agreement, rivals, friction = unknowns.contrasts(left, logs, large=large)
-        missing, shares = unknowns.missing_terms(at, directions, logs)
-        result = replace(result, missing=missing, agreement=agreement, rivals=rivals)
-        result = replace(result, of_friction=friction)
-        both = zip(judged, shares.tolist(), strict=True)
-        judged = [replace(each, share=share) for each, share in both]
     following = iter(judged)
     places = zip(data.logs, every, strict=True)
     whole = (_bare(log) if each is None else next(following) for log, each in places)
-    return replace(result, logs=tuple(whole))
+    result = Residuals(logs=tuple(whole), encoder=unknowns.off_centre(at, found))
+    if not result.beyond_sensors:
+        return result
+    shares = estimate.missing.shares
+    logs = (replace(each, share=shares.get(each.name, 0.0)) for each in result.logs)
+    return replace(result, logs=tuple(logs), missing=estimate.missing)
 
 
 def _bare(log: Log) -> LogResiduals:
@@ -336,48 +290,35 @@ class _RunErrors:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Unknowns:
-    """The unknowns and absent terms by which errors are differentiated."""
+    """The unknowns by which errors are differentiated."""
 
     estimate: Estimate
     keys: tuple[Key, ...]  # of its n unknowns: the parameters, then zeros and biases
-    absent: tuple[str, ...]  # terms of the table that it does not have, and that may be missing
-    settings: Mapping[str, float]  # Stribeck velocity in rad/s, if its friction is absent
     root: Samples  # (p, p) root of the covariance of p parameters; zeros where there is none
 
     @classmethod
     def of(cls, data: DataSet, estimate: Estimate) -> _Unknowns:
-        """Return the unknowns of an estimate, and the absent terms that logs may identify."""
-        local = estimate.owners(data.unread)
-        has = {*estimate.names, *(name for name, _ in local)}
-        named = [row.name for row in TERMS.values() if row.looks_like and row.name not in has]
-        absent = candidates(named, data.masses, estimate.known)
-        absent = tuple(name for name in absent if not getattr(estimate.parameters, name))
-        settings = {}
-        if STRIBECK in absent:
-            fastest = math.sqrt(2) * max(log.rms_speed for log in data.logs)
-            speeds = stribeck_velocities(fastest, estimate.known)
-            settings = {"stribeck_velocity": speeds[len(speeds) // 2]}
+        """Return the unknowns of an estimate."""
         try:
             root = covariance_root(honest_covariance(estimate))
         except IdentifiabilityError:
             root = np.zeros((len(estimate.names),) * 2)
-        keys = (*((name, None) for name in estimate.names), *local)
-        return cls(estimate=estimate, keys=keys, absent=absent, settings=settings, root=root)
+        owners = estimate.owners(data.unread)
+        keys = (*((name, None) for name in estimate.names), *owners)
+        return cls(estimate=estimate, keys=keys, root=root)
 
     def expanded(self, run: FreeRun, setting: Setting) -> _RunErrors | None:
         """Return the errors of a log's free run; None if it fails or nothing moves."""
         log, first, blank = run.log, first_counted(run.log), _bare(run.log)
-        parameters = replace(setting.parameters, **self.settings)
         columns = columns_of(self.keys, log)
-        columns |= {name: len(self.keys) + k for k, name in enumerate(self.absent)}
         simulation = setting.simulation(log, first)
-        about = (parameters, setting.zero, setting.velocity)
+        about = (setting.parameters, setting.zero, setting.velocity)
         with np.errstate(all="ignore"):
             errors, rows, starts = simulation.with_starts([*columns], *about)
             squares = [run.fit, float(errors @ errors), float(np.vdot(rows, rows))]
         if not (blank.motion > 0 and np.isfinite(squares).all()):
             return None
-        averages = simulation.averages(parameters)
+        averages = simulation.averages(setting.parameters)
         deviation = np.linalg.norm(rows[:, : len(self.root)] @ self.root.T, axis=1)
         left = errors.copy()
         for each in () if simulation.fitted else (left, rows):  # else `with_starts` has done it
@@ -390,49 +331,24 @@ class _Unknowns:
             blank=blank,
             errors=errors,
             starts=starts,
-            equations=relative(
-                left, rows, [*columns.values()], len(self.keys) + len(self.absent), blank.motion
-            ),
+            equations=relative(left, rows, [*columns.values()], len(self.keys), blank.motion),
             deviation=deviation / averages.roots,
         )
 
     def equations(self, runs: Sequence[_RunErrors]) -> Linearisation:
-        """Return the equations of free runs in the n unknowns and in absent terms."""
-        names = (*labels_of(self.keys), *self.absent)
+        """Return the equations of free runs in the n unknowns."""
+        names = labels_of(self.keys)
         errors, rows = zip(*(each.equations for each in runs), strict=True)
+        more = np.zeros(len(names) - self.estimate.values.size)
         return Linearisation(
             names=names,
-            values=np.append(
-                self.estimate.values, np.zeros(len(names) - self.estimate.values.size)
-            ),
+            values=np.append(self.estimate.values, more),
             lower=lower_bounds(names),
             rows=joined(rows),
             residuals=joined(errors),
             ends=np.cumsum([each.size for each in errors]),
             log=np.arange(len(errors)),
         )
-
-    def contrasts(
-        self, left: Linearisation, logs: Sequence[Log], *, large: bool
-    ) -> tuple[tuple[Contrast, ...], tuple[Samples, ...], tuple[Samples, ...]]:
-        """Return the contrasts of residual equations, and (p,) values of rivals.
-
-        The last are those of friction, of a ``large`` misfit alone.
-        """
-        names, count = labels_of(self.keys), cells_of(len(logs), len(self.keys))
-        unknowns = left.along(np.eye(left.values.size, len(names)), names)
-        cells = replace(
-            unknowns.cells(count),
-            values=left.values[: len(names)],
-            held=np.array([name in self.estimate.on_bound for name in names]),
-        )
-        conditions, size = Conditions.of(logs, count), self.estimate.values.size
-        found, ends = contrasts_of(cells, conditions)
-        same, own = cells.values[:size], self.estimate.values  # which small changes tell apart
-        asked = friction_rivals(cells, conditions) if large else []
-        friction = (each[:size] for each in asked)
-        of_friction = tuple(np.where(each == same, own, each) for each in friction)
-        return found, tuple(each[:size] for each in ends), of_friction
 
     def off_centre(self, at: Linearisation, runs: Sequence[_RunErrors]) -> OffCentre | None:
         """Return the eccentricity of the encoder that errors show, if any, with (p,) values."""
@@ -441,48 +357,7 @@ class _Unknowns:
             return None
         masses, size = [log.added_mass for log in logs], self.estimate.values.size
         found = off_centre(at, labels_of(self.keys), (each.waves for each in runs), masses)
-        return found and replace(found, rival=Rival(*(each[:size] for each in found.rival)))
-
-    def missing_terms(
-        self, at: Linearisation, directions: Samples, logs: Sequence[Log]
-    ) -> tuple[MissingTerms, Samples]:
-        """Return the missing terms where all (n, d) directions are fitted, and (k,) shares.
-
-        The shares are those of each log's squared errors that the terms explain.
-        """
-        count, size = directions.shape[1], self.estimate.values.size
-        names = (*(f"step {k}" for k in range(count)), *self.absent)
-        by_terms = np.eye(at.values.size)[:, len(self.keys) :]
-        steps = at.along(np.column_stack([directions, by_terms]), names)
-        cells = steps.cells(independent_cells_of(len(logs), len(names)))
-        # derivatives predict the residuals about as precisely as values are known
-        rounding = PRECISE * float(np.sqrt(cells.squares.mean()))
-        masses = [log.added_mass for log in logs]
-        nested = submodels_of(cells, masses, rounding)
-        model = LinearModel(models=(nested,), optional=self.absent)
-        if not (self.absent and model.determined):
-            return MissingTerms(), np.zeros(len(logs))
-        found = stagewise(model, self.absent, ())
-        terms, ends = found.path[-1], np.array([model.values, found.model.values])
-        before, after = nested.costs(ends).reshape(2, len(logs), -1).sum(axis=2)
-        shares = 1 - after / np.where(before > 0, before, 1.0)
-        values = self.estimate.values + (ends[:, :count] @ directions.T)[:, :size]
-        far = np.abs(values[1] - values[0]) > (self.estimate.upper - self.estimate.lower) / 2
-        here, there = (
-            dict(zip(self.estimate.names, each.tolist(), strict=True)) for each in values
-        )
-        pairs = zip(self.estimate.names, far.tolist(), strict=True)
-        swapped = [(row.name, taken) for row, taken in found.ties if row.swapped(taken)]
-        moved = tuple(name for name, large in pairs if large and name in PARAMETERS and terms)
-        return MissingTerms(
-            terms=terms,
-            others=tuple(
-                tuple(row if name == taken else name for name in terms) for row, taken in swapped
-            ),
-            share=float(1 - after.sum() / before.sum()) if before.sum() else 0.0,
-            moved=moved,
-            rival=values[1] if moved and is_near(there, here, masses) else None,
-        ), shares
+        return found and replace(found, rival=found.rival.within(slice(size)))
 
 
 def _reduce(errors: Sequence[Samples], at: Linearisation, directions: Samples) -> None:

@@ -34,6 +34,7 @@ from butterfly.identification.fit import Fit
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.identifiability import with_scale
 from butterfly.identification.inference.infer import Basis, infer
+from butterfly.identification.inference.limits import Rival
 from butterfly.identification.inference.linear_terms import (
     LinearProblem,
     TermChoice,
@@ -161,7 +162,7 @@ def _inferred(fit: HarmonicBalanceFit, method: str, chosen: TermChoice | None = 
             masses=fit.phasors.masses,
             known=fit.phasors.known,
             timed=True,
-            rivals=rivals,
+            rivals=[*map(Rival, rivals)],
             fixed=chosen.settings if chosen else {},
             findings=[Finding(FindingKind.APPROXIMATE), *findings],
         ),

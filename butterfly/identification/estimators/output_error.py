@@ -39,11 +39,14 @@ from butterfly.identification.estimators.start import (
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Fit
 from butterfly.identification.free_run import first_horizon
+from butterfly.identification.inference.agreement import is_large
 from butterfly.identification.inference.blocks import Conditions, cells_of
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.identifiability import is_driven, prior_of_fit
 from butterfly.identification.inference.infer import Basis, infer
+from butterfly.identification.inference.limits import Rival
 from butterfly.identification.inference.linear_terms import candidates
+from butterfly.identification.inference.missing_terms import MissingTerms
 from butterfly.identification.levels import FEW, ROUNDING, SHOWS
 from butterfly.identification.linearisation import Loss
 from butterfly.identification.problem import LOCAL, Key, Problem, ProblemOptions, Start
@@ -290,15 +293,15 @@ class OutputError(Estimator):
         plain, problem, logs = fit.plain, every.of_fit(fit.plain), every.logs
         twins = self._twins(problem, plain)
         names, values = problem.labels[: problem.shared], fit.values
-        rivals = [
+        others = [
             np.array([each.get(name, value_if_absent(name)) for name in names])
             for each in fit.rivals
         ]
         if FindingKind.SCATTER not in {each.kind for each in fit.findings}:  # which hides it
-            rivals += unsaid(problem, plain)
+            others += unsaid(problem, plain)
         horizon = problem.options.horizon
         if self.horizon is None and horizon < math.inf:
-            rivals += over_shorter(problem, plain)
+            others += over_shorter(problem, plain)
         beyond = values + fit.linearisation.step(*problem.box.about(values, np.inf))
         basis = Basis(
             method="output error",
@@ -308,8 +311,8 @@ class OutputError(Estimator):
             known=problem.robot,
             driven=is_driven(logs),
             timed=all(log.excitation for log in logs),
-            rivals=[*rivals, beyond[: problem.shared]],
-            wider=[each.rival for each in twins],
+            rivals=[*map(Rival, [*others, beyond[: problem.shared]]), *(t.rival for t in twins)],
+            large=is_large(np.split(plain.linearisation.residuals, plain.linearisation.ends[:-1])),
             consider_covariance=_waits(logs, problem.names),
             fixed=self._fixed(problem),
             findings=[each.finding for each in twins],
@@ -317,7 +320,10 @@ class OutputError(Estimator):
         found = infer(problem.in_cells(fit), basis)
         whole = self.horizon is None and horizon == math.inf
         local = _local(problem.keys[problem.shared :], values)
-        return replace(found, local=local, horizon=None if whole else horizon)
+        half = (found.upper - found.lower) / 2
+        missing = MissingTerms.of(fit.missing, found.named, half, logs)
+        over = None if whole else horizon
+        return replace(found, local=local, horizon=over, missing=missing)
 
     def _twins(self, problem: Problem, fit: Fit) -> list[TwinTerm]:
         """Return the terms that are not fitted and that those which are speak for."""

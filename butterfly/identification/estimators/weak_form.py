@@ -42,6 +42,7 @@ from butterfly.identification.inference.blocks import Conditions, cells_of
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.identifiability import is_driven, prior_of_fit
 from butterfly.identification.inference.infer import Basis, infer
+from butterfly.identification.inference.limits import Rival
 from butterfly.identification.inference.linear_terms import TermChoice, optional_terms
 from butterfly.identification.linearisation import Solution
 from butterfly.identification.test_functions import Averaging
@@ -130,7 +131,7 @@ class WeakForm(Estimator):
                 known=known,
                 driven=is_driven(logs),
                 timed=all(log.excitation for log in logs),
-                rivals=rivals,
+                rivals=[*map(Rival, rivals)],
                 consider_covariance=doubt,
                 torques=True,
                 fixed=fixed,

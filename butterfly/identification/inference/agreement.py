@@ -3,7 +3,8 @@
 A model with a missing term still follows the logs, with values that depend on the conditions. So
 let one parameter j follow one condition x linearly (the added mass, 1/command, swing^2, omega^2,
 1/speed, time in the log, the sign of the input), all others re-optimised to first order.
-With the cells' curvature H_c = J^T J and gradient s_c = J^T r, and x about its mean,
+With the cells' curvature H_c = J^T J and gradient s_c = J^T r about the least squares theta, and x
+about its mean,
 
     q = H^-1 sum x_c H_c e_j,  a_c = x_c e_j - q,  S = sum a_c^T s_c,  I = sum a_c^T H_c a_c,
 
@@ -18,7 +19,7 @@ wrong is a contrast as well: of p1 and p3 together, in its logs.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -27,11 +28,12 @@ from scipy.special import fdtrc, stdtr
 
 from butterfly.arrays import Samples, unit_diagonal
 from butterfly.identification.inference.blocks import Condition, Conditions
-from butterfly.identification.inference.covariance import cluster_covariance, half_widths
+from butterfly.identification.inference.limits import Rival, cluster_covariance, half_widths
 from butterfly.identification.levels import (
     ACCUSED,
     CONFIDENCE,
     FEW,
+    LOST,
     MATERIAL,
     MATTERS,
     ROUNDING,
@@ -39,6 +41,7 @@ from butterfly.identification.levels import (
 )
 from butterfly.identification.linearisation import Linearisation
 from butterfly.model.terms import DISSIPATIVE, PARAMETERS
+from butterfly.signals.spectrum import white_variance
 
 # of the largest torque, above which a contrast of steady responses counts: integration errors are
 # below; without it 3 of 57 sound robots had one (2 above this)
@@ -51,6 +54,7 @@ _SCATTERS = ("coulomb", "p2", "p4")
 
 _OF_SCALE = ("p1", "p4")
 _OF_FRICTION = tuple(row.name for row in DISSIPATIVE)
+_FRICTION_OF_ALL = tuple(name for name in _OF_FRICTION if name in PARAMETERS)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,61 +104,86 @@ class _Tried(NamedTuple):
         return moved
 
 
-# a significant and relevant contrast, with limits of its condition and the (n,) values there
-_Accepted = tuple[Contrast, _Tried, list[tuple[float, Samples]]]
+class _Significant(NamedTuple):
+    """A contrast that is no chance."""
 
+    contrast: Contrast
+    tried: _Tried
+    ends: list[tuple[float, Samples]]  # limits of its condition, and the (n,) values there
 
-class Rival(NamedTuple):
-    """Values at the limit of a condition that a parameter follows."""
-
-    values: Samples  # (n,)
-    half_widths: Samples  # (n,) of their intervals, by the residuals with that contrast
+    def matters(self, equations: Linearisation, of: Sequence[str]) -> bool:
+        """Whether it is significant between logs too, and explains much or moves some values."""
+        also = ("delay",) if self.tried.condition is Condition.REGIME else ()
+        kept = np.isin(equations.names, [*of, *also]) & (equations.values != 0)
+        there = np.array([end for _, end in self.ends] or [self.tried.at_mean])
+        moved = np.max(np.abs(there[:, kept] / equations.values[kept] - 1), initial=0.0)
+        if not self.tried.of_logs < 1 - CONFIDENCE:
+            return False
+        return bool(self.tried.share > MATERIAL or moved > MATTERS)
 
 
 def disagreements_of(
-    equations: Linearisation, conditions: Conditions
-) -> tuple[tuple[Contrast, ...], tuple[Rival, ...]]:
-    """Return the significant and relevant contrasts, the best first, and their rivals."""
-    accepted = _accepted(equations, conditions)
-    rivals = (
-        Rival(end, _widths_at(equations, each, limit, end))
-        for _, each, ends in accepted
-        for limit, end in ends
-    )
-    return tuple(contrast for contrast, *_ in accepted), tuple(rivals)
+    equations: Linearisation,
+    conditions: Conditions,
+    *,
+    between_logs: bool = False,
+    large: bool = False,
+) -> tuple[tuple[Contrast, ...], list[Rival]]:
+    """Return the significant and relevant contrasts, the best first, and their rivals.
 
-
-def contrasts_of(
-    equations: Linearisation, conditions: Conditions
-) -> tuple[tuple[Contrast, ...], list[Samples]]:
-    """Return the same contrasts and those from log to log, and (n,) values of their rivals."""
-    accepted = _accepted(equations, conditions)
-    every = [*(each for each, *_ in accepted), *from_log_to_log(equations.of_logs)]
-    found = tuple(sorted(every, key=lambda each: -each.share))
-    if found and found[0].condition is Condition.LOG:
-        differing = differing_values(equations, found[0].parameter)
-        return found, [] if differing is None else [differing]
-    return found, [end for *_, each in accepted for _, end in each]
-
-
-def friction_rivals(equations: Linearisation, conditions: Conditions) -> list[Samples]:
-    """Return (n,) values of which friction is that of the significant contrasts that move it.
-
-    Where most of the error is no noise, it may stand for what the model lacks.
+    ``between_logs``: Those from log to log, too, whose rival counts if it is the best of all.
+    ``large``: Whether most of the error is no noise, and may stand for what the model lacks: then
+    rivals are as uncertain as the fit, whatever contrasts leave of the residuals, and friction has
+    rivals of its own, by the contrasts that move it.
     """
+    fitted, equations = equations.values, _at_least_squares(equations)
+    significant = _significant(equations, conditions)
+    found = [each for each in significant if each.matters(equations, _OF_SCALE)]
+    found.sort(key=lambda each: -each.tried.share)
+    rivals = [
+        Rival(
+            end,
+            None if large else _widths_at(equations, each.tried, limit, end),
+            predicts=False,
+        )
+        for each in found
+        for limit, end in each.ends
+    ]
+    contrasts = [each.contrast for each in found]
+    if between_logs:
+        contrasts += from_log_to_log(equations.of_logs)
+        contrasts.sort(key=lambda each: -each.share)
+        if contrasts and contrasts[0].condition is Condition.LOG:
+            differing = differing_values(equations, contrasts[0].parameter)
+            rivals += [] if differing is None else [Rival(differing, predicts=False)]
     friction = np.isin(equations.names, _OF_FRICTION)
-    of = tuple(name for name in _OF_FRICTION if name in PARAMETERS)
-    accepted = _accepted(equations, conditions, of)
-    return [np.where(friction, end, equations.values) for *_, e in accepted for _, end in e]
+    rivals += [
+        Rival(np.where(friction, end, fitted), predicts=False)
+        for each in (significant if large else ())
+        if each.matters(equations, _FRICTION_OF_ALL)
+        for _, end in each.ends
+    ]
+    return tuple(contrasts), rivals
 
 
-def _accepted(
-    equations: Linearisation, conditions: Conditions, of: tuple[str, ...] = _OF_SCALE
-) -> list[_Accepted]:
+def _at_least_squares(equations: Linearisation) -> Linearisation:
+    """Return the equations about their solution, which a fit need not reach where it is flat."""
+    return equations.moved(equations.next_step)
+
+
+def is_large(residuals: Iterable[Samples]) -> bool:
+    """Whether most of the errors of logs is no noise: twice what white noise as rough would be."""
+    every = [*residuals]
+    noise = sum(each.size * white_variance(each) for each in every)
+    return noise < LOST**2 * sum(float(each @ each) for each in every)
+
+
+def _significant(equations: Linearisation, conditions: Conditions) -> list[_Significant]:
+    """Return the contrasts that are no chance, the least likely first."""
     asked = [*_of_parameters(equations, conditions), *_of_masses(equations, conditions)]
     tried = [found for each in asked if (found := _solved(equations, each))]
     tried.sort(key=lambda each: each.chance)
-    accepted: list[_Accepted] = []
+    significant: list[_Significant] = []
     for passed, each in enumerate(tried):
         chance = each.chance * (len(tried) - passed)  # Holm, Scand. J. Statist. 6, 1979
         if not chance < 1 - CONFIDENCE:
@@ -163,12 +192,9 @@ def _accepted(
         if each.condition is Condition.TIME:  # whose disturbance vanishes nowhere
             limits = float(each.x.min()), float(each.x.max())
         place = 0 if not limits else equations.names.index(each.parameter)
-        ends = [np.maximum(each.at(limit, place), equations.lower) for limit in limits]
-        moved = (*of, *(("delay",) if each.condition is Condition.REGIME else ()))
-        if _matters(equations, each, ends or [each.at_mean], moved):
-            pairs = list(zip(limits, ends, strict=True))
-            accepted.append((_contrast(each, place, chance), each, pairs))
-    return sorted(accepted, key=lambda each: -each[0].share)
+        ends = [(limit, np.maximum(each.at(limit, place), equations.lower)) for limit in limits]
+        significant.append(_Significant(_contrast(each, place, chance), each, ends))
+    return significant
 
 
 def score_of(equations: Linearisation, name: str) -> float | None:
@@ -323,17 +349,6 @@ def _chance(scores: Samples, parts: Samples, *, gamma: float) -> float:
     if not freedom > 0 or not size > 0:
         return 1.0
     return float(2 * stdtr(freedom, -abs(gamma) * information / size))
-
-
-def _matters(
-    equations: Linearisation, each: _Tried, rivals: list[Samples], of: tuple[str, ...]
-) -> bool:
-    """Whether a contrast is significant between logs too, and explains much or moves parameters."""
-    kept = np.isin(equations.names, of) & (equations.values != 0)
-    moved = np.max(np.abs(np.array(rivals)[:, kept] / equations.values[kept] - 1), initial=0.0)
-    if not each.of_logs < 1 - CONFIDENCE:
-        return False
-    return bool(each.share > MATERIAL or moved > MATTERS)
 
 
 def _is_relevant(equations: Linearisation, share: float) -> bool:

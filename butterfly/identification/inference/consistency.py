@@ -11,8 +11,8 @@ from scipy.special import stdtrit
 from butterfly.arrays import Samples, unit_columns
 from butterfly.errors import InputError
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.inference.covariance import cluster_covariance, half_widths
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, growth
+from butterfly.identification.inference.limits import Rival, cluster_covariance, half_widths
 from butterfly.identification.inference.stagewise import as_good
 from butterfly.identification.levels import ACCUSED, CLEARLY, MATTERS, SHOWS
 from butterfly.identification.linearisation import Linearisation, scaled_least_squares
@@ -120,9 +120,9 @@ class ScaleRival(NamedTuple):
     values: Samples  # (n,) without the term, the scale corrected
     slopes: Samples  # (n, n) derivatives of these by the values of the fit
 
-    def half_widths(self, covariance: Samples, freedom: Samples) -> Samples:
-        """(n,) half-widths of its values, by covariance and degrees of freedom of the fit."""
-        return half_widths(self.slopes @ covariance @ self.slopes.T, freedom)
+    def rival(self, covariance: Samples, freedom: Samples) -> Rival:
+        """Return its values, with half-widths by covariance and degrees of freedom of the fit."""
+        return Rival(self.values, half_widths(self.slopes @ covariance @ self.slopes.T, freedom))
 
 
 def open_scales(carried: Sequence[AddedMass], known: Prior, *, timed: bool) -> tuple[str, ...]:

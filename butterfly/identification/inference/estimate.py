@@ -15,11 +15,11 @@ from butterfly.arrays import Samples
 from butterfly.files import finite
 from butterfly.identification.findings import KINDS, Ending, Finding, FindingKind
 from butterfly.identification.inference.agreement import Contrast
-from butterfly.identification.inference.blocks import Condition
-from butterfly.identification.inference.covariance import half_widths, honest_half_widths
-from butterfly.identification.inference.identifiability import precision
-from butterfly.identification.levels import PRECISE, SPREADS
+from butterfly.identification.inference.limits import Evidence, Rival, half_widths
+from butterfly.identification.inference.missing_terms import MissingTerms
+from butterfly.identification.levels import SPREADS
 from butterfly.identification.parameter import Parameter, meaning_of, or_none, unit_of
+from butterfly.identification.trust import Trust, trust_of
 from butterfly.logs.log import InputKind, Log
 from butterfly.logs.units import taken_text
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
@@ -64,8 +64,12 @@ class Estimate:
     local: dict[AddedMass | str | None, dict[str, float]] = field(default_factory=dict)
     # parameters that follow a condition though they should be constant, the largest share first
     agreement: tuple[Contrast, ...] = ()
-    # (n,) fits with other terms that predict as well, which the intervals include
-    rivals: tuple[Samples, ...] = ()
+    rivals: tuple[Rival, ...] = ()  # other values that may be right, which the intervals include
+    bias: Samples | None = None  # (n,) sizes of errors that a misfit of torques may have caused
+    simulator: Samples | None = None  # (n,) standard errors by the simulator that made the logs
+    least: Samples | None = None  # (n,) lower bounds of the values; None: those of every joint
+    # terms that the choice left out though they help
+    missing: MissingTerms = field(default_factory=MissingTerms)
     # longest stretch in s over which logs are simulated with it; infinite where whole logs were
     # asked for, None where it is left to the logs (see `identification.segments`)
     horizon: float | None = None
@@ -124,7 +128,7 @@ class Estimate:
         """Return a row per parameter, with the truth if given; those known exactly come last."""
         if isinstance(truth, LumpedParameters):
             truth = asdict(truth)
-        errors, claims = self.standard_errors, precision(self.values, self.lower, self.upper)
+        errors = self.standard_errors
         rows = []
         for k, name in enumerate(self.names):
             if name in self.unestimated:
@@ -132,11 +136,9 @@ class Estimate:
             if name in self.open:
                 most = float(abs(self.values[k]) + self.farther[k])
                 least = 0.0 if name == "p1" else -most
-                limits = {"lower": least, "upper": most}
-                rows.append(self._row(name, truth, value=None, claim="open", **limits))
+                rows.append(self._row(name, truth, value=None, lower=least, upper=most))
                 continue
             left_out = [float(values[k]) for values in self.left_out.values()]
-            known = math.isfinite(self.lower[k]) and math.isfinite(self.upper[k])
             rows.append(
                 self._row(
                     name,
@@ -148,10 +150,9 @@ class Estimate:
                     least_left_out=min(left_out, default=None),
                     largest_left_out=max(left_out, default=None),
                     on_bound=name in self.on_bound,
-                    claim=str(claims[k]) if known else "",
                 )
             )
-        exact: dict[str, Any] = {"standard_error": 0.0, "known": True, "claim": "known"}
+        exact: dict[str, Any] = {"standard_error": 0.0, "known": True}
         rows += [
             self._row(name, truth, value=value, lower=value, upper=value, **exact)
             for name, value in self.given.fixed.items()
@@ -171,15 +172,20 @@ class Estimate:
         unit = unit_of(name, self.input_kind, self.joint)
         if self.ratios and not term.of_gain:
             unit = f"{unit}/({unit_of('p1', self.input_kind, self.joint)})"
-        meaning = meaning_of(name, self.joint)
+        meaning, doubted = meaning_of(name, self.joint), False
         for each in self.findings:
             if each.parameters[:1] == (name,) and each.kind in _OF_UNIT:
                 silent = each.kind is FindingKind.UNIT_ASSUMED
                 meaning += f"; {taken_text(each.parameters[1], silent=silent)}"
-                doubted = each.doubts and numbers["claim"] == "precise"
-                numbers |= {"claim": "unit-unread"} if doubted else {}
-        true = None if truth is None else float(truth[name])
-        return Parameter(name=name, meaning=meaning, unit=unit, true=true, **numbers)
+                doubted |= each.doubts
+        row = Parameter(
+            name=name,
+            meaning=meaning,
+            unit=unit,
+            true=None if truth is None else float(truth[name]),
+            **numbers,
+        )
+        return replace(row, claim=row.rated(doubted=doubted).claim)
 
     def to_dict(self, truth: Truth | None = None) -> dict[str, Any]:
         """Return all fields, as JSON can hold them."""
@@ -195,7 +201,11 @@ class Estimate:
             "unestimated": {name: self.named[name] for name in (*self.unestimated, *self.open)},
             "covariance": {"names": list(self.names), "matrix": self.covariance.tolist()},
             "left_out": left_out_content(self.names, self.left_out),
-            "rivals": [each.tolist() for each in self.rivals],
+            "rivals": [each.to_dict() for each in self.rivals],
+            "bias": None if self.bias is None else self.bias.tolist(),
+            "simulator": None if self.simulator is None else self.simulator.tolist(),
+            "least": None if self.least is None else self.least.tolist(),
+            "missing": self.missing.to_dict(),
             "agreement": [asdict(each) for each in self.agreement],
             "freedom": None if self.freedom is None else self.freedom.tolist(),
             "condition": self.condition,
@@ -220,7 +230,6 @@ class Estimate:
         rows, others = content["parameters"], content["unestimated"]
         values = [others[name] if name in others else rows[name]["value"] for name in names]
         limits = [[rows.get(name, {}).get(key) for name in names] for key in ("lower", "upper")]
-        freedom = content.get("freedom")
         left_out: dict[Hashable, Samples] = {
             _mass(part["added_mass"]) if "added_mass" in part else part["without"]: _array(
                 [part["values"][name] for name in names]
@@ -235,9 +244,13 @@ class Estimate:
             lower=_array(limits[0]),
             upper=_array(limits[1]),
             left_out=left_out,
-            rivals=tuple(_array(each) for each in content.get("rivals", ())),
+            rivals=tuple(map(Rival.from_dict, content.get("rivals", ()))),
+            bias=_array_or_none(content.get("bias")),
+            simulator=_array_or_none(content.get("simulator")),
+            least=_array_or_none(content.get("least"), null=-np.inf),
+            missing=MissingTerms.from_dict(content.get("missing")),
             agreement=_CONTRASTS.validate_python(content.get("agreement", ())),
-            freedom=None if freedom is None else _array(freedom),
+            freedom=_array_or_none(content.get("freedom")),
             condition=float(_array(content["condition"])),
             on_bound=tuple(content["on_bound"]),
             ending=Ending(content["ending"]),
@@ -282,8 +295,11 @@ class Estimate:
     @property
     def _arrays(self) -> tuple[Samples, ...]:
         """(n,) arrays that hold a number for each name."""
-        arrays = (self.values, *self.left_out.values(), *self.rivals)
-        return arrays if self.freedom is None else (*arrays, self.freedom)
+        maybe = [self.freedom, self.bias, self.simulator, self.missing.rival]
+        for rival in self.rivals:
+            maybe += [rival.values, rival.half_widths]
+        some = (each for each in maybe if each is not None)
+        return (self.values, *self.left_out.values(), *some)
 
     @cached_property
     def level(self) -> Level:
@@ -293,14 +309,22 @@ class Estimate:
         """
         if self.unsettled or any(each.forbids for each in self.findings):
             return Level.WARNING
-        widths = self.relative_half_widths
+        widths, trust = self.relative_half_widths, self.trust
         deciding = [name for name in OF_VERDICT if name in widths]
         if self.open:  # then all others that are not 0 decide
             deciding = [n for n in PARAMETERS if n != "delay" and widths.get(n, math.inf) < 1]
-        near = all(widths[name] <= PRECISE for name in deciding)
+        near = all(trust[name].level is Level.GOOD for name in deciding)
         near = near and bool(deciding or not self.open)
         doubted = any(each.doubts for each in self.findings)
         return Level.GOOD if near and not doubted else Level.CARE
+
+    @property
+    def trust(self) -> dict[str, Trust]:
+        """How far each of the n values can be trusted, by its limits."""
+        rows = zip(self.values.tolist(), self.lower.tolist(), self.upper.tolist(), strict=True)
+        found = (trust_of(*row) for row in rows)
+        rated = dict(zip(self.names, found, strict=True))
+        return rated | dict.fromkeys(self.open, Trust.OPEN)
 
     @property
     def unsettled(self) -> bool:
@@ -359,53 +383,39 @@ class Estimate:
         """Return the estimate with further findings."""
         return replace(self, findings=(*self.findings, *more))
 
+    @property
+    def evidence(self) -> Evidence:
+        """What its limits rest on; of a method without degrees of freedom, these themselves."""
+        half = self.farther
+        if self.freedom is not None:
+            of_simulator = 0.0 if self.simulator is None else np.diag(self.simulator**2)
+            half = half_widths(self.covariance - of_simulator, self.freedom)
+        return Evidence(
+            values=self.values,
+            half=half,
+            least=lower_bounds(self.names) if self.least is None else self.least,
+            left_out=[*self.left_out.values()],
+            rivals=self.rivals,
+            bias=self.bias,
+            simulator=self.simulator,
+        )
+
+    def with_evidence(self, *rivals: Rival, simulator: Samples | None = None) -> Estimate:
+        """Return the estimate with more that its limits rest on, and these anew."""
+        found = replace(self, rivals=(*self.rivals, *rivals))
+        if simulator is not None:
+            whole = simulator if self.simulator is None else np.hypot(simulator, self.simulator)
+            covariance = self.covariance + np.outer(simulator, simulator)
+            found = replace(found, simulator=whole, covariance=covariance)
+        lower, upper = found.evidence.limits
+        return replace(found, lower=lower, upper=upper)
+
     def resting_on(self, error: Samples) -> Estimate:
         """Return the estimate with (n,) errors of its logs' simulator, as standard uncertainty."""
-        covariance = np.outer(error, error)
-        wider = half_widths(covariance, np.full(error.size, np.inf))
         most = int(np.argmax(np.abs(error) / np.maximum(self.farther, np.finfo(float).tiny)))
         share = abs(error[most]) / max(abs(self.values[most]), abs(error[most]))
         told = Finding(FindingKind.PLANT, (self.names[most],), number=float(share))
-        found = self._as_wide_as(np.hypot(self.farther, wider)).with_findings(told)
-        return replace(found, covariance=self.covariance + covariance)
-
-    def with_contrasts(self, more: tuple[Contrast, ...], rivals: Iterable[Samples]) -> Estimate:
-        """Return the estimate with contrasts of its free runs first, if they explain more.
-
-        Its limits then include rivals of (n,) values too, unless the first is a scatter by which
-        its logs were weighted. Its contrasts from log to log are not compared: steady responses
-        have few rows per log.
-        """
-        shares = [each.share for each in self.agreement if each.condition is not Condition.LOG]
-        if not more or more[0].share < max(shares, default=0.0):
-            return self
-        found = {(each.parameter, each.condition) for each in more}
-        rest = (each for each in self.agreement if (each.parameter, each.condition) not in found)
-        estimate = replace(self, agreement=(*more, *rest))
-        scatters = (each for each in self.findings if each.kind is FindingKind.SCATTER)
-        of_logs = more[0].condition is Condition.LOG
-        weighted = of_logs and any(more[0].parameter in each.parameters for each in scatters)
-        for rival in () if weighted else rivals:
-            estimate = estimate.holding(rival)
-        return estimate
-
-    def holding(self, rival: Samples | None, half: Samples | None = None) -> Estimate:
-        """Return the estimate with limits that include a rival of (n,) values too, if any.
-
-        ``half``: its (n,) half-widths, if they are not those of the estimate.
-        """
-        if rival is None or self.freedom is None:
-            return self
-        if half is None:
-            half = np.minimum(half_widths(self.covariance, self.freedom), self.farther)
-        return self._as_wide_as(
-            honest_half_widths(self.values, self.farther, rivals=[(rival, half)])
-        )
-
-    def _as_wide_as(self, half: Samples) -> Estimate:
-        """Return the estimate with intervals of (n,) half-widths, within the bounds of values."""
-        lower = np.maximum(self.values - half, lower_bounds(self.names))
-        return replace(self, lower=lower, upper=self.values + half)
+        return self.with_evidence(simulator=error).with_findings(told)
 
 
 def left_out_content(
@@ -423,6 +433,10 @@ def left_out_content(
 def _array(values: Any) -> Samples:  # noqa: ANN401 - whatever is in the file
     """Return numbers as an array; null is NaN, anything else a TypeError or ValueError."""
     return np.array(values, dtype=np.float64)
+
+
+def _array_or_none(values: Any, null: float = np.nan) -> Samples | None:  # noqa: ANN401 - as above
+    return None if values is None else np.where(np.isnan(each := _array(values)), null, each)
 
 
 def _mass(key: dict[str, Any]) -> AddedMass:

@@ -19,7 +19,7 @@ from butterfly.arrays import Samples, unit_columns
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Fit
-from butterfly.identification.levels import CLEARLY, PRECISE, ROUNDING
+from butterfly.identification.levels import ROUNDING
 from butterfly.identification.linearisation import Linearisation, scaled_least_squares
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, JointKind
@@ -93,17 +93,6 @@ class Conditioning:
         if self.number <= WEAK_CONDITION:
             return []
         return [Finding(FindingKind.COMBINATION, self.weakest, number=self.number)]
-
-
-def precision(values: Samples, lower: Samples, upper: Samples) -> list[str]:
-    """Return how well each of (n,) parameters is known: precise, rough, or not-from-zero."""
-    zero = (lower <= 0) & (upper >= 0)
-    # a definite statement is made at `CLEARLY` times the half-widths, as if standard errors
-    precise = CLEARLY * (upper - lower) / 2 <= PRECISE * np.abs(values)
-    return [
-        "not-from-zero" if at_zero else "precise" if well else "rough"
-        for at_zero, well in zip(zero, precise, strict=True)
-    ]
 
 
 def is_driven(logs: Iterable[Log]) -> bool:

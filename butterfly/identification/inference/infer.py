@@ -10,13 +10,12 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.arrays import Samples, unit_diagonal
+from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.findings import Ending, Finding, FindingKind
 from butterfly.identification.fit import Fit
 from butterfly.identification.inference.agreement import (
     Contrast,
-    Rival,
     disagreements_of,
     weighed_within,
 )
@@ -28,30 +27,26 @@ from butterfly.identification.inference.consistency import (
     scale_errors,
     scale_rivals,
 )
-from butterfly.identification.inference.covariance import (
+from butterfly.identification.inference.estimate import OF_VERDICT, Estimate
+from butterfly.identification.inference.identifiability import Conditioning, with_held, with_scale
+from butterfly.identification.inference.limits import (
+    Evidence,
+    Rival,
     cluster_covariance,
     half_widths,
-    honest_half_widths,
+    misfit_over_value,
     robust,
-)
-from butterfly.identification.inference.estimate import OF_VERDICT, Estimate
-from butterfly.identification.inference.identifiability import (
-    Conditioning,
-    precision,
-    with_held,
-    with_scale,
 )
 from butterfly.identification.inference.submodels import without_logs
 from butterfly.identification.levels import CLEARLY, FEW, LOST, PRECISE
 from butterfly.identification.linearisation import Linearisation, scaled_least_squares
+from butterfly.identification.trust import Trust, trust_of
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import TERMS
 
 Pair: TypeAlias = tuple[Samples, Samples]
 """An (n, n) covariance and its (n,) degrees of freedom."""
-
-_NOTHING = np.finfo(float).tiny ** 0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -70,10 +65,10 @@ class Basis:
     timed: bool = False  # whether sines of known frequency show the clock
     # (n,) estimates from parts of the data; None: those without each added mass
     left_out: Mapping[Hashable, Samples] | None = None
-    rivals: Sequence[Samples] = ()  # (shared,) values of other fits that predict as well
-    wider: Sequence[Rival] = ()  # the same with (shared,) half-widths of their own
+    rivals: Sequence[Rival] = ()  # other (shared,) values that may be right
     consider_covariance: Samples | None = None  # (n, n), by errors of quantities taken as given
     torques: bool = False  # whether residuals are torques, so that a misfit may bias any value
+    large: bool = False  # whether most of the error is no noise
     fixed: dict[str, float] = field(default_factory=dict)  # values that were not fitted
     findings: Sequence[Finding] = ()  # of the method
 
@@ -99,54 +94,63 @@ def _with_held(fit: Fit, basis: Basis) -> tuple[Fit, Basis]:
         basis,
         shared=None if basis.shared is None else basis.shared + 1,
         known=given,
-        rivals=[np.insert(each, at, value) for each in basis.rivals],
-        wider=[Rival(*map(np.insert, each, (at, at), (value, 0.0))) for each in basis.wider],
+        rivals=[each.inserted(at, value) for each in basis.rivals],
         consider_covariance=consider,
     )
 
 
-def infer(ended: Fit, basis: Basis) -> Estimate:
+def infer(ended: Fit, about: Basis) -> Estimate:
     """Return the estimate of a fit: values with covariance, intervals, agreement and findings.
 
     IdentifiabilityError if the equations are singular for every practical purpose.
     """
-    held = basis.known
-    fit, basis = _with_held(ended, basis)
+    fit, basis = _with_held(ended, about)
     equations, cells = fit.linearisation, fit.linearisation.independent
     known, robot = basis.known, slice(basis.shared)
     names, fixed = equations.names[robot], known.fixed | basis.fixed
     conditioning = conditioning_of(equations)
-    contrasts, rivals = agreement_of(fit, basis)
+    contrasts, disagreeing = agreement_of(fit, basis)
     scales = [*scale_rivals(equations, basis.masses, known, timed=basis.timed)]
     carried = basis.carried(cells.log, weighed_within(contrasts))
-    spread = covariance, freedom = covariance_of(fit, basis, carried)
-    left_out, few = (
-        (basis.left_out, []) if basis.left_out is not None else without_each_mass(equations, basis)
-    )
+    covariance, freedom = covariance_of(fit, basis, carried)
+    left_out, few = without_each_mass(equations, basis)
     count = np.unique(equations.log).size  # of logs; stretches of time vary less
-    few_logs = (
-        [Finding(FindingKind.FEW_LOGS, number=count)] if basis.masses and count <= FEW else []
+    if basis.masses and count <= FEW:
+        few = [*few, Finding(FindingKind.FEW_LOGS, number=count)]
+    half = half_widths(covariance, freedom)
+    rivals = (
+        *basis.rivals,
+        *(each.rival(covariance, freedom).within(robot) for each in scales),
+        *(each.at_most(half).within(robot) for each in disagreeing),
     )
-    half = half_widths_of(fit, basis, spread, left_out.values(), (rivals, scales))
     values = equations.values[robot]
+    evidence = Evidence(
+        values=values,
+        half=half[robot],
+        least=equations.lower[robot],
+        left_out=[each[robot] for each in left_out.values()],
+        rivals=rivals,
+    )
+    if basis.torques:
+        evidence = replace(evidence, bias=bias_of(equations, evidence))
+    lower, upper = evidence.limits
     return Estimate(
         method=basis.method,
         names=names,
         values=values,
         covariance=covariance[robot, robot],
-        lower=np.maximum(values - half, equations.lower[robot]),
-        upper=values + half,
+        lower=lower,
+        upper=upper,
         left_out={key: each[robot] for key, each in left_out.items()},
         condition=conditioning.number,
         on_bound=tuple(compress(names, equations.on_bound[robot])),
-        ending=ending_of(fit, half),
+        ending=ending_of(fit, evidence.half_widths),
         findings=(
             *conditioning.findings,
             *findings_of_bounds(equations, covariance, robot),
-            *prior_contradictions(cells, covariance, held),
+            *prior_contradictions(cells, covariance, about.known),
             *scale_errors(cells, carried, known),
             *few,
-            *few_logs,
             *fit.findings,
             *basis.findings,
             *findings_of_scales(scales),
@@ -154,11 +158,9 @@ def infer(ended: Fit, basis: Basis) -> Estimate:
         fixed={name: value for name, value in fixed.items() if name not in names},
         agreement=contrasts,
         known=known,
-        rivals=(
-            *basis.rivals,
-            *(each.values for each in basis.wider),
-            *(each.values[robot] for each in scales),
-        ),
+        rivals=rivals,
+        bias=evidence.bias,
+        least=evidence.least,
         freedom=freedom[robot],
     )
 
@@ -189,11 +191,16 @@ def conditioning_of(equations: Linearisation) -> Conditioning:
 
 
 def agreement_of(fit: Fit, basis: Basis) -> tuple[tuple[Contrast, ...], list[Rival]]:
-    """Return the contrasts between conditions, the best first, and (n,) rivals about the fit."""
+    """Return the contrasts between conditions, the best first, and (n,) rivals about the fit.
+
+    From log to log they are sought where logs were not weighed, which says it already.
+    """
     if basis.conditions is None:
         return (), []
-    about = fit.unweighed or fit.linearisation
-    contrasts, rivals = disagreements_of(about, basis.conditions)
+    about, between = fit.unweighed or fit.linearisation, fit.unweighed is None
+    contrasts, rivals = disagreements_of(
+        about, basis.conditions, between_logs=between, large=basis.large
+    )
     shift = fit.values - about.values
     return contrasts, [each._replace(values=each.values + shift) for each in rivals]
 
@@ -216,8 +223,13 @@ def covariance_of(fit: Fit, basis: Basis, carried: Sequence[AddedMass]) -> Pair:
 
 def without_each_mass(
     equations: Linearisation, basis: Basis
-) -> tuple[dict[Hashable, Samples], list[Finding]]:
-    """Return (n,) estimates to first order without each added mass, or the finding of too few."""
+) -> tuple[Mapping[Hashable, Samples], list[Finding]]:
+    """Return (n,) estimates from parts of the data, or the finding that there are too few.
+
+    They are those without each added mass, to first order, if none are given.
+    """
+    if basis.left_out is not None:
+        return basis.left_out, []
     masses, known, numbers = basis.masses, basis.known, np.unique(equations.log)
     different = sorted({masses[number] for number in numbers}) if masses else []
     left_out: dict[Hashable, Samples] = {}
@@ -236,29 +248,14 @@ def without_each_mass(
     return left_out, [] if not masses or left_out or known.scale(different[0]) else [few]
 
 
-def half_widths_of(
-    fit: Fit,
-    basis: Basis,
-    spread: Pair,
-    left_out: Iterable[Samples],
-    rivals: tuple[Iterable[Rival], Iterable[ScaleRival]],
-) -> Samples:
-    """(shared,) half-widths by covariance and freedom, with partial estimates and rivals inside.
-
-    Of torques they include the bias that a misfit may cause, too.
-    """
-    robot = slice(basis.shared)
-    values, covariance, freedom = fit.values[robot], spread[0][robot, robot], spread[1]
-    half, partial = half_widths(covariance, freedom[robot]), [each[robot] for each in left_out]
-    likely = [(each, half) for each in basis.rivals]
-    likely += [(r.values[robot], np.minimum(r.half_widths[robot], half)) for r in rivals[0]]
-    likely += [(r.values[robot], r.half_widths(*spread)[robot]) for r in rivals[1]]
-    likely += basis.wider
-    found = honest_half_widths(values, half, partial, likely)
-    if not basis.torques:
-        return found
-    misfit = misfit_over_value(fit.linearisation)[robot]
-    return misfit_half_widths(misfit, values, found, fit.linearisation.names[robot])
+def bias_of(equations: Linearisation, evidence: Evidence) -> Samples:
+    """(shared,) sizes of errors by a misfit, of the scale and of values that look precise; or 0."""
+    values, half = evidence.values, evidence.half_widths
+    misfit = misfit_over_value(equations.rows, equations.residuals, equations.values)[: values.size]
+    limits = zip(values.tolist(), (values - half).tolist(), (values + half).tolist(), strict=True)
+    looks = [trust_of(*each) is Trust.PRECISE for each in limits]
+    doubted = np.isin(equations.names[: values.size], OF_VERDICT) | looks
+    return np.where(doubted & (misfit > LOST), misfit * np.abs(values), 0.0)
 
 
 def ending_of(fit: Fit, half: Samples) -> Ending:
@@ -283,26 +280,3 @@ def findings_of_bounds(
     )
     found = ((kind, tuple(compress(names, which))) for kind, which in groups)
     return [Finding(kind, some) for kind, some in found if some]
-
-
-def misfit_over_value(equations: Linearisation) -> Samples:
-    """(n,) R = |r| / (|p| |s|), with s a value's column less its projection on the others.
-
-    Standard errors take residuals for noise; where these are as large as the effect of a parameter
-    alone, a misfit may have biased its value: a ripple of the velocity looks like inertia.
-    """
-    scaled, size = unit_diagonal(equations.curvatures.sum(axis=0))
-    alone = size / np.sqrt(np.diag(np.linalg.pinv(scaled)))
-    effect, left = np.abs(equations.values) * alone, np.linalg.norm(equations.residuals)
-    most = np.full(effect.size, np.finfo(float).max)
-    return np.asarray(np.divide(left, effect, out=most, where=effect > left * _NOTHING))
-
-
-def misfit_half_widths(
-    misfit: Samples, values: Samples, half: Samples, names: Sequence[str]
-) -> Samples:
-    """(n,) half-widths that include the bias by a misfit of the scale, or of precise values."""
-    claims = precision(values, values - half, values + half)
-    doubted = [n in OF_VERDICT or c == "precise" for n, c in zip(names, claims, strict=True)]
-    bias = np.where(np.array(doubted) & (misfit > LOST), misfit * np.abs(values), 0.0)
-    return np.maximum(half, bias)

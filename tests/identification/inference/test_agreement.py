@@ -12,10 +12,9 @@ from butterfly.identification.findings import FindingKind
 from butterfly.identification.fit import Fit
 from butterfly.identification.inference.agreement import (
     Contrast,
-    contrasts_of,
     differing_values,
     disagreements_of,
-    friction_rivals,
+    is_large,
     weighed_within,
 )
 from butterfly.identification.inference.blocks import Condition, Conditions
@@ -111,12 +110,41 @@ def test_friction_that_follows_a_condition_is_a_rival_of_friction_alone():
     """It explains 2 % of the squared error, and moves friction by more than 1 %."""
     _, _, equations = _problem(4, _following(COMMAND, 0.009 * UNITS[2]))
     of_friction = replace(equations, names=("p1", "p3", "coulomb"))
-    assert contrasts_of(of_friction, _conditions()) == ((), [])
-    (rival,) = friction_rivals(of_friction, _conditions())
-    np.testing.assert_array_equal(rival[:2], equations.values[:2])
-    limits = infer(*_fit(of_friction)).holding(rival).limits_of("coulomb", 0.0)
-    assert limits[0] <= TRUTH[2] <= limits[1]
-    assert not friction_rivals(equations, _conditions())  # of an input, p4
+    assert disagreements_of(of_friction, _conditions()) == ((), [])
+    contrasts, (rival,) = disagreements_of(of_friction, _conditions(), large=True)
+    assert not contrasts
+    np.testing.assert_array_equal(rival.values[:2], equations.values[:2])
+    fit, basis = _fit(of_friction, conditions=_conditions())
+    plain, wide = (
+        infer(fit, replace(basis, large=large)).limits_of("coulomb", 0.0) for large in (False, True)
+    )
+    assert not plain[0] <= TRUTH[2] <= plain[1]
+    assert wide[0] <= TRUTH[2] <= wide[1]
+    of_gain = (disagreements_of(equations, _conditions(), large=large) for large in (False, True))
+    assert len({len(rivals) for _, rivals in of_gain}) == 1  # of an input, p4
+
+
+def test_a_slow_error_is_large_beside_white_noise_as_rough_and_noise_is_not():
+    time, rng = np.arange(2000.0), np.random.default_rng(1)
+    noise, slow = rng.standard_normal(time.size), np.sin(time / 100)
+    assert not is_large([noise, 1e-9 * noise])
+    assert not is_large([noise + slow])
+    assert is_large([noise + 4 * slow])
+    assert is_large([noise, 4 * slow])
+
+
+def test_what_differs_from_log_to_log_is_a_contrast_where_no_weights_say_it():
+    by_log = np.random.default_rng(5).standard_normal(LOGS)[LOG]
+    _, _, equations = _problem(6, _following(by_log, 0.002))
+    fit, basis = _fit(equations, conditions=_conditions())
+    found, weighed = infer(fit, basis), infer(replace(fit, unweighed=equations), basis)
+    assert (found.agreement[0].parameter, found.agreement[0].condition) == ("p4", Condition.LOG)
+    assert Condition.LOG not in {each.condition for each in weighed.agreement}
+    differing = differing_values(equations, "p4")
+    assert (found.lower <= differing).all()
+    assert (differing <= found.upper).all()
+    of_chance = (infer(*_fit(_problem(k)[2], conditions=_conditions())) for k in range(40))
+    assert not any(c.condition is Condition.LOG for each in of_chance for c in each.agreement)
 
 
 def test_rivals_of_unweighted_equations_move_with_the_values_of_the_fit():
@@ -282,7 +310,7 @@ def test_one_parameter_of_equal_logs_is_the_textbook_s_analysis_of_variance():
 
     closed = minimize_scalar(minus_twice_log, bounds=(0, 1), method="bounded").x
     assert found.friction == pytest.approx(closed, rel=1e-3)
-    effects = found.random_effects(likelihood.weighed(found), np.zeros(1))
+    effects = likelihood.random_effects(found, np.zeros(1))
     assert effects[:, 0] == pytest.approx(estimates, rel=1e-2)
 
 

@@ -10,18 +10,20 @@ from scipy.stats import t as student
 
 from butterfly.identification.findings import Ending, FindingKind
 from butterfly.identification.fit import Fit
-from butterfly.identification.inference.covariance import (
-    cluster_covariance,
-    half_widths,
-    honest_half_widths,
-    robust,
-)
+from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.infer import (
     Basis,
+    bias_of,
     findings_of_bounds,
     infer,
-    misfit_half_widths,
+)
+from butterfly.identification.inference.limits import (
+    Evidence,
+    Rival,
+    cluster_covariance,
+    half_widths,
     misfit_over_value,
+    robust,
 )
 from butterfly.identification.linearisation import Regression, compressed
 from butterfly.model.parameters import AddedMass
@@ -185,9 +187,48 @@ def test_half_widths_are_student_s_at_95_per_cent_and_hold_other_answers_to_eith
     _, high = student.interval(0.95, freedom, values, np.sqrt(np.diag(covariance)))
     np.testing.assert_allclose(half, high - values)
     left_out = [np.array([5.0, -2.1]), np.array([0.9, -9.0])]
-    np.testing.assert_allclose(honest_half_widths(values, half, left_out), [4.0, 7.0])
-    rivals = [(np.array([0.0, -2.0]), np.array([0.5, 0.1]))]
-    np.testing.assert_allclose(honest_half_widths(values, half, rivals=rivals), [1.5, half[1]])
+    plain = Evidence(values=values, half=half, least=np.array([0.0, -np.inf]))
+    found = replace(plain, left_out=left_out).half_widths
+    np.testing.assert_allclose(found, [4.0, 7.0])
+    rivals = [Rival(np.array([0.0, -2.0]), np.array([0.5, 0.1]))]
+    found = replace(plain, rivals=rivals).half_widths
+    np.testing.assert_allclose(found, [1.5, half[1]])
+    found = replace(plain, rivals=[Rival(np.array([0.0, -2.0]))]).half_widths
+    np.testing.assert_allclose(found, [1.0 + half[0], half[1]])
+    found = replace(plain, bias=np.array([3.0, 0.0]), simulator=np.array([0.0, 2.0])).half_widths
+    np.testing.assert_allclose(found, [3.0, np.hypot(half[1], 1.96 * 2.0)], rtol=1e-4)
+    lower, upper = replace(plain, left_out=left_out).limits
+    np.testing.assert_allclose([lower, upper], [[0.0, -9.0], [5.0, 5.0]])
+
+
+def test_the_order_in_which_evidence_is_found_does_not_matter():
+    rng = np.random.default_rng(11)
+    found = infer(_solved(rng.standard_normal((40, 2)), rng.standard_normal(40)), BASIS)
+    rivals = [
+        Rival(found.values + each, half, predicts=False)
+        for each, half in zip(rng.standard_normal((3, 2)), (None, np.ones(2), None), strict=True)
+    ]
+    error = np.array([0.3, 0.1])
+    at_once = found.with_evidence(*rivals, simulator=error)
+    one_by_one = found.with_evidence(simulator=error)
+    for each in reversed(rivals):
+        one_by_one = one_by_one.with_evidence(each)
+    for each in (one_by_one, Estimate.from_dict(at_once.to_dict()).with_evidence()):
+        np.testing.assert_allclose(each.lower, at_once.lower, rtol=1e-12)
+        np.testing.assert_allclose(each.upper, at_once.upper, rtol=1e-12)
+        np.testing.assert_allclose(each.covariance, at_once.covariance, rtol=1e-12)
+    assert (at_once.upper > found.upper).all()
+    np.testing.assert_array_equal(found.with_evidence().upper, found.upper)
+
+
+def test_a_bound_that_somebody_gave_cuts_limits_whatever_they_include():
+    rng = np.random.default_rng(12)
+    found = infer(_solved(rng.standard_normal((40, 2)), 1e-4 * rng.standard_normal(40)), BASIS)
+    told = replace(found, least=np.array([-np.inf, 0.05]))
+    for each in (told, Estimate.from_dict(told.to_dict())):
+        wide = each.with_evidence(Rival(found.values - 1.0))
+        assert wide.limits_of("p3", 0.0)[0] == 0.05
+        assert wide.limits_of("p1", 0.0)[0] < -0.9
 
 
 NAMES, TRUTH = ("p1", "p2"), np.array([2.0, -1.0])
@@ -211,7 +252,8 @@ def _of_runs(rows, residuals, values):
 
 def test_a_misfit_is_weighed_beside_what_each_parameter_does_alone():
     rows, residuals, values = _drifting(np.random.default_rng(0), 0.5)
-    found = misfit_over_value(_of_runs(rows, residuals, values))
+    equations = _of_runs(rows, residuals, values)
+    found = misfit_over_value(equations.rows, equations.residuals, values)
     for k in range(2):
         other = rows[:, 1 - k]
         alone = rows[:, k] - other * (other @ rows[:, k]) / (other @ other)
@@ -229,10 +271,16 @@ def test_a_bound_is_active_or_the_data_pull_beyond_it(pull, kind):
 
 
 def test_the_scale_and_values_that_look_precise_are_widened_by_a_misfit():
+    """Beside 0.7 of its effect a value of 2 may be off by 1.4; p2's misfit is no half of it."""
     values, narrow = np.full(4, 2.0), np.array([0.5, 0.01, 0.01, 0.5])
-    misfit = np.array([0.7, 0.4, 0.7, 0.7])
-    half = misfit_half_widths(misfit, values, narrow, ("p1", "p2", "p3", "coulomb"))
-    np.testing.assert_allclose(half, [1.4, 0.01, 1.4, 0.5])
+    sizes = np.array([1.0, 0.7 / 0.4, 1.0, 1.0])  # of columns, by which 1.4 is 0.7, 0.4, ...
+    rows = np.concatenate([np.diag(sizes), np.zeros((1, 4))])[:, None]
+    residuals = np.zeros((5, 1))
+    residuals[4] = 1.4
+    names = ("p1", "p2", "p3", "coulomb")
+    equations = cells(names, rows, residuals, values=values)
+    bias = bias_of(equations, Evidence(values=values, half=narrow, least=np.zeros(4)))
+    np.testing.assert_allclose(bias, [1.4, 0.0, 1.4, 0.0])
 
 
 TERMS = ("p3", "p4", "compression")

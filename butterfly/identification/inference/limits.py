@@ -1,30 +1,36 @@
-"""Covariance of a regression whose errors are independent between clusters, and its intervals."""
+"""Covariance of a fit, and the 95 % limits of its values, from all that they rest on.
+
+Errors are independent between clusters (logs, or stretches of few logs), not within. Of values
+theta, fitted to residuals r_g with weighted rows X_g of cluster g,
+
+    C = N (sum X_g^T A_g r_g r_g^T A_g X_g) N + what is known,   h = t_nu(0.975) sqrt(diag C)
+
+(see `cluster_covariance`). Other answers show by how much a model errs, and not to which side, so
+that intervals reach as far to either (see `Evidence`):
+
+    h' = max(h, |theta_-g - theta|, |theta_r - theta| + h_r, R |theta|),   g, r: each of these
+    limits = theta -+ sqrt(h'^2 + (1.96 e)^2), within the bounds of the values
+
+with theta_-g an estimate of partial data, theta_r a rival, R a misfit of torques over the effect of
+a value, and e the error of the simulator that made the logs. It is a maximum and a sum of squares:
+the order in which evidence is found does not matter.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import stdtrit
 
-from butterfly.arrays import Samples
+from butterfly.arrays import Samples, unit_diagonal
 from butterfly.identification.levels import CONFIDENCE, ROUNDING, SPREADS
 from butterfly.model.prior import Penalty
 
-
-def robust(covariance: Samples, weighted: Samples, bread: Samples) -> Samples:
-    """Return the covariance of an M-estimate from that of its weighted least squares.
-
-    The weights depend on the residuals, so that the gradient changes by ``bread`` (n, n), less than
-    the ``weighted`` normal equations have it (Huber & Ronchetti, Robust Statistics, 2nd ed. 2009,
-    section 7.6). Where the bread is not positive definite, the covariance stays.
-    """
-    if np.linalg.eigvalsh(bread / np.sqrt(np.outer(np.diag(weighted), np.diag(weighted))))[0] <= 0:
-        return covariance
-    change = np.linalg.solve(bread, weighted)
-    return np.asarray(change @ covariance @ change.T)
+_NOTHING = np.finfo(float).tiny ** 0.5
 
 
 def cluster_covariance(
@@ -59,6 +65,19 @@ def cluster_covariance(
         given += moved @ moved.T
     freedom = clusters.freedom(np.diag(covariance), np.diag(given))
     return (covariance + given) / np.outer(scale, scale), freedom
+
+
+def robust(covariance: Samples, weighted: Samples, bread: Samples) -> Samples:
+    """Return the covariance of an M-estimate from that of its weighted least squares.
+
+    The weights depend on the residuals, so that the gradient changes by ``bread`` (n, n), less than
+    the ``weighted`` normal equations have it (Huber & Ronchetti, Robust Statistics, 2nd ed. 2009,
+    section 7.6). Where the bread is not positive definite, the covariance stays.
+    """
+    if np.linalg.eigvalsh(bread / np.sqrt(np.outer(np.diag(weighted), np.diag(weighted))))[0] <= 0:
+        return covariance
+    change = np.linalg.solve(bread, weighted)
+    return np.asarray(change @ covariance @ change.T)
 
 
 def expected_covariance(rows: Samples, weight: Samples) -> tuple[Samples, Samples]:
@@ -137,19 +156,6 @@ class Clusters:
         return np.asarray(np.divide(trace**2, squares, out=np.ones_like(trace), where=squares > 0))
 
 
-def widened(
-    values: Samples, covariance: Samples, left_out: Sequence[Samples], rivals: Sequence[Samples]
-) -> Samples:
-    """(n, n) covariance, enlarged along partial estimates, as if limits, and along rivals."""
-    if left_out:
-        distances = np.array(left_out) - values
-        covariance = covariance + distances.T @ distances / SPREADS**2
-    if rivals:
-        distances = np.array(rivals) - values
-        covariance = covariance + distances.T @ distances / len(rivals)
-    return covariance
-
-
 def half_widths(covariance: Samples, freedom: Samples) -> Samples:
     """(n,) half-widths of Student's intervals at `CONFIDENCE`.
 
@@ -160,22 +166,106 @@ def half_widths(covariance: Samples, freedom: Samples) -> Samples:
     return np.asarray(quantiles * errors, dtype=float)
 
 
-def honest_half_widths(
-    values: Samples,
-    half: Samples,
-    left_out: Iterable[Samples] = (),
-    rivals: Iterable[tuple[Samples, Samples]] = (),
-) -> Samples:
-    """(n,) half-widths of intervals about values that are to include other answers.
+class Rival(NamedTuple):
+    """Other values that may be right, which intervals include."""
 
-    Estimates of partial data, ``left_out``, differ by errors of the model, which more logs do not
-    reduce. Of rivals, fits that predict as well, any may be right: half-widths about each are
-    included. Such an answer shows by how much a model errs and not to which side, so that intervals
-    reach as far to the other.
+    values: Samples  # (n,)
+    half_widths: Samples | None = None  # (n,) of their own intervals; None: those of the fit
+    # whether a fit has them that predicts as well; else a condition, sensor or clock points there
+    predicts: bool = True
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as JSON can hold it."""
+        half = None if self.half_widths is None else self.half_widths.tolist()
+        return {"values": self.values.tolist(), "half_widths": half, "predicts": self.predicts}
+
+    @classmethod
+    def from_dict(cls, content: Any) -> Rival:  # noqa: ANN401 - whatever is in the file
+        """Return that of a `to_dict`, or of the values alone, as older programs wrote it."""
+        if isinstance(content, list):
+            return cls(np.array(content, dtype=np.float64))
+        half = content["half_widths"]
+        return cls(
+            np.array(content["values"], dtype=np.float64),
+            None if half is None else np.array(half, dtype=np.float64),
+            bool(content["predicts"]),
+        )
+
+    def inserted(self, at: int, value: float) -> Rival:
+        """Return it with a value more, which is held."""
+        half = None if self.half_widths is None else np.insert(self.half_widths, at, 0.0)
+        return self._replace(values=np.insert(self.values, at, value), half_widths=half)
+
+    def within(self, some: slice) -> Rival:
+        """Return it in some of the values."""
+        half = None if self.half_widths is None else self.half_widths[some]
+        return self._replace(values=self.values[some], half_widths=half)
+
+    def at_most(self, half: Samples) -> Rival:
+        """Return it with half-widths of (n,) at most."""
+        own = half if self.half_widths is None else np.minimum(self.half_widths, half)
+        return self._replace(half_widths=own)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Evidence:
+    """All that the limits of (n,) values rest on.
+
+    Estimates of partial data differ by errors of the model, which more logs do not reduce. Of
+    rivals any may be right: half-widths about each are included.
     """
-    found = np.array(half)
-    for other in left_out:
-        found = np.maximum(found, np.abs(other - values))
-    for other, about in rivals:
-        found = np.maximum(found, np.abs(other - values) + about)
-    return found
+
+    values: Samples
+    half: Samples  # (n,) half-widths by covariance and degrees of freedom
+    least: Samples  # (n,) lower bounds of the values
+    left_out: Sequence[Samples] = ()  # (n,) estimates of partial data
+    rivals: Sequence[Rival] = ()
+    bias: Samples | None = None  # (n,) sizes of errors that a misfit of torques may have caused
+    simulator: Samples | None = None  # (n,) standard errors by the simulator that made the logs
+
+    @property
+    def half_widths(self) -> Samples:
+        """(n,) half-widths that include all of it."""
+        found = np.array(self.half)
+        for other in self.left_out:
+            found = np.maximum(found, np.abs(other - self.values))
+        for rival in self.rivals:
+            about = self.half if rival.half_widths is None else rival.half_widths
+            found = np.maximum(found, np.abs(rival.values - self.values) + about)
+        if self.bias is not None:
+            found = np.maximum(found, self.bias)
+        return found if self.simulator is None else np.hypot(found, SPREADS * self.simulator)
+
+    @property
+    def limits(self) -> tuple[Samples, Samples]:
+        """The (n,) lower and upper limits."""
+        half = self.half_widths
+        return np.maximum(self.values - half, self.least), self.values + half
+
+
+def misfit_over_value(rows: Samples, residuals: Samples, values: Samples) -> Samples:
+    """(n,) R = |r| / (|p| |s|), with s a value's column less its projection on the others.
+
+    Standard errors take residuals for noise; where these are as large as the effect of a parameter
+    alone, a misfit may have biased its value: a ripple of the velocity looks like inertia.
+    """
+    flat = rows.reshape(-1, rows.shape[-1])
+    scaled, size = unit_diagonal(flat.T @ flat)
+    alone = size / np.sqrt(np.diag(np.linalg.pinv(scaled)))
+    effect, left = np.abs(values) * alone, float(np.linalg.norm(residuals))
+    most = np.full(effect.size, np.finfo(float).max)
+    return np.asarray(np.divide(left, effect, out=most, where=effect > left * _NOTHING))
+
+
+def widened(
+    values: Samples, covariance: Samples, left_out: Iterable[Samples], rivals: Iterable[Samples]
+) -> Samples:
+    """(n, n) covariance, enlarged along partial estimates, as if limits, and along rivals."""
+    partial, others = [*left_out], [*rivals]
+    if partial:
+        distances = np.array(partial) - values
+        covariance = covariance + distances.T @ distances / SPREADS**2
+    if others:
+        distances = np.array(others) - values
+        covariance = covariance + distances.T @ distances / len(others)
+    return covariance
