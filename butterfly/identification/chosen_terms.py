@@ -18,7 +18,6 @@ from butterfly.identification.inference.blocks import independent_cells_of
 from butterfly.identification.inference.identifiability import Conditioning
 from butterfly.identification.inference.linear_terms import (
     STRIBECK,
-    LinearModel,
     candidates,
     stribeck_velocities,
 )
@@ -110,7 +109,7 @@ class FreeRunModel:
             fastest = 2**0.5 * max(log.rms_speed for log in self.problem.logs)
             tried = [
                 offer
-                for speed in stribeck_velocities(fastest)[::4]  # three of them
+                for speed in stribeck_velocities(fastest)
                 for offer in self._offers([STRIBECK], {"stribeck_velocity": speed})
             ]
             found += [max(tried, key=lambda each: each.share)] if tried else []
@@ -176,9 +175,9 @@ class FreeRunModel:
             return None
         return None if conditioning_of(problem, end.at).singular else found
 
-    def without(self, name: str) -> Self:
-        """Fit without a term."""
-        problem = self.problem.without({name})
+    def without(self, names: Collection[str]) -> Self:
+        """Fit without some terms."""
+        problem = self.problem.without({*names})
         kept = np.isin(self.problem.labels, problem.labels)
         values = self.nested.fitted(kept[np.newaxis])[0][kept]
         there = None
@@ -236,30 +235,6 @@ def fitted_of(found: ChosenTerms[Any], end: Minimum, before: Fitted) -> Fitted:
         findings=tuple(dict.fromkeys([*said, *found.findings])),
         path=(*before.path, *more),
     )
-
-
-def chosen_at_once(problem: Problem, end: Minimum, rows: Sequence[str]) -> tuple[Problem, Minimum]:
-    """Take away terms of a fit that do not help, on its equations alone; fit the others."""
-    masses = [log.added_mass for log in problem.logs]
-    values, least = problem.named(end.values), problem.named(problem.lower)
-    if lost := {name for name in rows if name in values and values[name] <= least[name]}:
-        # about the bound of a term the equations of what only it identifies are empty
-        fewer = problem.without(lost)
-        kept = np.isin(problem.labels, fewer.labels)
-        problem = replace(fewer, initial=end.values[kept])
-        end = problem.descend(problem.equations(problem.initial, end.at))
-        rows = [name for name in rows if name not in lost]
-    model = LinearModel(
-        models=(nested_about(problem, end.at, len(problem.keys)),),
-        optional=tuple(rows),
-        terms=frozenset(rows),
-        masses=masses,
-    )
-    found = stagewise(model, rows, ()).model
-    near = is_near(problem.named(found.values), problem.named(end.values), masses)
-    begun = found.values if near else end.values
-    fewer = problem.keeping(np.flatnonzero(found.kept), begun[found.kept])
-    return fewer, fewer.descend(fewer.equations(fewer.initial, end.at))
 
 
 def conditioning_of(problem: Problem, at: Equations) -> Conditioning:

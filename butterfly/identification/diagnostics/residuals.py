@@ -450,7 +450,7 @@ class _Unknowns:
         rounding = PRECISE * float(np.sqrt(cells.cost.mean()))
         masses = [log.added_mass for log in logs]
         nested = submodels_of(cells, masses, rounding)
-        model = LinearModel(models=(nested,), optional=self.absent)
+        model = LinearModel(every=nested, optional=self.absent)
         if not (self.absent and model.determined):
             return MissingTerms(), np.zeros(len(logs))
         found = stagewise(model, self.absent, ())

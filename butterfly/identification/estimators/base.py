@@ -70,9 +70,10 @@ class Estimator:
         return replace(self, **options)
 
     def path(self, data: DataSet, offers: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:  # noqa: ARG002
-        """Return the terms after each round of a stagewise choice from some offers."""
+        """Return the terms after each round of a choice; only output error chooses terms."""
         self.with_terms(offers)
-        raise NotImplementedError
+        expected = "the method output-error: this one fits the terms that it is given"
+        raise InputError(self.method, "terms", "a choice of terms", expected)
 
     def near(self, found: Estimate) -> Callable[[DataSet], Estimate]:  # noqa: ARG002
         """Return the estimator with its search, if any, started at an estimate."""

@@ -43,13 +43,12 @@ from butterfly.identification.inference.equations import CellEquations, Solution
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.identifiability import is_driven, prior_of_fit
 from butterfly.identification.inference.infer import SolvedFit, infer
-from butterfly.identification.inference.linear_terms import TermChoice, optional_terms
 from butterfly.identification.test_functions import Averaging
-from butterfly.identification.weak_regression import WeakFit, averaging_of, fitted_terms
+from butterfly.identification.weak_regression import WeakFit, averaging_of
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters, require_periods
 from butterfly.model.prior import NO_PRIOR, Prior
-from butterfly.model.terms import COMMON, OF_ANGLE, PARAMETERS, offered
+from butterfly.model.terms import OF_ANGLE, PARAMETERS, offered
 
 _DIFFERENT = 0.05  # rad between rest angles, whose cosines then differ by a thousandth
 
@@ -60,14 +59,13 @@ class WeakForm(Estimator):
 
     Needs at least two different added masses (none counts as one), or enough known values. The
     covariance is cluster-robust over logs; the intervals are widened to include the
-    leave-one-mass-out estimates, and those with other terms that predict as well. The Stribeck
-    velocity comes from a grid search.
+    leave-one-mass-out estimates. Stribeck friction has the known velocity, or else a tenth of the
+    largest speed.
 
     Parameters
     ----------
     terms
-        Terms fitted besides p1..p4, coulomb and delay; if not given, those that improve the
-        prediction of held-out logs.
+        Terms fitted besides p1..p4, coulomb and delay; none if not given.
     half_width
         Half width of the test functions in s; if not given, each log's own, from its duration, its
         period and its noise.
@@ -109,15 +107,8 @@ class WeakForm(Estimator):
         uncertain: Samples | None = None,
     ) -> Estimate:
         """Estimate from logs, given the encoder's zero in rad for each added mass."""
-        require_usable(self.method, known)
-        known = prior_of_fit(logs, known)
-        ordinary, chosen = self.least_squares(logs, zeros, known)
-        fixed = chosen.settings | {"cogging_periods": self._periods(known)}
-        parameters = LumpedParameters(**fixed | ordinary.values)
-        fit = refined(ordinary, instruments_of(logs, ordinary.about.windows, parameters, zeros))
-
+        fit = self.fit(logs, zeros, known)
         solved, cells = fit.solved, cells_of(len(logs), len(fit.solved.names))
-        rivals = [each + solved.values - ordinary.solved.values for each in chosen.rival_values]
         doubt = None if uncertain is None else offset_covariance(fit, uncertain)
         counted = solved.log.size == cells * len(logs)
         conditions = Conditions.of(logs, cells) if counted else None  # one per cell
@@ -127,43 +118,32 @@ class WeakForm(Estimator):
                 equations=solved,
                 masses=[log.added_mass for log in logs],
                 conditions=conditions,
-                known=known,
+                known=fit.about.known,
                 driven=is_driven(logs),
                 timed=all(log.excitation for log in logs),
-                rivals=rivals,
                 consider_covariance=doubt,
                 torques=True,
-                fixed=fixed,
-                findings=chosen.findings,
+                fixed=fit.settings,
             )
         )
 
-    def path(self, data: DataSet, offers: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
-        """Return the terms after each round of a stagewise choice from some offers."""
-        self.with_terms(offers)
-        known = prior_of_fit(data.logs, data.known)
-        choosing = replace(self, terms=None)
-        return choosing.least_squares(data.logs, data.equilibria, known, offers)[1].path
+    def fit(self, logs: Sequence[Log], zeros: Mapping[AddedMass, float], known: Prior) -> WeakFit:
+        """Return the regression through instruments (see `of_logs`)."""
+        require_usable(self.method, known)
+        plain = self.least_squares(logs, zeros, prior_of_fit(logs, known))
+        return refined(plain, instruments_of(logs, plain.about.windows, plain.parameters, zeros))
 
     def least_squares(
-        self,
-        logs: Sequence[Log],
-        zeros: Mapping[AddedMass, float],
-        known: Prior,
-        offers: Sequence[str] = COMMON,
-    ) -> tuple[WeakFit, TermChoice]:
-        """Return the fit of the given terms, or, without any, of those chosen from offers."""
-        masses, periods = [log.added_mass for log in logs], self._periods(known)
+        self, logs: Sequence[Log], zeros: Mapping[AddedMass, float], known: Prior
+    ) -> WeakFit:
+        """Return the least-squares fit, which noise of the angle biases."""
+        periods = known.fixed.get("cogging_periods", self.cogging_periods)
         windows = [
             averaging_of(log, reading_of(log, zeros), self.half_width, periods) for log in logs
         ]
-        terms = optional_terms(self.terms, offers, masses, known)
-        base, choosing = known.fitted(PARAMETERS), self.terms is None
-        _require_enough(windows, base, known.fixed.get("delay", 0.0))
-        return fitted_terms(windows, base, terms, known, choosing=choosing)
-
-    def _periods(self, known: Prior) -> float:
-        return known.fixed.get("cogging_periods", self.cogging_periods)
+        names = known.fitted((*PARAMETERS, *(self.terms or ())))
+        _require_enough(windows, names, known.fixed.get("delay", 0.0))
+        return WeakFit.of(windows, names, known, periods)
 
 
 def _require_enough(windows: Sequence[Averaging], names: Sequence[str], delay: float) -> None:

@@ -1,4 +1,4 @@
-"""Harmonic balance: a fast linear regression over the steady responses to sines.
+"""A fast look: linear regressions over the steady responses to sines.
 
 At each log's frequency w, with the phasors th of the angle and u of the input and a = |th|, the
 balance of the fundamental of (78) with Coulomb friction and an input delay d reads
@@ -6,7 +6,8 @@ balance of the fundamental of (78) with Coulomb friction and an input delay d re
     [-(p1 + Z) w^2 + j w p2 + (p3 + X) 2 J1(a)/a + j 4 T_c/(pi a)] th = p4 e^(-j w d) u
 
 which is linear in p1, p2, p3, T_c, p4 and, to first order about the current delay, in p4 d; so are
-the describing functions of all other terms that it offers. The known Z = m l^2 and X = m g l set
+the describing functions of all other terms that it offers. For small swings without friction and
+delay it is the linear complex fit of p1..p4. The known Z = m l^2 and X = m g l set
 the scale, so two different added masses are needed. Each row is divided by its left-hand side over
 th at the previous iterate (Sanathanan & Koerner, IEEE Trans. Autom. Control 8, 1963), and by the
 angle error's standard deviation: the phasor's, and one in proportion to the swing, common to all
@@ -16,8 +17,8 @@ of describing functions.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar, Literal
 
@@ -34,17 +35,11 @@ from butterfly.identification.inference.equations import CellEquations, Regressi
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.identifiability import with_scale
 from butterfly.identification.inference.infer import SolvedFit, infer
-from butterfly.identification.inference.linear_terms import (
-    LinearProblem,
-    TermChoice,
-    optional_terms,
-    usual_velocity,
-)
-from butterfly.identification.inference.submodels import NEGLIGIBLE
+from butterfly.identification.inference.linear_terms import STRIBECK, stribeck_velocity
 from butterfly.identification.levels import MOST, ROUNDING, SHOWS
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR, Penalty, Prior
-from butterfly.model.terms import BASE_TERMS, COMMON, PARAMETERS, TERMS, FrictionTerms, offered
+from butterfly.model.terms import BASE_TERMS, PARAMETERS, TERMS, FrictionTerms, offered
 from butterfly.signals.frequency_response import ResponsePoint
 
 LINEAR = ("p1", "p2", "p3", "p4")
@@ -59,13 +54,13 @@ class HarmonicBalance(Estimator):
 
     Needs at least four logs with two different added masses (none counts as one), or enough known
     values. Its intervals do not include the errors of describing functions, so that it is to be
-    used with care at best. The Stribeck velocity comes from a grid search.
+    used with care at best. Stribeck friction has the known velocity, or else a tenth of the largest
+    speed.
 
     Parameters
     ----------
     terms
-        Terms fitted besides p1..p4, coulomb and delay; if not given, those that improve the
-        prediction of held-out logs.
+        Terms fitted besides p1..p4, coulomb and delay; none if not given.
     """
 
     method: Literal["harmonic-balance"] = "harmonic-balance"
@@ -96,18 +91,8 @@ class HarmonicBalance(Estimator):
 
     def of_points(self, points: Sequence[ResponsePoint], known: Prior = NO_PRIOR) -> Estimate:
         """Estimate from steady responses (see `Estimator`)."""
-        base = _fitted(points, known, PARAMETERS)
-        offers = (name for name in COMMON if name in offered(self.method))
-        chosen = base.with_terms(self.terms, offers)
-        slow = chosen.settings.get("stribeck_velocity", base.phasors.stribeck_velocity)
-        phasors = replace(base.phasors, names=chosen.names, stribeck_velocity=slow)
-        return _inferred(HarmonicBalanceFit.of(phasors), "harmonic balance", chosen)
-
-    def path(self, data: DataSet, offers: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
-        """Return the terms after each round of a stagewise choice from some offers."""
-        self.with_terms(offers)
-        base = _fitted(data.take(data.steady).sines, data.known, PARAMETERS)
-        return base.with_terms(None, offers).path
+        names = (*PARAMETERS, *(self.terms or ()))
+        return _estimate(points, known, names, "harmonic balance")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,39 +115,42 @@ class Linear(Estimator):
     def of_points(self, points: Sequence[ResponsePoint], known: Prior = NO_PRIOR) -> Estimate:
         """Estimate from steady responses (see `Estimator`)."""
         require_usable(HarmonicBalance.method, known, LINEAR)
-        return _inferred(_fitted(points, known, LINEAR, small=True), "joint linear complex fit")
+        return _estimate(points, known, LINEAR, "joint linear complex fit", small=True)
 
 
-def _fitted(
-    points: Sequence[ResponsePoint], known: Prior, names: tuple[str, ...], *, small: bool = False
-) -> HarmonicBalanceFit:
-    """Return the fit of some parameters; with ``small``, sin th is th."""
+def _estimate(
+    points: Sequence[ResponsePoint],
+    known: Prior,
+    names: tuple[str, ...],
+    method: str,
+    *,
+    small: bool = False,
+) -> Estimate:
+    """Return the estimate of some parameters; with ``small``, sin th is th.
+
+    Its intervals do not include errors of the method.
+    """
     if not points:
         raise IdentifiabilityError(
             "no log is marked as a sine: set omega and amplitude in the manifest, or use weak-form "
             "or output-error, which accept any input"
         )
-    unknown, known = len(known.fitted(names)), with_scale([p.added_mass for p in points], known)
-    if 2 * len(points) <= unknown:
+    masses, names = [point.added_mass for point in points], known.fitted(names)
+    known = with_scale(masses, known)
+    if 2 * len(points) <= len(names):
         count = f"{len(points)} {'log gives' if len(points) == 1 else 'logs give'}"
-        equations = f"{2 * len(points)} equations for {unknown} parameters"
+        equations = f"{2 * len(points)} equations for {len(names)} parameters"
         raise IdentifiabilityError(f"{count} {equations}: add runs at other frequencies")
-    return HarmonicBalanceFit.of(Phasors.of(points, known.fitted(names), known, small=small))
-
-
-def _inferred(fit: HarmonicBalanceFit, method: str, chosen: TermChoice | None = None) -> Estimate:
-    """Return the estimate of a fit; its intervals do not include errors of the method."""
-    rivals, findings = (chosen.rival_values, chosen.findings) if chosen else ((), ())
+    phasors = Phasors.of(points, known.fitted(names), known, small=small)
     return infer(
         SolvedFit(
             method=method,
-            equations=fit.solved,
-            masses=fit.phasors.masses,
-            known=fit.phasors.known,
+            equations=HarmonicBalanceFit.of(phasors).solved,
+            masses=masses,
+            known=known,
             timed=True,
-            rivals=rivals,
-            fixed=chosen.settings if chosen else {},
-            findings=[Finding(FindingKind.APPROXIMATE), *findings],
+            fixed={"stribeck_velocity": phasors.slow} if STRIBECK in names else {},
+            findings=[Finding(FindingKind.APPROXIMATE)],
         )
     )
 
@@ -181,8 +169,6 @@ class Phasors:
     swing: Samples  # in rad, at which the describing functions are taken
     # of the robot; exactly known parameters are not among the names
     known: Prior = NO_PRIOR
-    # in rad/s, at which Stribeck friction is described
-    stribeck_velocity: float = FrictionTerms.stribeck_velocity
 
     @classmethod
     def of(
@@ -201,8 +187,12 @@ class Phasors:
             names=names,
             swing=np.full(angle.size, ROUNDING) if small else np.abs(angle),
             known=known,
-            stribeck_velocity=usual_velocity(known),
         )
+
+    @cached_property
+    def slow(self) -> float:
+        """Velocity in rad/s at which Stribeck friction is described."""
+        return stribeck_velocity(float(np.max(np.abs(self.angle) * self.omega)), self.known)
 
     def regression(self, weights: Samples, values: Mapping[str, float]) -> Regression:
         """Return the equations, with (n,) weights, about a delay in s and p4 by name."""
@@ -241,7 +231,7 @@ class Phasors:
         fields = {"weight": "weight", "mass": "mass", "carried": "swung"}
         given = {field: self._of_masses(name) for field, name in fields.items()}
         periods = self.known.fixed.get("cogging_periods", FrictionTerms.cogging_periods)
-        settings = FrictionTerms(stribeck_velocity=self.stribeck_velocity, cogging_periods=periods)
+        settings = FrictionTerms(stribeck_velocity=self.slow, cogging_periods=periods)
         motion = settings.motion(0.0, 0.0, **given)
         return {
             row.name: np.asarray(row.describing(self.omega, self.swing, motion) * self.angle)
@@ -295,27 +285,6 @@ class HarmonicBalanceFit:
         solved = CellEquations.of(regression, solution)
         solved = solved if settled else solved.stopped(moved)
         return cls(phasors=phasors, weights=weights, solved=solved)
-
-    def with_terms(self, terms: Sequence[str] | None, offers: Iterable[str]) -> TermChoice:
-        """Return the fit with given terms, or, without any, with those chosen from some offers."""
-        phasors, values = self.phasors, self.phasors.named(self.solved.values)
-
-        def equations(names: tuple[str, ...], slow: float) -> CellEquations:
-            there = replace(phasors, names=names, stribeck_velocity=slow)
-            regression = there.regression(self.weights, values)
-            return CellEquations.of(regression, regression.at(values))
-
-        swing, slope = np.abs(phasors.angle), phasors.slope(self.solved.values)
-        problem = LinearProblem(
-            equations=equations,
-            base=phasors.names,
-            terms=optional_terms(terms, offers, phasors.masses, phasors.known),
-            masses=phasors.masses,
-            known=phasors.known,
-            fastest=float(np.max(swing * phasors.omega)),
-            negligible=NEGLIGIBLE * float(np.mean(self.weights * slope * swing)),
-        )
-        return problem.fitted(choosing=terms is None)
 
 
 def _parts(values: NDArray[Any]) -> Samples:
