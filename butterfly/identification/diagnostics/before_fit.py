@@ -1,9 +1,9 @@
 """Which parameters some logs can tell, before they are identified, and what would mend it.
 
-The free runs of the logs are fitted from the values of the weak form on, in the parameters that
-every joint has and no terms. What the equations there determine has the interval of a fit:
+The free runs of the logs are fitted from the values of the weak form on, with the common terms that
+it has. What the equations there determine has the interval of a fit:
 cluster-robust over logs, with the estimates without each added mass and rivals by conditions.
-Terms, and all that is checked afterwards, may widen it, so that it is a lower limit.
+Other terms, and all that is checked afterwards, may widen it, so that it is a lower limit.
 
 With h the half-width of that interval over the value, a parameter is *identifiable* if h is at most
 `PRECISE`; *not identifiable* if h is 1 or more, so that it may be 0, or if the equations are
@@ -35,7 +35,7 @@ from butterfly.identification.parameter import meaning_of, or_none, unit_of
 from butterfly.logs.log import Log
 from butterfly.logs.thinning import GLANCE, thinned
 from butterfly.model.prior import Prior
-from butterfly.model.terms import PARAMETERS
+from butterfly.model.terms import COMMON, PARAMETERS
 from butterfly.progress import counted
 
 _APART = {
@@ -108,9 +108,10 @@ def forecast(logs: Sequence[Log], known: Prior) -> tuple[Forecast, ...]:
 
 
 def expected(data: DataSet) -> Estimate:
-    """Return a fit from the weak form's values on, without terms."""
-    first, *_ = starts(data, ())
-    estimator = OutputError(terms=())
+    """Return a fit from the weak form's values on, with all terms that it has."""
+    first, *_ = starts(data, None)
+    terms = tuple(name for name in COMMON if getattr(first.parameters, name))
+    estimator = OutputError(terms=terms)
     known = prior_of_fit(data.logs, data.known)
     problem = estimator.problem(data.logs, first, known)
     end = problem.descend(most=PASSES, enough=SHOWS)
