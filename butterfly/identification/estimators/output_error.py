@@ -140,7 +140,7 @@ class OutputError(Estimator):
         """Return the terms after each round of a stagewise choice from some offers."""
         self.with_terms(offers)
         rows = candidates(offers, [log.added_mass for log in data.logs], data.known)
-        first = starts(data, rows)
+        first = starts(data, ())
         offering, logs = self.with_terms(rows), self.taken(data.logs)
         known = prior_of_fit(logs, data.known)
         rare = {*RARE} - {*(OF_SERVO if any(log.closed for log in logs) else ())}
