@@ -45,7 +45,7 @@ def _assert_recovered(found, term, truth, tolerance):
 
 
 def _known(robot, term):
-    """Return what a closed form is told: the velocity of Stribeck friction, which it cannot find."""
+    """Return what closed forms are told: the velocity of Stribeck friction."""
     return Prior.of({"stribeck_velocity": robot.stribeck_velocity} if term == "stribeck" else {})
 
 
