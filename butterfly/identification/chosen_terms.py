@@ -18,7 +18,6 @@ from butterfly.identification.inference.blocks import independent_cells_of
 from butterfly.identification.inference.identifiability import Conditioning
 from butterfly.identification.inference.linear_terms import (
     STRIBECK,
-    LinearModel,
     candidates,
     stribeck_velocities,
 )
@@ -100,7 +99,7 @@ class FreeRunModel:
             fastest = 2**0.5 * max(log.rms_speed for log in self.problem.logs)
             tried = [
                 offer
-                for speed in stribeck_velocities(fastest)[::4]  # three of them
+                for speed in stribeck_velocities(fastest)
                 for offer in self._offers([STRIBECK], {"stribeck_velocity": speed})
             ]
             found += [max(tried, key=lambda each: each.share)] if tried else []
@@ -168,9 +167,9 @@ class FreeRunModel:
             return None
         return replace(self, fit=end)
 
-    def without(self, name: str) -> Self:
-        """Fit without a term."""
-        problem = self.problem.without({name})
+    def without(self, names: Collection[str]) -> Self:
+        """Fit without some terms."""
+        problem = self.problem.without({*names})
         kept = np.isin(self.problem.labels, problem.labels)
         values = self.nested.fitted(kept[np.newaxis])[0][kept]
         there = None
@@ -246,29 +245,6 @@ def _missing(offer: Offer) -> Missing:
     _, log = np.unique(nested.equations.log, return_inverse=True)
     before, after = (np.bincount(log, each) for each in nested.costs(fits))
     return Missing(offer.name, offer.share, 1 - after / before, offer.values)
-
-
-def chosen_at_once(problem: Problem, end: Fit, rows: Sequence[str]) -> tuple[Problem, Fit]:
-    """Take away terms of a fit that do not help, on its equations alone; fit the others."""
-    masses = [log.added_mass for log in problem.logs]
-    values, least = end.named, problem.named(problem.lower)
-    if lost := {name for name in rows if name in values and values[name] <= least[name]}:
-        # about the bound of a term the equations of what only it identifies are empty
-        fewer = problem.without(lost)
-        kept = np.isin(problem.labels, fewer.labels)
-        problem = replace(fewer, initial=end.values[kept])
-        end = problem.descend(problem.equations(problem.initial, end.linearisation))
-        rows = [name for name in rows if name not in lost]
-    model = LinearModel(
-        models=(nested_about(problem, end.linearisation, len(problem.keys)),),
-        optional=tuple(rows),
-        terms=frozenset(rows),
-        masses=masses,
-    )
-    found = stagewise(model, rows, ()).model
-    begun = found.values if is_near(problem.named(found.values), end.named, masses) else end.values
-    fewer = problem.keeping(np.flatnonzero(found.kept), begun[found.kept])
-    return fewer, fewer.descend(fewer.equations(fewer.initial, end.linearisation))
 
 
 def conditioning_of(at: Linearisation) -> Conditioning:

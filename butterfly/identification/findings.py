@@ -65,7 +65,6 @@ class FindingKind(StrEnum):
     ON_BOUND = "on-bound"
     SIGN_UNKNOWN = "sign-unknown"
     OTHER_END = "other-end"  # cost of the next best minimum over that of the best
-    SCANNED = "scanned"  # value of a parameter from a grid search
     INSEPARABLE = "inseparable"  # terms dropped: not identifiable together with the others
     NOT_HELPING = "not-helping"  # terms offered that did not help to predict
     # missing terms, then parameters that they move by more than their intervals; share of the

@@ -1,13 +1,15 @@
 """From a data set to an answer: start, fit, choose terms, weigh logs, infer; then diagnose.
 
-The first five are an estimator's (see `OutputError.of_logs`). Here is what all estimators share:
+Each of these is a step of `identify`, and can be taken alone with the fit that the one before ended
+with. The first five are an estimator's; output error has them all. Here is besides what all share:
 sines whose clock is wrong, free runs of the logs, their residuals, and the verdict on these.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from types import MappingProxyType
 
@@ -65,10 +67,17 @@ def identify(
     """
     estimator = estimator or OutputError()
     with counted():
-        data, found = tracked(track, "Fitting", fitted, data, estimator)
-        run = simulated(data, found, against=against, track=track)
+        with _explained(data, estimator):
+            data, other = _in_true_time(data, estimator)
+            problem, fit = tracked(track, "Fitting", estimator.fit, data)  # start and fit
+            problem, fit = estimator.choose(problem, fit)
+            fit = estimator.weigh(problem, fit)
+            estimate = _finite(estimator.infer(problem, fit))
+        estimate = replace(estimate, input_kind=data.input_kind, joint=data.joint)
+        data, estimate = as_taken(data, _with_other_time(estimate, other))
+        run = simulated(data, estimate, against=against, track=track)
         left = tracked(track, "Checking residuals", residuals_of, data, run.estimate, run.runs)
-        sure = judge(data, estimator, run.estimate, left)
+        sure = diagnose(data, estimator, run.estimate, left)
     return replace(
         run, estimate=sure, judged_residuals=left, made_by=estimator, estimator=estimator.label
     )
@@ -84,21 +93,19 @@ def held_out_fits(data: DataSet, estimate: Estimate) -> dict[str, float]:
 
 def judged(data: DataSet, estimator: Estimator) -> tuple[DataSet, Estimate]:
     """Return the logs as they were used, and all that `identify` says of their estimate."""
-    with counted():
-        data, found = fitted(data, estimator)
-        return data, judge(data, estimator, data.simulations.settled(found))
+    found = identify(data, estimator)
+    return found.data, found.estimate
 
 
 @_UNWARNED
-def judge(
-    data: DataSet, estimator: Estimator, found: Estimate, residuals: Residuals | None = None
+def diagnose(
+    data: DataSet, estimator: Estimator, found: Estimate, residuals: Residuals
 ) -> Estimate:
     """Add to an estimate what physics, its free runs, the input and unit errors say of it."""
     # Where the hand passes the upright no free run of a whole log stays near: such logs count only
     # if all do.
     segmented = found.horizon is not None and math.isfinite(found.horizon)
     followed = list(range(len(data.logs))) if segmented else data.counted
-    residuals = residuals or residuals_of(data, found)
     rivals = [residuals.encoder.rival] if residuals.encoder else []
     if residuals.missing.rival is not None:
         rivals.append(Rival(residuals.missing.rival, predicts=False))
@@ -157,8 +164,8 @@ def _unrepeated(data: DataSet, found: Estimate) -> list[Finding]:
     return [contradiction.finding] if contradiction else []
 
 
-def fitted(data: DataSet, estimator: Estimator) -> tuple[DataSet, Estimate]:
-    """Return an estimate, not judged yet, and the logs it is of: with their clock, or omega, right.
+def _in_true_time(data: DataSet, estimator: Estimator) -> tuple[DataSet, Mapping[str, float]]:
+    """Return logs with their clock, or omega, right, and what values would be in the other time.
 
     Where all sines run off their omega by one share, the clock is wrong or omega is. Known masses
     decide which: their inertia goes with the square of time. Where they do not, the intervals hold
@@ -166,41 +173,51 @@ def fitted(data: DataSet, estimator: Estimator) -> tuple[DataSet, Estimate]:
     """
     share = clock_error(data.sines)
     if not share:
-        return as_taken(data, estimated(data, estimator))
+        return data, {}
     slow, wrong = [Finding(kind, ("p1",), number=share) for kind in _CORRECTED]
     either = [
         data.corrected(lambda log: log.timed(1 + share), slow),
         data.corrected(lambda log: log.tuned(1 + share), wrong),
     ]
-    found = [as_taken(each, estimated(each, estimator)) for each in either]
+    found = [(each, _finite(estimator(each))) for each in either]
     fits = (each.simulations.fits(estimate, each.counted) for each, estimate in found)
     left = [np.mean((1 - each / 100) ** 2) for each in fits]  # of the squared motion
     near = [each for each, error in zip(found, left, strict=True) if LOST * error <= min(left)]
     (best, estimate), *others = sorted(near, key=lambda each: _MIMICS in each[1].names)
     if not others or (_MIMICS in others[0][1].names) > (_MIMICS in estimate.names):
-        return best, estimate
-    named = estimate.named | {n: v for n, v in others[0][1].named.items() if n in estimate.names}
+        return best, {}
     unsure = Finding(FindingKind.CLOCK, ("p1",), number=share)
-    return replace(best, correction=unsure), estimate.with_evidence(
-        Rival(np.array([*named.values()]), predicts=False)
-    )
+    return replace(best, correction=unsure), others[0][1].named
 
 
-@_UNWARNED
-def estimated(data: DataSet, estimator: Estimator) -> Estimate:
-    """Return an estimate, not judged yet; a refusal names the mistake that explains it."""
-    clock = find_slow_clock(data)
-    if clock:
+def _with_other_time(found: Estimate, other: Mapping[str, float]) -> Estimate:
+    """Return an estimate whose limits include other values, by name, if there are any."""
+    if not other:
+        return found
+    values = np.array([other.get(name, value) for name, value in found.named.items()])
+    return found.with_evidence(Rival(values, predicts=False))
+
+
+def _finite(found: Estimate) -> Estimate:
+    """Return an estimate; IdentifiabilityError if its values are no numbers.
+
+    A p4 that is none is, where nothing drives.
+    """
+    wrong = [n for n, value in found.named.items() if not math.isfinite(value) and n != "p4"]
+    if wrong:
+        raise IdentifiabilityError(f"the equations of these logs give no finite {', '.join(wrong)}")
+    return found
+
+
+@contextmanager
+def _explained(data: DataSet, estimator: Estimator) -> Iterator[None]:
+    """Refuse logs with the name of the mistake that explains why they give no estimate."""
+    if clock := find_slow_clock(data):
         step = f"a mean step of {data.logs[0].mean_step:.3g} s"
         raise with_unit_errors(InputError(data.name, "time", step, "seconds"), clock)
     try:
-        found = replace(estimator(data), input_kind=data.input_kind, joint=data.joint)
-        # a p4 that is no number is, where nothing drives
-        wrong = [n for n, value in found.named.items() if not math.isfinite(value) and n != "p4"]
-        if wrong:
-            raise IdentifiabilityError(
-                f"the equations of these logs give no finite {', '.join(wrong)}"
-            )
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            yield
     except (ButterflyError, np.linalg.LinAlgError) as error:
         unsolved = f"the equations of these logs have no solution ({error})"
         refusal: ButterflyError = IdentifiabilityError(unsolved)
@@ -211,7 +228,6 @@ def estimated(data: DataSet, estimator: Estimator) -> Estimate:
         if better and isinstance(refusal, IdentifiabilityError):
             refusal = IdentifiabilityError(f"{refusal}. {BETTER_METHOD.format(*better)}")
         raise with_unit_errors(refusal, errors) from None
-    return found
 
 
 @_UNWARNED

@@ -13,12 +13,7 @@ from butterfly.arrays import Samples
 from butterfly.identification.findings import Ending
 from butterfly.identification.fit import Fit
 from butterfly.identification.inference.blocks import independent_cells_of
-from butterfly.identification.inference.linear_terms import (
-    STRIBECK,
-    LinearProblem,
-    TermChoice,
-    usual_velocity,
-)
+from butterfly.identification.inference.linear_terms import STRIBECK, stribeck_velocity
 from butterfly.identification.levels import LOST, MOST, SHOWS, WEIGHED
 from butterfly.identification.linearisation import Linearisation, Regression
 from butterfly.identification.segments import LONGEST_STEP
@@ -29,6 +24,7 @@ from butterfly.identification.test_functions import (
     half_width_of,
 )
 from butterfly.logs.log import Log
+from butterfly.model.parameters import LumpedParameters
 from butterfly.model.prior import Penalty, Prior
 from butterfly.model.terms import DRIVE, IDEAL, TERMS, DriveTerms, FrictionTerms
 
@@ -63,6 +59,7 @@ class About:
     names: tuple[str, ...]  # of the parameters to be found
     known: Prior  # of the robot; exactly known parameters are not among the names
     slow: float = FrictionTerms.stribeck_velocity  # in rad/s
+    periods: float = 1.0  # of cogging in a turn
     delay: float = 0.0  # from input to torque, in s
     drive: DriveTerms = IDEAL  # model of the delivered input
     gain: float  # p4, 0 if unknown
@@ -134,14 +131,21 @@ class WeakFit:
     fit: Fit
 
     @classmethod
-    def of(cls, windows: Sequence[Averaging], names: tuple[str, ...], known: Prior) -> WeakFit:
+    def of(
+        cls,
+        windows: Sequence[Averaging],
+        names: tuple[str, ...],
+        known: Prior,
+        periods: float = 1.0,
+    ) -> WeakFit:
         """Return the likelier fit, uncertain values held or free, as delays may diverge."""
         exact = known.fixed
         about = About(
             windows=windows,
             names=names,
             known=known,
-            slow=usual_velocity(known),
+            slow=stribeck_velocity(max(each.fastest for each in windows), known),
+            periods=periods,
             delay=exact.get("delay", 0.0),
             gain=exact.get("p4", 0.0),
             drive=DriveTerms(**{name: exact[name] for name in DRIVE if name in exact}),
@@ -204,32 +208,18 @@ class WeakFit:
         """Values by name, exactly known ones included."""
         return self.about.known.fixed | self.solved.named
 
-    def equations(self, names: tuple[str, ...], slow: float) -> Linearisation:
-        """Return the equations of n parameters, at a Stribeck velocity in rad/s, about this fit."""
-        regression = replace(self.about, names=names, slow=slow).regression()
-        cells = independent_cells_of(len(self.about.windows), len(names))
-        return regression.linearised(regression.at(self.values), cells=cells)
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the values that were fitted."""
+        return self.solved.names
 
+    @property
+    def settings(self) -> dict[str, float]:
+        """What its terms were taken at."""
+        scale = {"stribeck_velocity": self.about.slow} if STRIBECK in self.about.names else {}
+        return scale | {"cogging_periods": self.about.periods}
 
-def fitted_terms(
-    windows: Sequence[Averaging],
-    base: tuple[str, ...],
-    terms: tuple[str, ...],
-    known: Prior,
-    *,
-    choosing: bool,
-) -> tuple[WeakFit, TermChoice]:
-    """Return the fit of base parameters and terms, or of the terms that predict better."""
-    linear = tuple(name for name in terms if name != STRIBECK) if choosing else ()
-    first = WeakFit.of(windows, (*base, *linear), known)
-    problem = LinearProblem(
-        equations=first.equations,
-        base=base,
-        terms=terms,
-        masses=[each.added for each in windows],
-        known=known,
-        fastest=max(each.fastest for each in windows),
-    )
-    chosen = problem.fitted(choosing=choosing)
-    slow = chosen.settings.get("stribeck_velocity", first.about.slow)
-    return WeakFit.settled(replace(first.about, names=chosen.names, slow=slow)), chosen
+    @property
+    def parameters(self) -> LumpedParameters:
+        """All parameters of the bare hand."""
+        return LumpedParameters(**self.settings | self.values)

@@ -21,7 +21,8 @@ from butterfly.identification.fit import Fit
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, Conditioning
 from butterfly.identification.inference.infer import Basis, infer
-from butterfly.identification.inference.linear_terms import LinearModel, choose
+from butterfly.identification.inference.linear_terms import LinearModel
+from butterfly.identification.inference.stagewise import stagewise
 from butterfly.identification.inference.submodels import Submodels, without_logs
 from butterfly.identification.linearisation import Linearisation, Regression, Solution
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging, Balance
@@ -166,8 +167,9 @@ def chosen_terms(equations: Linearisation, base: tuple[str, ...]) -> tuple[str, 
     """Return the base and those of all terms that help to predict stretches that were held out."""
     folds = np.arange(equations.log.size) % _FOLDS
     rows = tuple(name for name in equations.names if name not in base)
-    nested = LinearModel(models=(Submodels(equations=equations, folds=folds),), optional=rows)
-    return choose(nested).names
+    model = LinearModel(every=Submodels(equations=equations, folds=folds), optional=rows)
+    kept = stagewise(model, rows, ()).model.terms
+    return (*base, *(name for name in rows if name in kept))
 
 
 class LoopEquations:

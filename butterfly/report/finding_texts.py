@@ -395,11 +395,6 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "{logs} {were} excluded: near the upright position the motion is too sensitive for a "
         "free run to follow. The method weak-form uses such logs."
     ),
-    FindingKind.SCANNED: lambda finding, _: (
-        f"{', '.join(finding.parameters)} ({_number(finding):.2g} "
-        f"{TERMS[finding.parameters[0]].unit}) was chosen from a grid; the intervals cover "
-        "grid values that fit equally well."
-    ),
     FindingKind.NOT_HELPING: ("Tested and left out (no better prediction): {names}."),
     FindingKind.INSEPARABLE: lambda finding, _: " ".join(
         [

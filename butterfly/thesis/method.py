@@ -73,12 +73,16 @@ class Thesis(Estimator):
         if self.decimation < 1:
             raise InputError(self.method, "decimation", self.decimation, "1 or more")
 
-    def __call__(self, data: DataSet) -> Estimate:
-        """Estimate from the sines of a data set (see `Estimator`)."""
+    def fit(self, data: DataSet) -> tuple[Estimate, None]:
+        """Estimate from the sines of a data set; there is no fit to infer anything from."""
         data.require_angles(self.method)
         found = fit_thesis(data.recorded, self.decimation)
         values = np.nan_to_num(found.values, nan=best_gain(found.parameters, data))
-        return replace(found, values=values)
+        return replace(found, values=values), None
+
+    def infer(self, problem: Estimate, fit: None) -> Estimate:  # noqa: ARG002 - as of `Estimator`
+        """Return the estimate, as it is."""
+        return problem
 
 
 def scripted_gain(

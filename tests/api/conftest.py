@@ -48,7 +48,7 @@ def results(data, few, quick_data, tmp_path_factory):
     logs = data.take([0, 2, 3, 5, 6, 8]).logs
     coarse = bf.read([log.take(np.arange(0, log.time.size, 3)) for log in logs])
     others = (
-        bf.select(coarse, "weak-form", candidates=("drag",), nested=True),
+        bf.select(coarse, candidates=("drag",), nested=True),
         bf.validate(coarse, ["weak-form", "linear"]),
         bf.changed(few, few),
         bf.predict(quick_data.parent / "quick.yaml", few, bands=False),

@@ -25,7 +25,7 @@ SAYS = {
         *(r"^ +p1 .*kg m²$", "bootstrap over logs"),
     ),
     "validate {data} --terms= --split frequency": ("out by frequency: as requested", "9 of 9"),
-    "select {data} -m harmonic-balance --candidates drag,load": ("Chosen: --terms",),
+    "select {few} --candidates drag,load": ("Chosen: --terms",),
     "residual {data}": ("of the 9 logs",),
     "design {few} --limit 3 --goal 5% --price 9": (r"^ +3  ", "Run next|No run is needed"),
     "predict {data} --with {saved}": ("median FIT",),

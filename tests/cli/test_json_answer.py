@@ -22,7 +22,7 @@ def _words(command, data, few, place):
     """Return the words of a command that has something to answer."""
     saved, results = place / "saved.json", place / "results/one"
     told = {
-        "select": (few, "--method", "weak-form", "--candidates", "drag"),
+        "select": (few, "--candidates", "drag"),
         "identify": (data, "--against", "p1=0.003,p2=0.0014,p3=0.05"),
         "validate": (data, "--terms="),
         "predict": (few, "--with", saved),

@@ -10,7 +10,7 @@ import yaml
 
 import butterfly as bf
 from butterfly.cli.output import ExitCode
-from butterfly.identification.estimators import harmonic_balance
+from butterfly.identification.estimators import fast_look
 from butterfly.report.finding_texts import estimate_sentences
 from tests.cli.one_line import assert_tables_fit, done
 from tests.experiment.setting import changed
@@ -19,7 +19,7 @@ from tests.verdicts import follow_nothing, impossible_data
 COMMANDS = {
     "identify": (),
     "validate": ("--terms=",),
-    "select": ("--method", "weak-form", "--candidates", "drag"),
+    "select": ("--candidates", "drag"),
     "residual": (),
     "design": ("--limit", 1, "--verbose"),
     "compare": ("--log", "0"),
@@ -150,7 +150,7 @@ def fewer(quick, **content):
 
 
 def test_a_run_and_its_record_say_the_verdict(butterfly, quick, tmp_path, monkeypatch):
-    monkeypatch.setattr(harmonic_balance, "MOST", 1)
+    monkeypatch.setattr(fast_look, "MOST", 1)
     out = tmp_path / "out"
     fewer(quick, estimators=[{"method": "harmonic-balance", "terms": []}])
     for of_this in ("deviation", "already done"):

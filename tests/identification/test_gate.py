@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from butterfly.identification.chosen_terms import FreeRunModel, chosen_at_once
+from butterfly.identification.chosen_terms import FreeRunModel
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import OutputError
 from butterfly.identification.estimators.start import starts
 from butterfly.identification.fit import Box
-from butterfly.identification.inference.stagewise import is_near
+from butterfly.identification.inference.stagewise import is_near, stagewise
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 from tests.identification.test_stiff_trials import JOINT, MASS, recorded
 
@@ -83,7 +83,7 @@ def test_near_is_within_ten_times_the_least_inertia_that_a_mass_leaves(ratio, ba
 def test_a_removal_whose_linear_start_is_impossible_begins_at_the_fit(model, monkeypatch):
     more = model.every.without({"stribeck"})
     fit = replace(model, problem=more, end=more.descend())
-    sound = fit.without("drag")
+    sound = fit.without(["drag"])
     submodels = type(fit.nested)
     right = submodels.fitted
     for wrong in (np.nan, -1.0, 1e-6):
@@ -94,11 +94,11 @@ def test_a_removal_whose_linear_start_is_impossible_begins_at_the_fit(model, mon
             return values
 
         monkeypatch.setattr(submodels, "fitted", astray)
-        fewer = fit.without("drag")
+        fewer = fit.without(["drag"])
         assert fewer.end.values == pytest.approx(sound.end.values, rel=1e-4)
 
 
-def test_terms_on_their_bound_leave_before_a_choice_on_equations_alone():
+def test_terms_on_their_bound_leave_a_fit_that_began_with_them():
     """About no Stribeck friction the equations of its velocity are empty."""
     every = _problem()
     place = every.labels.index("stribeck")
@@ -106,12 +106,11 @@ def test_terms_on_their_bound_leave_before_a_choice_on_equations_alone():
     values = end.values.copy()
     values[place] = every.lower[place]
     at = every.equations(values)
-    problem, found = chosen_at_once(every, replace(end, at=at), TERMS)
-    assert not {"stribeck", "stribeck_velocity"} & {*problem.names}
-    assert np.isfinite(found.values).all()
-    named = dict(zip(problem.labels, found.values.tolist(), strict=True))
+    begun = FreeRunModel(every=every, problem=every, end=replace(end, at=at), rows=TERMS)
+    found = stagewise(begun, TERMS, ()).model
+    assert not {"stribeck", "stribeck_velocity"} & {*found.problem.names}
     for name in ("p1", "p2", "p3", "p4"):
-        assert named[name] == pytest.approx(getattr(JOINT, name), rel=0.02)
+        assert found.values[name] == pytest.approx(getattr(JOINT, name), rel=0.02)
 
 
 @given(st.floats(1e-6, 1e3), st.floats(0.0, 10.0))

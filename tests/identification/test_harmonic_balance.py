@@ -14,7 +14,7 @@ from butterfly.api.verbs import identify
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import HarmonicBalance, Linear
-from butterfly.identification.estimators.harmonic_balance import HarmonicBalanceFit, Phasors
+from butterfly.identification.estimators.fast_look import HarmonicBalanceFit, Phasors
 from butterfly.identification.findings import Ending, FindingKind
 from butterfly.logs.log import Sine
 from butterfly.model.linear import quasi_linear_response
@@ -134,7 +134,7 @@ def test_friction_that_is_not_there_ends_on_its_bound_and_is_said_to():
 def test_an_iteration_that_does_not_settle_is_said_to(monkeypatch):
     points = _points(ROBOT, noise=5e-4)
     assert PLAIN.of_points(points).ending is Ending.CONVERGED
-    monkeypatch.setattr("butterfly.identification.estimators.harmonic_balance.MOST", 2)
+    monkeypatch.setattr("butterfly.identification.estimators.fast_look.MOST", 2)
     stopped = PLAIN.of_points(points)
     assert stopped.ending is Ending.STOPPED
 

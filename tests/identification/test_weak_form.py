@@ -82,7 +82,9 @@ def test_a_log_shorter_than_its_averages_is_refused(logs):
     short = [logs[0].take(np.arange(100)), logs[1]]
     with pytest.raises(InputError, match=r"at least 0\.5 s, the length of one window"):
         WeakForm(half_width=0.25).of_logs(short, ZEROS)
-    assert WeakForm().of_logs(short, ZEROS).parameters.p1 == pytest.approx(PLAIN.p1, rel=0.01)
+    assert replace(BOTH, half_width=None).of_logs(short, ZEROS).parameters.p1 == pytest.approx(
+        PLAIN.p1, rel=0.01
+    )
 
 
 HALF, STEP = 0.25, 1e-3
@@ -141,7 +143,7 @@ def clean():
 
 
 def _plain(logs, known=NO_PRIOR):
-    return WeakForm(terms=(), half_width=HALF).least_squares(logs, AT_ZERO, known)[0]
+    return WeakForm(terms=(), half_width=HALF).least_squares(logs, AT_ZERO, known)
 
 
 def test_least_squares_is_biased_by_noise_and_the_weak_form_is_not(clean):
@@ -183,7 +185,8 @@ def test_where_the_model_does_not_move_like_the_log_its_own_equations_stand(clea
         found = instruments_of(clean, windows, parameters, AT_ZERO)
         assert all(each is own for each, own in zip(found, windows, strict=True))
     kept = refined(fit, found).solved.values
-    np.testing.assert_allclose(kept, fit.solved.values, rtol=1e-5, atol=1e-7)
+    np.testing.assert_allclose(kept[:-1], fit.solved.values[:-1], rtol=1e-5, atol=1e-7)
+    assert kept[-1] == pytest.approx(fit.solved.values[-1], abs=1e-5)  # of the delay, as it settles
     found = instruments_of(clean, windows, PLAIN, AT_ZERO)
     assert all(each is not own for each, own in zip(found, windows, strict=True))
 

@@ -40,7 +40,6 @@ NUMBERS = {
     FindingKind.FOLLOWED: (0.0123, "1.2 %"),
     FindingKind.MISFIT: (41.3, "41.3 times"),
     FindingKind.NO_MISFIT: (1.02, "1.02 times"),
-    FindingKind.SCANNED: (0.14, "0.14"),
     FindingKind.FEW_LOGS: (2.0, "2 logs"),
     FindingKind.CLOCK: (-0.0031, "0.31 % slower"),
     FindingKind.CLOCK_SET: (0.0042, "0.42 % faster"),

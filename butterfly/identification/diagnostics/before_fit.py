@@ -1,9 +1,9 @@
 """Which parameters some logs can tell, before they are identified, and what would mend it.
 
-The free runs of the logs are fitted from the values of the weak form on, with the terms that it
-chose and no others. What the equations there determine has the interval of a fit: cluster-robust
-over logs, with the estimates without each added mass and rivals by conditions. Other terms, and all
-that is checked afterwards, may widen it, so that it is a lower limit.
+The free runs of the logs are fitted from the values of the weak form on, with the common terms that
+it has. What the equations there determine has the interval of a fit:
+cluster-robust over logs, with the estimates without each added mass and rivals by conditions.
+Other terms, and all that is checked afterwards, may widen it, so that it is a lower limit.
 
 With h the half-width of that interval over the value, a parameter is *identifiable* if h is at most
 `PRECISE`; *not identifiable* if h is 1 or more, so that it may be 0, or if the equations are
@@ -107,7 +107,7 @@ def forecast(logs: Sequence[Log], known: Prior) -> tuple[Forecast, ...]:
 
 
 def expected(data: DataSet) -> Estimate:
-    """Return a fit from a closed form's values on, with the terms that it chose."""
+    """Return a fit from the weak form's values on, with all terms that it has."""
     first, *_ = starts(data, None)
     terms = tuple(name for name in COMMON if getattr(first.parameters, name))
     estimator = OutputError(terms=terms)

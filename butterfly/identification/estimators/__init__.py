@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from butterfly.identification.estimators.base import Estimator as Estimator
-from butterfly.identification.estimators.harmonic_balance import HarmonicBalance as HarmonicBalance
-from butterfly.identification.estimators.harmonic_balance import Linear as Linear
+from butterfly.identification.estimators.fast_look import HarmonicBalance as HarmonicBalance
+from butterfly.identification.estimators.fast_look import Linear as Linear
 from butterfly.identification.estimators.output_error import OutputError as OutputError
 from butterfly.identification.estimators.weak_form import WeakForm as WeakForm
 from butterfly.identification.linearisation import Loss as Loss

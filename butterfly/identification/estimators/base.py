@@ -8,7 +8,6 @@ from typing import Any, ClassVar, Self
 
 from butterfly.errors import InputError, nearest
 from butterfly.identification.data import DataSet
-from butterfly.identification.fit import Fit
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.infer import infer
 from butterfly.model.prior import Known, Prior
@@ -40,21 +39,22 @@ class Estimator:
         IdentifiabilityError
             If they cannot determine the parameters.
         """
-        return self.infer(*self.fit(data))
+        problem, fit = self.fit(data)
+        return self.infer(problem, fit)
 
-    def fit(self, data: DataSet) -> tuple[Any, Fit]:
-        """Return the end of a fit of logs, and what inference needs beside it."""
+    def fit(self, data: DataSet) -> tuple[Any, Any]:
+        """Return what inference needs beside a fit of logs, and the end of the fit."""
         raise NotImplementedError
 
-    def choose(self, problem: Any, fit: Fit) -> tuple[Any, Fit]:  # noqa: ANN401 - of `fit`
+    def choose(self, problem: Any, fit: Any) -> tuple[Any, Any]:  # noqa: ANN401 - of `fit`
         """Choose the terms of a fit; most fit those that they are given."""
         return problem, fit
 
-    def weigh(self, problem: Any, fit: Fit) -> Fit:  # noqa: ANN401, ARG002 - of `fit`
+    def weigh(self, problem: Any, fit: Any) -> Any:  # noqa: ANN401, ARG002 - of `fit`
         """Weigh the logs of a fit; most give each the same weight."""
         return fit
 
-    def infer(self, problem: Any, fit: Fit) -> Estimate:  # noqa: ANN401 - of `fit`
+    def infer(self, problem: Any, fit: Any) -> Estimate:  # noqa: ANN401 - of `fit`
         """Return the estimate of a fit: values, covariance, limits and findings."""
         return infer(fit, problem)
 
@@ -88,9 +88,10 @@ class Estimator:
         return replace(self, **options)
 
     def path(self, data: DataSet, offers: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:  # noqa: ARG002
-        """Return the terms after each round of a stagewise choice from some offers."""
+        """Return the terms after each round of a choice; only output error chooses terms."""
         self.with_terms(offers)
-        raise NotImplementedError
+        expected = "the method output-error: this one fits the terms that it is given"
+        raise InputError(self.method, "terms", "a choice of terms", expected)
 
     def near(self, found: Estimate) -> Callable[[DataSet], Estimate]:  # noqa: ARG002
         """Return the estimator with its search, if any, started at an estimate."""

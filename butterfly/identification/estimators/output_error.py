@@ -178,7 +178,7 @@ class OutputError(Estimator):
         """Return the terms after each round of a stagewise choice from some offers."""
         self.with_terms(offers)
         rows = candidates(offers, [log.added_mass for log in data.logs], data.known)
-        problem, fit = self.with_terms(rows).fit(data, starts(data, rows), rows)
+        problem, fit = self.with_terms(rows).fit(data, starts(data, ()), rows)
         rare = {*RARE} - {*(OF_SERVO if any(log.closed for log in problem.logs) else ())}
         return choose(problem, fit, rows, rare).path or ((),)
 

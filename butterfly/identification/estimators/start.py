@@ -1,7 +1,7 @@
 """Where iterations start, where descents from there end, and the best of these ends.
 
-First guesses are closed forms' parameters, and rest angles of the encoder; those of a servo in its
-loop come from short segments, driven by its drive alone: in the loop a joint's friction decides
+First guesses are the weak form's parameters, and rest angles of the encoder; those of a servo in
+its loop come from short segments, driven by its drive alone: in the loop a joint's friction decides
 where it stops, and descents from far end at other stops.
 """
 
@@ -17,16 +17,17 @@ import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError, IdentifiabilityError
-from butterfly.identification.chosen_terms import TRIAL, chosen_at_once, offered_rows
+from butterfly.identification.chosen_terms import TRIAL, offered_rows
 from butterfly.identification.data import DataSet
 from butterfly.identification.encoder_offset import near, reading_of
-from butterfly.identification.estimators.base import Estimator, usable
-from butterfly.identification.estimators.harmonic_balance import HarmonicBalance
+from butterfly.identification.estimators.base import usable
 from butterfly.identification.estimators.weak_form import WeakForm
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Fit
 from butterfly.identification.free_run import LEAST_FIT, FreeRun, Setting
-from butterfly.identification.inference.estimate import Estimate
+from butterfly.identification.inference.infer import conditioning_of
+from butterfly.identification.inference.limits import cluster_covariance, half_widths
+from butterfly.identification.inference.linear_terms import candidates
 from butterfly.identification.levels import (
     LOST,
     MATTERS,
@@ -39,11 +40,12 @@ from butterfly.identification.linearisation import Linearisation, scaled_least_s
 from butterfly.identification.problem import Problem, Start
 from butterfly.identification.servo_drive import driven_alone
 from butterfly.identification.test_functions import HALF_WIDTH, half_width_of
+from butterfly.identification.weak_regression import WeakFit
 from butterfly.logs.log import Log
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Known, Prior
-from butterfly.model.terms import GEAR, GROWING, LOOP_TERMS, OF_ANGLE, OF_SERVO, offered
+from butterfly.model.terms import COMMON, GEAR, GROWING, LOOP_TERMS, OF_ANGLE, OF_SERVO, offered
 from butterfly.progress import out_of_time
 from butterfly.signals.spectrum import white_variance
 
@@ -56,29 +58,23 @@ _GEAR = 0.1  # of each of a gear's torques that friction takes, from where on it
 
 
 def starts(data: DataSet, terms: tuple[str, ...] | None) -> list[Start]:
-    """Return what closed forms find: the weak form, and steady responses where there are sines.
+    """Return what the weak form finds, with all common terms where none are given.
 
-    A weak form whose chosen terms follow no log, as with a friction that holds the joint, also
-    without them. Where none finds any, it is a guess of the scale. ButterflyError if there is none
-    either.
+    Where that follows no log, as with a friction that holds the joint, also without terms. Where
+    there is none, it is a guess of the scale. ButterflyError if there is none either.
     """
     found: list[Start] = []
     refusals: list[ButterflyError] = []
-    for closed_form in (_from_any, _from_sines):
+    common = candidates(COMMON, data.masses, data.known)
+    for some in dict.fromkeys((common if terms is None else terms, ())):
         try:
-            start = closed_form(data, terms)
+            start = _of_weak_form(data, some)
         except ButterflyError as refusal:
-            refusals.insert(0, refusal)
+            refusals.append(refusal)
             continue
-        inertia = _least_inertia(start, data)
-        if inertia > 0:
-            found.append(start)
-        else:
-            refusals.insert(0, _without_inertia(data, inertia))
-    if found and terms is None and not _follows(data, found[0]):
-        with suppress(ButterflyError):
-            bare = _from_any(data, ())
-            found += [bare] if _least_inertia(bare, data) > 0 else []
+        found.append(start)
+        if _follows(data, start):
+            break
     if not found:
         guess = None if data.known.scale() else _of_ratios(data)
         if guess is None:
@@ -110,25 +106,20 @@ def _without_inertia(data: DataSet, inertia: float) -> ButterflyError:
     )
 
 
-def _from_sines(data: DataSet, terms: tuple[str, ...] | None) -> Start:
-    closed_form = HarmonicBalance(terms=_known(HarmonicBalance, terms))
-    points = data.take(data.steady).sines
-    found = closed_form.of_points(points, usable(closed_form.method, data.known))
-    return replace(Start.at(found, data), parameters=_moving(found, data))
-
-
-def _from_any(data: DataSet, terms: tuple[str, ...] | None) -> Start:
+def _of_weak_form(data: DataSet, terms: tuple[str, ...]) -> Start:
     """Fit the weak form over windows of the logs' own time, or short ones if runs follow better.
 
-    Long ones hide a fast motion beside a slow one.
+    Long ones hide a fast motion beside a slow one. IdentifiabilityError if it finds no inertia.
     """
     found = _over_windows(data, terms, None)
     closed = any(log.closed for log in data.glance)
-    if closed or all(half_width_of(log) <= HALF_WIDTH for log in data.glance):
-        return found
-    with suppress(ButterflyError):
-        short = _over_windows(data, terms, HALF_WIDTH)
-        return max(found, short, key=partial(_velocity_fit, data))
+    if not closed and any(half_width_of(log) > HALF_WIDTH for log in data.glance):
+        with suppress(ButterflyError):
+            short = _over_windows(data, terms, HALF_WIDTH)
+            found = max(found, short, key=partial(_velocity_fit, data))
+    inertia = _least_inertia(found, data)
+    if not inertia > 0:
+        raise _without_inertia(data, inertia)
     return found
 
 
@@ -144,22 +135,21 @@ def _velocity_fit(data: DataSet, start: Start) -> float:
         return float(np.median([run.velocity_fit for run in runs]))
 
 
-def _over_windows(data: DataSet, terms: tuple[str, ...] | None, half_width: float | None) -> Start:
+def _over_windows(data: DataSet, terms: tuple[str, ...], half_width: float | None) -> Start:
     """Fit the weak form; the offset of gravity seen corrects rest angles, unless told.
 
     Slow motion lags by inertia and by delay alike: an inertia below 0 is fitted again without one.
     """
-    zeros = data.equilibria
-    wanted, open_ = _known(WeakForm, terms), bool(data.unread)
-    if open_ and wanted is not None and "p3_offset" not in wanted:
-        wanted = (*wanted, "p3_offset")
+    zeros, open_ = data.equilibria, bool(data.unread)
+    asked = {*terms, *(("p3_offset",) if open_ else ())}
+    wanted = tuple(name for name in offered(WeakForm.method) if name in asked)
     closed_form = WeakForm(terms=wanted, half_width=half_width)
-    least = min(mass.inertia for mass in data.masses)
     known = usable(closed_form.method, data.known)
-    estimate = closed_form.of_logs(data.glance, zeros, known)
-    if estimate.parameters.p1 + least <= 0 and "delay" in estimate.names:
-        estimate = closed_form.of_logs(data.glance, zeros, known | _AT_ONCE)
-    found = _moving(estimate, data)
+    fit = closed_form.through_instruments(data.glance, zeros, known)
+    if fit.values["p1"] + min(mass.inertia for mass in data.masses) <= 0 and "delay" in fit.names:
+        fit = closed_form.through_instruments(data.glance, zeros, known | _AT_ONCE)
+    conditioning_of(fit.solved)
+    found = _moving(fit, data)
     if not open_:
         return Start(found, zeros)
     loaded = {mass: found.with_added_mass(mass) for mass in zeros}
@@ -168,11 +158,20 @@ def _over_windows(data: DataSet, terms: tuple[str, ...] | None, half_width: floa
     return Start(replace(found, p3_offset=0.0), corrected)
 
 
-def _moving(found: Estimate, data: DataSet) -> LumpedParameters:
-    """Return an estimate's parameters; an inertia below 0 that may be above hardly shows."""
-    parameters, least = found.parameters, min(mass.inertia for mass in data.masses)
-    most = found.limits_of("p1", parameters.p1)[1] + least
-    if parameters.p1 + least > 0 or not most > 0 or not data.known.scale():
+def _half_widths(fit: WeakFit) -> dict[str, float]:
+    """Return half-widths by name of a regression's intervals, robust over its logs or stretches."""
+    cells = fit.solved.independent
+    half = half_widths(*cluster_covariance(*cells.stack, cells.prior))
+    return dict(zip(cells.names, half.tolist(), strict=True))
+
+
+def _moving(fit: WeakFit, data: DataSet) -> LumpedParameters:
+    """Return the parameters of a fit; an inertia below 0 that may be above hardly shows."""
+    parameters, least = fit.parameters, min(mass.inertia for mass in data.masses)
+    if parameters.p1 + least > 0 or "p1" not in fit.names or not data.known.scale():
+        return parameters
+    most = parameters.p1 + _half_widths(fit)["p1"] + least
+    if not most > 0:
         return parameters
     settling = parameters.p2 * min(log.mean_step for log in data.logs)
     return replace(parameters, p1=min(most / 2, settling or most) - least)
@@ -182,7 +181,7 @@ def _of_ratios(data: DataSet) -> Start | None:
     """Scale the ratios to p4 that each added mass gives, by what the masses add to p1 and p3.
 
     With ratios a and b of a mass, p1 + its inertia = p4 a, p3 + its gravity moment = p4 b: least
-    squares by the standard errors of the ratios. Masses too small for that leave a guess.
+    squares by the half-widths of the ratios. Masses too small for that leave a guess.
     """
     rows, zeros = list[Samples](), dict[AddedMass, float]()
     found, best = dict[str, float](), math.inf
@@ -190,18 +189,21 @@ def _of_ratios(data: DataSet) -> Start | None:
         bare = replace(mass, mass=0.0, arm=0.0)
         logs = [replace(each, added_mass=bare) for each in data.logs if each.added_mass == mass]
         try:
-            own = WeakForm(terms=("p3_offset",)).of_logs(logs, {bare: zero}, data.known | _RATIOS)
+            own = WeakForm(terms=("p3_offset",)).through_instruments(
+                logs, {bare: zero}, data.known | _RATIOS
+            )
+            conditioning_of(own.solved)
         except ButterflyError:
             continue
-        errors = dict(zip(own.names, own.standard_errors.tolist(), strict=True))
-        ratios = {**own.named, "p3_offset": 0.0}  # which turns the zero
+        errors, named = _half_widths(own), own.solved.named
+        ratios = {**named, "p3_offset": 0.0}  # which turns the zero
         zeros[mass] = zero - math.atan2(own.parameters.p3_offset, own.parameters.p3)
         for name, load in (("p1", mass.inertia), ("p3", mass.gravity_moment)):
             if errors.get(name, 0.0) > 0:
-                row = np.array([-(name == "p1"), -(name == "p3"), own.named[name], load])
+                row = np.array([-(name == "p1"), -(name == "p3"), named[name], load])
                 rows.append(row / errors[name])
-        if 0 < errors.get("p1", 0.0) < best * abs(own.parameters.p1):
-            found, best = ratios, errors["p1"] / abs(own.parameters.p1)
+        if 0 < errors.get("p1", 0.0) < best * abs(named["p1"]):
+            found, best = ratios, errors["p1"] / abs(named["p1"])
     if not found:
         return None
     *scaled, loads = np.array(rows).T
@@ -215,11 +217,6 @@ def _of_ratios(data: DataSet) -> Start | None:
     guess = {name: p4 * each for name, each in found.items() if name in GROWING}
     guess |= {"p1": p1, "p3": p3, "p4": p4, "delay": found.get("delay", 0.0)}
     return Start(LumpedParameters(**guess), data.equilibria | zeros)
-
-
-def _known(method: type[Estimator], terms: tuple[str, ...] | None) -> tuple[str, ...] | None:
-    """Return the terms that a method offers."""
-    return None if terms is None else tuple(n for n in terms if n in offered(method.method))
 
 
 def lowest_end(problems: Sequence[Problem], enough: float = ROUNDING) -> tuple[int, Fit]:
@@ -266,7 +263,7 @@ def hanging(every: Problem, fit: Fit) -> Fit:
 
 
 def begun_anew(every: Problem, fit: Fit, rows: Sequence[str], rare: Collection[str]) -> Fit:
-    """Return a fit that begins with all common terms, idle ones taken away, if the first is poor.
+    """Return a fit that begins with all common terms, if the first is poor.
 
     Where few terms follow no log, their values are those of no joint, about which others can
     neither be found nor refused; the closed form has values for all.
@@ -279,10 +276,7 @@ def begun_anew(every: Problem, fit: Fit, rows: Sequence[str], rare: Collection[s
         at = common.equations(common.initial)
         end = common.descend(at, TRIAL, SHOWS, TRIAL * at.steps)
         if end.cost < LOST * fit.cost:
-            names = [name for name in rows if name not in rare]
-            _, end = chosen_at_once(common, end, names)
-            if end.cost < fit.cost:
-                return replace(end, findings=fit.findings)
+            return replace(end, findings=fit.findings)
     return fit
 
 
@@ -364,7 +358,5 @@ def servo_start(
                 break
             attempt(lowest * step)
     _, delay, problem, end = ends[0]
-    if told is None:
-        problem, end = chosen_at_once(problem, end, terms)
     found = problem.start_at(end.values)
     return replace(found, parameters=replace(found.parameters, delay=delay))

@@ -37,20 +37,19 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.encoder_offset import offset_errors, reading_of
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
 from butterfly.identification.findings import Finding, FindingKind
+from butterfly.identification.fit import Fit
 from butterfly.identification.free_run import LEAST_FIT, FreeRun, Setting
 from butterfly.identification.inference.blocks import Conditions, cells_of
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.identifiability import is_driven, prior_of_fit
-from butterfly.identification.inference.infer import Basis, infer
-from butterfly.identification.inference.limits import Rival
-from butterfly.identification.inference.linear_terms import TermChoice, optional_terms
+from butterfly.identification.inference.infer import Basis
 from butterfly.identification.linearisation import Solution
 from butterfly.identification.test_functions import Averaging
-from butterfly.identification.weak_regression import WeakFit, averaging_of, fitted_terms
+from butterfly.identification.weak_regression import WeakFit, averaging_of
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters, require_periods
 from butterfly.model.prior import NO_PRIOR, Prior
-from butterfly.model.terms import COMMON, OF_ANGLE, PARAMETERS, offered
+from butterfly.model.terms import OF_ANGLE, PARAMETERS, offered
 
 _DIFFERENT = 0.05  # rad between rest angles, whose cosines then differ by a thousandth
 
@@ -61,14 +60,13 @@ class WeakForm(Estimator):
 
     Needs at least two different added masses (none counts as one), or enough known values. The
     covariance is cluster-robust over logs; the intervals are widened to include the
-    leave-one-mass-out estimates, and those with other terms that predict as well. The Stribeck
-    velocity comes from a grid search.
+    leave-one-mass-out estimates. Stribeck friction has the known velocity, or else a tenth of the
+    largest speed.
 
     Parameters
     ----------
     terms
-        Terms fitted besides p1..p4, coulomb and delay; if not given, those that improve the
-        prediction of held-out logs.
+        Terms fitted besides p1..p4, coulomb and delay; none if not given.
     half_width
         Half width of the test functions in s; if not given, each log's own, from its duration, its
         period and its noise.
@@ -89,18 +87,17 @@ class WeakForm(Estimator):
             require_number(self.method, positive=True, unit="s", half_width=self.half_width)
         require_periods(self.method, self.cogging_periods)
 
-    def __call__(self, data: DataSet) -> Estimate:
-        """Estimate from all logs of a data set (see `Estimator`)."""
+    def fit(self, data: DataSet) -> tuple[Basis, Fit]:
+        """Fit all logs of a data set."""
         data.require_angles(*OF_ANGLE.intersection(self.terms or ()))
         zeros = data.equilibria
         uncertain = offset_errors(data.offsets) if data.hangs else None
-        found = self.of_logs(data.logs, zeros, data.known, uncertain)
-        if data.guessed:
-            found = found.with_findings(Finding(FindingKind.ZERO_GUESSED, logs=data.guessed))
+        basis, found = self._of_logs(data.logs, zeros, data.known, uncertain)
+        said = [Finding(FindingKind.ZERO_GUESSED, logs=data.guessed)] if data.guessed else []
         spread = max(zeros.values()) - min(zeros.values())
         if data.unread and spread >= _DIFFERENT:
-            found = found.with_findings(Finding(FindingKind.REST_DIFFERS, number=spread))
-        return found
+            said.append(Finding(FindingKind.REST_DIFFERS, number=spread))
+        return basis, replace(found, findings=(*found.findings, *said))
 
     def of_logs(
         self,
@@ -110,61 +107,51 @@ class WeakForm(Estimator):
         uncertain: Samples | None = None,
     ) -> Estimate:
         """Estimate from logs, given the encoder's zero in rad for each added mass."""
-        require_usable(self.method, known)
-        known = prior_of_fit(logs, known)
-        ordinary, chosen = self.least_squares(logs, zeros, known)
-        fixed = chosen.settings | {"cogging_periods": self._periods(known)}
-        parameters = LumpedParameters(**fixed | ordinary.values)
-        fit = refined(ordinary, instruments_of(logs, ordinary.about.windows, parameters, zeros))
+        return self.infer(*self._of_logs(logs, zeros, known, uncertain))
 
-        solved, cells = fit.solved, cells_of(len(logs), len(fit.solved.names))
-        rivals = [each + solved.values - ordinary.solved.values for each in chosen.rival_values]
-        doubt = None if uncertain is None else offset_covariance(fit, uncertain)
-        counted = solved.log.size == cells * len(logs)
-        conditions = Conditions.of(logs, cells) if counted else None  # one per cell
-        return infer(
-            fit.fit,
-            Basis(
-                method="weak form",
-                masses=[log.added_mass for log in logs],
-                conditions=conditions,
-                known=known,
-                driven=is_driven(logs),
-                timed=all(log.excitation for log in logs),
-                rivals=[*map(Rival, rivals)],
-                consider_covariance=doubt,
-                torques=True,
-                fixed=fixed,
-                findings=chosen.findings,
-            ),
-        )
-
-    def path(self, data: DataSet, offers: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
-        """Return the terms after each round of a stagewise choice from some offers."""
-        self.with_terms(offers)
-        known = prior_of_fit(data.logs, data.known)
-        choosing = replace(self, terms=None)
-        return choosing.least_squares(data.logs, data.equilibria, known, offers)[1].path
-
-    def least_squares(
+    def _of_logs(
         self,
         logs: Sequence[Log],
         zeros: Mapping[AddedMass, float],
         known: Prior,
-        offers: Sequence[str] = COMMON,
-    ) -> tuple[WeakFit, TermChoice]:
-        """Return the fit of the given terms, or, without any, of those chosen from offers."""
-        masses, periods = [log.added_mass for log in logs], self._periods(known)
+        uncertain: Samples | None,
+    ) -> tuple[Basis, Fit]:
+        """Fit logs (see `of_logs`); ``uncertain``: (k, logs) errors of their zeros in rad."""
+        weak = self.through_instruments(logs, zeros, known)
+        solved, cells = weak.solved, cells_of(len(logs), len(weak.solved.names))
+        counted = solved.log.size == cells * len(logs)
+        basis = Basis(
+            method="weak form",
+            masses=[log.added_mass for log in logs],
+            conditions=Conditions.of(logs, cells) if counted else None,  # one per cell
+            known=weak.about.known,
+            driven=is_driven(logs),
+            timed=all(log.excitation for log in logs),
+            consider_covariance=None if uncertain is None else offset_covariance(weak, uncertain),
+            torques=True,
+            fixed=weak.settings,
+        )
+        return basis, weak.fit
+
+    def through_instruments(
+        self, logs: Sequence[Log], zeros: Mapping[AddedMass, float], known: Prior
+    ) -> WeakFit:
+        """Return the regression of logs through instruments (see `of_logs`)."""
+        require_usable(self.method, known)
+        plain = self.least_squares(logs, zeros, prior_of_fit(logs, known))
+        return refined(plain, instruments_of(logs, plain.about.windows, plain.parameters, zeros))
+
+    def least_squares(
+        self, logs: Sequence[Log], zeros: Mapping[AddedMass, float], known: Prior
+    ) -> WeakFit:
+        """Return the least-squares fit, which noise of the angle biases."""
+        periods = known.fixed.get("cogging_periods", self.cogging_periods)
         windows = [
             averaging_of(log, reading_of(log, zeros), self.half_width, periods) for log in logs
         ]
-        terms = optional_terms(self.terms, offers, masses, known)
-        base, choosing = known.fitted(PARAMETERS), self.terms is None
-        _require_enough(windows, base, known.fixed.get("delay", 0.0))
-        return fitted_terms(windows, base, terms, known, choosing=choosing)
-
-    def _periods(self, known: Prior) -> float:
-        return known.fixed.get("cogging_periods", self.cogging_periods)
+        names = known.fitted((*PARAMETERS, *(self.terms or ())))
+        _require_enough(windows, names, known.fixed.get("delay", 0.0))
+        return WeakFit.of(windows, names, known, periods)
 
 
 def _require_enough(windows: Sequence[Averaging], names: Sequence[str], delay: float) -> None:

@@ -102,8 +102,8 @@ class Model(Protocol):
     def adding(self, offer: Offer) -> Self | None:
         """Fit with a row more; None if no joint has it, or it does not keep what it promised."""
 
-    def without(self, name: str) -> Self:
-        """Fit without a term."""
+    def without(self, names: Collection[str]) -> Self:
+        """Fit without some terms."""
 
     def confirms(self, rival: Mapping[str, float]) -> bool:
         """Whether the rival values, by label, that its equations promise are as good as its own."""
@@ -151,20 +151,20 @@ def stagewise(
     ties: list[tuple[str, str]] = []
     path, added = [_ordered(model.terms, rows)], 0
     while True:
+        if idle := _idle(model, rows, path[0]):
+            gone.update(idle)
+            model = model.without(idle)
+            path.append(_ordered(model.terms, rows))
+            continue
         absent = [name for name in rows if name not in model.terms | gone | refused]
         asked = [name for name in absent if is_simulated_with(name, model.terms)]
         offers = model.offers(asked) if asked else []
         last = added == rounds or (model.simulates and out_of_time("the selection of terms"))
         found = None if last else _best(model, offers, rare, refused, ties)
-        added += found is not None
-        if found is not None:
-            gone.clear()
-        else:
-            idle = _idle(model, rows, path[0])
-            if idle is None:
-                break
-            gone.add(idle)
-            found = model.without(idle)
+        if found is None:
+            break
+        gone.clear()
+        added += 1
         model = found
         path.append(_ordered(model.terms, rows))
     felt = {each.name: each for each in offers}
@@ -179,18 +179,28 @@ def stagewise(
             if holm[each.name] < 1 - CONFIDENCE
             or (each.ratio > 1 and (each.name not in rare or each.share > MATERIAL))
         ),
-        missing=_missing(offers, model.nested.negligible),
+        missing=_missing(offers, rare, model.nested.negligible),
         idle=tuple(name for name in rows if name in (gone | refused).union(felt)),
         inseparable=tuple(name for name in asked if name not in felt),
     )
 
 
-def _missing(offers: Sequence[Offer], negligible: float) -> tuple[Offer, ...]:
+def _missing(
+    offers: Sequence[Offer], rare: Collection[str], negligible: float
+) -> tuple[Offer, ...]:
     """Return the best of the rows that pass, and those that leave errors as small."""
-    holm = _holm(offers)
-    passing = [each for each in offers if each.passes(_COMMON, holm[each.name], negligible)]
-    passing.sort(key=lambda each: -float(each.gain.mean()))
+    passing = sorted(_passing(offers, rare, negligible), key=lambda each: -float(each.gain.mean()))
     return tuple(each for each in passing if as_good(-each.gain, -passing[0].gain))
+
+
+def _passing(offers: Sequence[Offer], rare: Collection[str], negligible: float) -> list[Offer]:
+    """Return the rows that are worth trying."""
+    holm, levels = _holm(offers), dict.fromkeys(rare, _RARE)
+    return [
+        each
+        for each in offers
+        if each.passes(levels.get(each.name, _COMMON), holm[each.name], negligible)
+    ]
 
 
 def _ordered(terms: Collection[str], rows: Sequence[str]) -> tuple[str, ...]:
@@ -198,23 +208,32 @@ def _ordered(terms: Collection[str], rows: Sequence[str]) -> tuple[str, ...]:
     return tuple(name for name in rows if name in terms)
 
 
-def _idle(model: Model, rows: Sequence[str], begun: Sequence[str]) -> str | None:
-    """Return the term that helps least to predict: no more than by chance, or not at all if added.
+def _idle(model: Model, rows: Sequence[str], begun: Sequence[str]) -> tuple[str, ...]:
+    """Return terms that help to predict no more than by chance, or not at all if they were added.
 
-    Where what was left out cannot be predicted at all, it is that without which this is done best.
+    They leave the equations one after the other, the one that helps least first. Where what was
+    left out cannot be predicted at all, it is that without which this is done best.
     """
-    nested, terms = model.nested, _ordered(model.terms, rows)
-    fewer = [model.kept & ~np.isin(nested.names, [n, *companions({n})]) for n in terms]
-    whole, *errors = np.sqrt(nested.held_out(np.array([model.kept, *fewer])))
-    whole = np.nan_to_num(whole, nan=float(np.finfo(np.float32).max))
-    gains = {name: each - whole for name, each in zip(terms, errors, strict=True)}
-    means = {
-        name: float(np.mean(gain))
-        for name, gain in gains.items()
-        if np.isfinite(gain).all()
-        and not gain.mean() > max(standard_error(gain) if name in begun else 0.0, nested.negligible)
-    }
-    return min(means, key=lambda name: means[name], default=None)
+    nested, kept, lost = model.nested, model.kept, list[str]()
+    while terms := [name for name in _ordered(model.terms, rows) if name not in lost]:
+        fewer = [kept & ~np.isin(nested.names, [n, *companions({n})]) for n in terms]
+        whole, *errors = np.sqrt(nested.held_out(np.array([kept, *fewer])))
+        whole = np.nan_to_num(whole, nan=float(np.finfo(np.float32).max))
+        gains = {
+            n: (each - whole, left) for n, each, left in zip(terms, errors, fewer, strict=True)
+        }
+        means = {
+            name: float(np.mean(gain))
+            for name, (gain, _) in gains.items()
+            if np.isfinite(gain).all()
+            and not gain.mean()
+            > max(standard_error(gain) if name in begun else 0.0, nested.negligible)
+        }
+        if not means:
+            break
+        lost.append(min(means, key=lambda name: means[name]))
+        kept = gains[lost[-1]][1]
+    return tuple(lost)
 
 
 def _best(
@@ -229,13 +248,9 @@ def _best(
     Whether any is added is asked of that row; which one, of all that are as common, by their fits:
     one step predicts them too roughly to tell them apart.
     """
-    holm, negligible = _holm(offers), model.nested.negligible
+    negligible = model.nested.negligible
     ranked = sorted(offers, key=lambda each: -float(each.gain.mean()))
-    passing = [
-        each
-        for each in ranked
-        if each.passes(_RARE if each.name in rare else _COMMON, holm[each.name], negligible)
-    ]
+    passing = _passing(ranked, rare, negligible)
     while passing:
         first = passing[0]
         near = [

@@ -121,7 +121,6 @@ def test_missing_terms_of_an_estimate_are_named_and_held_where_sensors_do_not_ex
         assert (judged.upper >= missing.rival).all() == named
 
 
-@pytest.mark.xfail(reason="the choice of terms does not say yet what it leaves out", strict=True)
 @pytest.mark.parametrize("term", MISSING)
 def test_a_missing_term_is_named_and_intervals_hold_what_it_would_give(term, monkeypatch):
     monkeypatch.setattr("butterfly.identification.identify.find_unit_errors", lambda *_: [])

@@ -6,16 +6,14 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import OutputError
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.inference.linear_terms import (
     LinearModel,
     candidates,
-    choose,
-    demanded,
     stribeck_velocities,
+    stribeck_velocity,
 )
 from butterfly.identification.inference.stagewise import friction_brakes, stagewise
 from butterfly.identification.inference.submodels import Submodels, folds_of, without_logs
@@ -40,16 +38,18 @@ def _nested(*, truth, noise=0.1, seed=0, names=NAMES, twins=()):
     return Submodels(equations=cells(names, rows, -target), folds=np.arange(LOGS) % 4)
 
 
-def _model(*nested, names=NAMES):
-    optional = tuple(name for name in names if name not in ALWAYS)
-    return LinearModel(models=nested, optional=optional)
+def _choose(nested, rare=()):
+    """Choose from the terms of equations, beginning with none."""
+    rows = tuple(name for name in nested.names if name not in ALWAYS)
+    return stagewise(LinearModel(every=nested, optional=rows), rows, rare)
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_term_in_the_data_is_chosen_and_one_that_is_not_is_said(seed):
-    chosen = choose(_model(_nested(truth={"p1": 1, "p3": 2, "drag": 0.5}, seed=seed)))
-    assert chosen.names == (*ALWAYS, "drag")
-    assert chosen.values["drag"] == pytest.approx(0.5, abs=0.05)
+    chosen = _choose(_nested(truth={"p1": 1, "p3": 2, "drag": 0.5}, seed=seed))
+    assert chosen.model.terms == {"drag"}
+    assert chosen.model.values[NAMES.index("drag")] == pytest.approx(0.5, abs=0.05)
+    assert chosen.model.values[NAMES.index("bias")] == 0.0
     assert chosen.path == ((), ("drag",))
     (said,) = chosen.findings
     assert (said.kind, said.parameters) == (FindingKind.NOT_HELPING, ("bias",))
@@ -57,46 +57,55 @@ def test_a_term_in_the_data_is_chosen_and_one_that_is_not_is_said(seed):
 
 def test_sound_data_rarely_get_a_term_that_is_not_there():
     """At a hundredth of chance, and a gain, per choice from two: of 300 about two."""
-    choices = [choose(_model(_nested(truth={"p1": 1, "p3": 2}, seed=k))) for k in range(300)]
-    assert sum(bool(each.terms) for each in choices) <= 6
+    choices = [_choose(_nested(truth={"p1": 1, "p3": 2}, seed=k)) for k in range(300)]
+    assert sum(bool(each.model.terms) for each in choices) <= 6
 
 
 def test_more_is_asked_of_a_rare_term():
     weak = {"p1": 1, "p3": 2, "drag": 0.025}
-    models = [_model(_nested(truth=weak, seed=k)) for k in range(60)]
-    often, rarely = ([choose(each, rare).terms for each in models] for rare in ((), ("drag",)))
+    every = [_nested(truth=weak, seed=k) for k in range(60)]
+    often, rarely = ([_choose(n, rare).model.terms for n in every] for rare in ((), ("drag",)))
     taken = [sum("drag" in each for each in found) for found in (often, rarely)]
     assert taken[1] + 5 < taken[0]
 
 
 def test_a_common_term_that_might_help_is_a_rival():
     weak = {"p1": 1, "p3": 2, "drag": 0.01}
-    choices = [choose(_model(_nested(truth=weak, seed=k))) for k in range(12)]
-    undecided = [each for each in choices if each.terms == () and each.rivals]
+    choices = [_choose(_nested(truth=weak, seed=k)) for k in range(12)]
+    undecided = [each for each in choices if not each.model.terms and each.rivals]
     assert undecided
     for chosen in undecided:
-        for known, values in zip(chosen.rivals, chosen.rival_values, strict=True):
-            assert known["drag"] != 0.0 or known["bias"] != 0.0
-            np.testing.assert_array_equal(values, [known["p1"], known["p3"]])
+        assert chosen.rival_values()
+        for rival in chosen.rival_values():
+            assert rival["drag"] != 0.0 or rival["bias"] != 0.0
 
 
 class _Descended(LinearModel):
     """A fit whose values are known, as a descent finds them, though its equations are singular."""
 
-    nested = property(lambda self: self.models[0])
+    nested = property(lambda self: self.every)
 
 
 def test_a_fit_that_predicts_nothing_loses_what_it_cannot_tell_and_only_that():
     names = (*ALWAYS, "drag", "load", "bias")
     truth = {"p1": 1, "p3": 2, "drag": 0.5, "bias": 0.5}
     nested = _nested(truth=truth, names=names, twins=[("load", "p3")])
-    begun = _Descended(models=(nested,), optional=names[2:], terms=frozenset(names[2:]))
+    begun = _Descended(every=nested, optional=names[2:], terms=frozenset(names[2:]))
     assert stagewise(begun, names[2:], ()).path == (names[2:], ("drag", "bias"))
+
+
+def test_what_does_not_help_leaves_at_once_what_a_fit_began_with():
+    names = (*ALWAYS, "drag", "load", "bias", "spring")
+    nested = _nested(truth={"p1": 1, "p3": 2, "bias": 0.5}, names=names, seed=3)
+    begun = LinearModel(every=nested, optional=names[2:], terms=frozenset(names[2:]))
+    found = stagewise(begun, names[2:], ())
+    assert found.path == (names[2:], ("bias",))
+    assert found.idle == ("drag", "load", "spring")
 
 
 def test_of_exact_data_the_smallest_exact_set_is_chosen():
     exact = replace(_nested(truth={"p1": 1, "drag": 2}, noise=0.0), negligible=1e-6)
-    assert choose(_model(exact)).terms == ("drag",)
+    assert _choose(exact).model.terms == {"drag"}
 
 
 def test_a_term_that_no_longer_helps_goes_again():
@@ -108,9 +117,9 @@ def test_a_term_that_no_longer_helps_goes_again():
     target = rows @ np.array([1.0, 2.0, 1.0, 1.0, 0.0])
     target += 0.05 * rng.standard_normal(target.shape)
     nested = Submodels(equations=cells(names, rows, -target), folds=np.arange(LOGS) % 4)
-    chosen = choose(_model(nested, names=names))
+    chosen = _choose(nested)
     assert set(chosen.path[1]) == {"bias"}
-    assert set(chosen.terms) == {"drag", "load"}
+    assert chosen.model.terms == {"drag", "load"}
 
 
 def test_terms_that_fit_as_well_in_place_of_each_other_are_rivals():
@@ -118,32 +127,15 @@ def test_terms_that_fit_as_well_in_place_of_each_other_are_rivals():
     rows = twins.equations.stack[0].copy()
     rows[..., 3] = rows[..., 2] + 1e-3 * np.random.default_rng(1).standard_normal(rows.shape[:2])
     alike = replace(twins, equations=replace(twins.equations, rows=rows.reshape(-1, rows.shape[2])))
-    chosen = choose(_model(alike))
-    assert len(chosen.terms) == 1
-    (other,) = {"drag", "bias"} - {*chosen.terms}
-    assert any(each[other] != 0.0 and each[chosen.terms[0]] == 0.0 for each in chosen.rivals)
+    chosen = _choose(alike)
+    (taken,) = chosen.model.terms
+    (other,) = {"drag", "bias"} - {taken}
+    assert any(each[other] != 0.0 and each[taken] == 0.0 for each in chosen.rival_values())
 
 
-def test_what_is_demanded_is_fitted_whether_it_helps_or_not():
-    chosen = demanded(_model(_nested(truth={"p1": 1, "p3": 2})), ("bias",))
-    assert chosen.terms == ("bias",)
-
-
-def test_terms_that_the_data_cannot_tell_apart_are_dropped_and_named():
-    twins = _nested(truth={"p1": 1, "p3": 2, "drag": 0.5}, twins=[("bias", "drag")])
-    chosen = demanded(_model(twins), ("drag", "bias"))
-    assert chosen.terms == ("drag",)
-    inseparable = Finding(FindingKind.INSEPARABLE, ("bias",))
-    assert inseparable in chosen.findings
+def test_a_term_that_the_data_cannot_tell_from_the_rest_is_named():
     like_p3 = _nested(truth={"p1": 1, "p3": 2}, twins=[("bias", "p3")])
-    assert inseparable in choose(_model(like_p3)).findings
-
-
-def test_data_that_do_not_determine_what_every_fit_has_are_refused():
-    nested = _nested(truth={"p1": 1}, twins=[("p3", "p1")])
-    for fit in (choose, lambda model: demanded(model, ("bias",))):
-        with pytest.raises(IdentifiabilityError, match="p1 and p3 cannot be identified"):
-            fit(_model(nested))
+    assert Finding(FindingKind.INSEPARABLE, ("bias",)) in _choose(like_p3).findings
 
 
 def test_one_log_is_enough_where_all_else_is_known():
@@ -152,37 +144,6 @@ def test_one_log_is_enough_where_all_else_is_known():
     known = {"p1": ROBOT.p1, "p2": ROBOT.p2, "p3": ROBOT.p3, "p4": ROBOT.p4, "delay": 0.0}
     found = OutputError(terms=(), workers=1)(data.knowing(Prior.of(known)))
     assert found.parameters.coulomb == pytest.approx(ROBOT.coulomb, rel=1e-3)
-
-
-def _scanned(right, *errors):
-    """A model at 0.1, 0.2 rad/s and so on; what is added to the last column makes it wrong."""
-    models = []
-    for k, error in enumerate(errors, 1):
-        rows = right.equations.stack[0].copy()
-        rows[..., -1] += error
-        there = replace(
-            right, equations=replace(right.equations, rows=rows.reshape(-1, rows.shape[2]))
-        )
-        models.append(replace(there, settings={"stribeck_velocity": 0.1 * k}))
-    return _model(*models, names=right.names)
-
-
-@pytest.mark.parametrize("fit", [choose, lambda model: demanded(model, ("stribeck",))])
-def test_the_setting_that_explains_most_is_chosen_among_several(fit):
-    right = _nested(truth={"p1": 1, "p3": 2, "stribeck": 1.5}, names=(*ALWAYS, "stribeck"))
-    chosen = fit(_scanned(right, 2 * np.random.default_rng(9).standard_normal((LOGS, ROWS)), 0.0))
-    assert chosen.terms == ("stribeck",)
-    assert chosen.settings == {"stribeck_velocity": 0.2}
-
-
-def test_a_rival_is_fitted_at_the_velocity_at_which_it_explains_most():
-    names, truth = (*ALWAYS, "drag", "stribeck"), {"p1": 1, "p3": 2, "drag": 0.5}
-    alike = _nested(truth=truth, names=names, twins=[("stribeck", "drag")])
-    noise = np.random.default_rng(6).standard_normal((2, LOGS, ROWS))
-    chosen = choose(_scanned(alike, 2 * noise[0], 1e-2 * noise[1]))
-    assert chosen.terms == ("drag",)
-    (rival,) = (each for each in chosen.rivals if each["drag"] == 0.0)
-    assert rival["stribeck"] == pytest.approx(0.5, abs=0.05)
 
 
 def test_friction_that_would_drive_the_joint_is_not_possible():
@@ -213,11 +174,12 @@ def test_three_parts_are_left_out_as_such_and_of_fewer_each_log():
 
 
 def test_stribeck_velocities_are_shares_of_the_largest_speed_or_known():
-    speeds = np.array(stribeck_velocities(2.0, NO_PRIOR))
-    assert (speeds[0], speeds[-1]) == pytest.approx((0.06, 1.0))
+    speeds = np.array(stribeck_velocities(2.0))
+    assert (speeds[0], speeds[-1]) == pytest.approx((0.06, 0.74))
     assert np.ptp(np.diff(np.log(speeds))) < 1e-12
-    assert stribeck_velocities(2.0, Prior.of({"stribeck": 0})) == []
-    assert stribeck_velocities(2.0, Prior.of({"stribeck_velocity": 0.3})) == [0.3]
+    assert stribeck_velocity(2.0, NO_PRIOR) == speeds[1]
+    known = Prior.of({"stribeck_velocity": 0.3})
+    assert stribeck_velocities(2.0, known) == [stribeck_velocity(2.0, known)] == [0.3]
 
 
 PARTS, EACH = 6, 5

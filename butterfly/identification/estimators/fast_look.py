@@ -1,4 +1,4 @@
-"""Harmonic balance: a fast linear regression over the steady responses to sines.
+"""A fast look: linear regressions over the steady responses to sines.
 
 At each log's frequency w, with the phasors th of the angle and u of the input and a = |th|, the
 balance of the fundamental of (78) with Coulomb friction and an input delay d reads
@@ -6,7 +6,8 @@ balance of the fundamental of (78) with Coulomb friction and an input delay d re
     [-(p1 + Z) w^2 + j w p2 + (p3 + X) 2 J1(a)/a + j 4 T_c/(pi a)] th = p4 e^(-j w d) u
 
 which is linear in p1, p2, p3, T_c, p4 and, to first order about the current delay, in p4 d; so are
-the describing functions of all other terms that it offers. The known Z = m l^2 and X = m g l set
+the describing functions of all other terms that it offers. For small swings without friction and
+delay it is the linear complex fit of p1..p4. The known Z = m l^2 and X = m g l set
 the scale, so two different added masses are needed. Each row is divided by its left-hand side over
 th at the previous iterate (Sanathanan & Koerner, IEEE Trans. Autom. Control 8, 1963), and by the
 angle error's standard deviation: the phasor's, and one in proportion to the swing, common to all
@@ -16,7 +17,7 @@ of describing functions.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar, Literal
@@ -33,20 +34,13 @@ from butterfly.identification.findings import Ending, Finding, FindingKind
 from butterfly.identification.fit import Fit
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.identifiability import with_scale
-from butterfly.identification.inference.infer import Basis, infer
-from butterfly.identification.inference.limits import Rival
-from butterfly.identification.inference.linear_terms import (
-    LinearProblem,
-    TermChoice,
-    optional_terms,
-    usual_velocity,
-)
-from butterfly.identification.inference.submodels import NEGLIGIBLE
+from butterfly.identification.inference.infer import Basis
+from butterfly.identification.inference.linear_terms import STRIBECK, stribeck_velocity
 from butterfly.identification.levels import MOST, ROUNDING, SHOWS
-from butterfly.identification.linearisation import Linearisation, Regression
+from butterfly.identification.linearisation import Regression
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR, Penalty, Prior
-from butterfly.model.terms import BASE_TERMS, COMMON, PARAMETERS, TERMS, FrictionTerms, offered
+from butterfly.model.terms import BASE_TERMS, PARAMETERS, TERMS, FrictionTerms, offered
 from butterfly.signals.frequency_response import ResponsePoint
 
 LINEAR = ("p1", "p2", "p3", "p4")
@@ -61,13 +55,13 @@ class HarmonicBalance(Estimator):
 
     Needs at least four logs with two different added masses (none counts as one), or enough known
     values. Its intervals do not include the errors of describing functions, so that it is to be
-    used with care at best. The Stribeck velocity comes from a grid search.
+    used with care at best. Stribeck friction has the known velocity, or else a tenth of the largest
+    speed.
 
     Parameters
     ----------
     terms
-        Terms fitted besides p1..p4, coulomb and delay; if not given, those that improve the
-        prediction of held-out logs.
+        Terms fitted besides p1..p4, coulomb and delay; none if not given.
     """
 
     method: Literal["harmonic-balance"] = "harmonic-balance"
@@ -78,13 +72,14 @@ class HarmonicBalance(Estimator):
     def __post_init__(self) -> None:
         require_names(self.method, "terms", self.terms or (), offered(self.method))
 
-    def __call__(self, data: DataSet) -> Estimate:
-        """Estimate from the sines of a data set (see `Estimator`)."""
+    def fit(self, data: DataSet) -> tuple[Basis, Fit]:
+        """Fit the sines of a data set."""
         data.require_angles(self.method)
         require_usable(self.method, data.known)
         points, count = data.take(data.steady).sines, len(data.sines)
+        names = (*PARAMETERS, *(self.terms or ()))
         if len(points) == count:
-            return self.of_points(points, data.known)
+            return _fitted(points, data.known, names, "harmonic balance")
         if 2 * len(points) <= len(data.known.fitted(PARAMETERS)):
             raise IdentifiabilityError(
                 f"only {len(points)} of {count} sine logs show a steady swing about a rest angle: "
@@ -92,24 +87,15 @@ class HarmonicBalance(Estimator):
                 "settle; use weak-form or output-error, which accept any motion"
             )
         sines = (k for k, point in enumerate(data.points) if point)
-        names = tuple(data.logs[k].name for k in sines if k not in data.steady)
-        excluded = Finding(FindingKind.LEFT_OUT, number=count, logs=names)
-        return self.of_points(points, data.known).with_findings(excluded)
+        lost = tuple(data.logs[k].name for k in sines if k not in data.steady)
+        excluded = Finding(FindingKind.LEFT_OUT, number=count, logs=lost)
+        basis, found = _fitted(points, data.known, names, "harmonic balance")
+        return basis, replace(found, findings=(excluded,))
 
     def of_points(self, points: Sequence[ResponsePoint], known: Prior = NO_PRIOR) -> Estimate:
         """Estimate from steady responses (see `Estimator`)."""
-        base = _fitted(points, known, PARAMETERS)
-        offers = (name for name in COMMON if name in offered(self.method))
-        chosen = base.with_terms(self.terms, offers)
-        slow = chosen.settings.get("stribeck_velocity", base.phasors.stribeck_velocity)
-        phasors = replace(base.phasors, names=chosen.names, stribeck_velocity=slow)
-        return _inferred(HarmonicBalanceFit.of(phasors), "harmonic balance", chosen)
-
-    def path(self, data: DataSet, offers: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
-        """Return the terms after each round of a stagewise choice from some offers."""
-        self.with_terms(offers)
-        base = _fitted(data.take(data.steady).sines, data.known, PARAMETERS)
-        return base.with_terms(None, offers).path
+        names = (*PARAMETERS, *(self.terms or ()))
+        return self.infer(*_fitted(points, known, names, "harmonic balance"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,49 +110,54 @@ class Linear(Estimator):
 
     summary: ClassVar[str] = "linear fit of the steady responses, small swings without friction"
 
-    def __call__(self, data: DataSet) -> Estimate:
-        """Estimate from the sines of a data set (see `Estimator`)."""
+    def fit(self, data: DataSet) -> tuple[Basis, Fit]:
+        """Fit the sines of a data set."""
         data.require_angles(self.method)
-        return self.of_points(data.sines, data.known)
+        return self._of_points(data.sines, data.known)
 
     def of_points(self, points: Sequence[ResponsePoint], known: Prior = NO_PRIOR) -> Estimate:
         """Estimate from steady responses (see `Estimator`)."""
+        return self.infer(*self._of_points(points, known))
+
+    def _of_points(self, points: Sequence[ResponsePoint], known: Prior) -> tuple[Basis, Fit]:
+        """Fit steady responses."""
         require_usable(HarmonicBalance.method, known, LINEAR)
-        return _inferred(_fitted(points, known, LINEAR, small=True), "joint linear complex fit")
+        return _fitted(points, known, LINEAR, "joint linear complex fit", small=True)
 
 
 def _fitted(
-    points: Sequence[ResponsePoint], known: Prior, names: tuple[str, ...], *, small: bool = False
-) -> HarmonicBalanceFit:
-    """Return the fit of some parameters; with ``small``, sin th is th."""
+    points: Sequence[ResponsePoint],
+    known: Prior,
+    names: tuple[str, ...],
+    method: str,
+    *,
+    small: bool = False,
+) -> tuple[Basis, Fit]:
+    """Fit some parameters; with ``small``, sin th is th.
+
+    Its intervals do not include errors of the method.
+    """
     if not points:
         raise IdentifiabilityError(
             "no log is marked as a sine: set omega and amplitude in the manifest, or use weak-form "
             "or output-error, which accept any input"
         )
-    unknown, known = len(known.fitted(names)), with_scale([p.added_mass for p in points], known)
-    if 2 * len(points) <= unknown:
+    masses, names = [point.added_mass for point in points], known.fitted(names)
+    known = with_scale(masses, known)
+    if 2 * len(points) <= len(names):
         count = f"{len(points)} {'log gives' if len(points) == 1 else 'logs give'}"
-        equations = f"{2 * len(points)} equations for {unknown} parameters"
+        equations = f"{2 * len(points)} equations for {len(names)} parameters"
         raise IdentifiabilityError(f"{count} {equations}: add runs at other frequencies")
-    return HarmonicBalanceFit.of(Phasors.of(points, known.fitted(names), known, small=small))
-
-
-def _inferred(fit: HarmonicBalanceFit, method: str, chosen: TermChoice | None = None) -> Estimate:
-    """Return the estimate of a fit; its intervals do not include errors of the method."""
-    rivals, findings = (chosen.rival_values, chosen.findings) if chosen else ((), ())
-    return infer(
-        fit.fit,
-        Basis(
-            method=method,
-            masses=fit.phasors.masses,
-            known=fit.phasors.known,
-            timed=True,
-            rivals=[*map(Rival, rivals)],
-            fixed=chosen.settings if chosen else {},
-            findings=[Finding(FindingKind.APPROXIMATE), *findings],
-        ),
+    phasors = Phasors.of(points, known.fitted(names), known, small=small)
+    basis = Basis(
+        method=method,
+        masses=masses,
+        known=known,
+        timed=True,
+        fixed={"stribeck_velocity": phasors.slow} if STRIBECK in names else {},
+        findings=[Finding(FindingKind.APPROXIMATE)],
     )
+    return basis, _balanced(phasors)
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,8 +174,6 @@ class Phasors:
     swing: Samples  # in rad, at which the describing functions are taken
     # of the robot; exactly known parameters are not among the names
     known: Prior = NO_PRIOR
-    # in rad/s, at which Stribeck friction is described
-    stribeck_velocity: float = FrictionTerms.stribeck_velocity
 
     @classmethod
     def of(
@@ -203,8 +192,12 @@ class Phasors:
             names=names,
             swing=np.full(angle.size, ROUNDING) if small else np.abs(angle),
             known=known,
-            stribeck_velocity=usual_velocity(known),
         )
+
+    @cached_property
+    def slow(self) -> float:
+        """Velocity in rad/s at which Stribeck friction is described."""
+        return stribeck_velocity(float(np.max(np.abs(self.angle) * self.omega)), self.known)
 
     def regression(self, weights: Samples, values: Mapping[str, float]) -> Regression:
         """Return the equations, with (n,) weights, about a delay in s and p4 by name."""
@@ -243,7 +236,7 @@ class Phasors:
         fields = {"weight": "weight", "mass": "mass", "carried": "swung"}
         given = {field: self._of_masses(name) for field, name in fields.items()}
         periods = self.known.fixed.get("cogging_periods", FrictionTerms.cogging_periods)
-        settings = FrictionTerms(stribeck_velocity=self.stribeck_velocity, cogging_periods=periods)
+        settings = FrictionTerms(stribeck_velocity=self.slow, cogging_periods=periods)
         motion = settings.motion(0.0, 0.0, **given)
         return {
             row.name: np.asarray(row.describing(self.omega, self.swing, motion) * self.angle)
@@ -263,62 +256,30 @@ class Phasors:
         return np.array([getattr(mass, name) for mass in self.masses], dtype=np.float64)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class HarmonicBalanceFit:
-    """A balance and its solution."""
-
-    phasors: Phasors  # of the balance
-    weights: Samples  # (n,) of the n logs
-    fit: Fit  # about the solution
-
-    @classmethod
-    @np.errstate(divide="ignore", over="ignore", invalid="ignore")
-    def of(cls, phasors: Phasors) -> HarmonicBalanceFit:
-        """Solve, reweight by slopes and errors at the solution, and iterate to convergence."""
-        count, swing = len(phasors.names), np.abs(phasors.angle)
-        values, weights = np.zeros(count), np.ones(phasors.omega.size)
-        for _ in range(MOST):
-            regression = phasors.regression(weights, phasors.named(values))
-            solution = regression.solve()
-            moved = solution.values - values
-            before, unknowns = (regression.unknowns(each) for each in (values, solution.values))
-            values = solution.values
-            slope = phasors.slope(values)
-            rest = regression.residuals(values).reshape(2, -1) / weights
-            errors = np.hypot(*rest) / (slope * swing)
-            if not np.isfinite(errors).all():
-                raise IdentifiabilityError("no joint fits the steady responses of these logs")
-            spread = _spread(errors, phasors.variance / swing**2, max(2 * swing.size - count, 1))
-            weights = 1.0 / (slope * np.sqrt(phasors.variance + spread * swing**2))
-            change = np.linalg.norm(regression.rows @ (unknowns - before))
-            settled = bool(change < ROUNDING * np.linalg.norm(regression.rows @ unknowns))
-            if settled:
-                break
-        found = Fit(linearisation=regression.linearised(solution))
-        if not settled:
-            found = replace(found, ending=Ending.STOPPED, unsettled=moved)
-        return cls(phasors=phasors, weights=weights, fit=found)
-
-    def with_terms(self, terms: Sequence[str] | None, offers: Iterable[str]) -> TermChoice:
-        """Return the fit with given terms, or, without any, with those chosen from some offers."""
-        phasors, values = self.phasors, self.phasors.named(self.fit.values)
-
-        def equations(names: tuple[str, ...], slow: float) -> Linearisation:
-            there = replace(phasors, names=names, stribeck_velocity=slow)
-            regression = there.regression(self.weights, values)
-            return regression.linearised(regression.at(values))
-
-        swing, slope = np.abs(phasors.angle), phasors.slope(self.fit.values)
-        problem = LinearProblem(
-            equations=equations,
-            base=phasors.names,
-            terms=optional_terms(terms, offers, phasors.masses, phasors.known),
-            masses=phasors.masses,
-            known=phasors.known,
-            fastest=float(np.max(swing * phasors.omega)),
-            negligible=NEGLIGIBLE * float(np.mean(self.weights * slope * swing)),
-        )
-        return problem.fitted(choosing=terms is None)
+@np.errstate(divide="ignore", over="ignore", invalid="ignore")
+def _balanced(phasors: Phasors) -> Fit:
+    """Solve, reweight by slopes and errors at the solution, and iterate to convergence."""
+    count, swing = len(phasors.names), np.abs(phasors.angle)
+    values, weights = np.zeros(count), np.ones(phasors.omega.size)
+    for _ in range(MOST):
+        regression = phasors.regression(weights, phasors.named(values))
+        solution = regression.solve()
+        moved = solution.values - values
+        before, unknowns = (regression.unknowns(each) for each in (values, solution.values))
+        values = solution.values
+        slope = phasors.slope(values)
+        rest = regression.residuals(values).reshape(2, -1) / weights
+        errors = np.hypot(*rest) / (slope * swing)
+        if not np.isfinite(errors).all():
+            raise IdentifiabilityError("no joint fits the steady responses of these logs")
+        spread = _spread(errors, phasors.variance / swing**2, max(2 * swing.size - count, 1))
+        weights = 1.0 / (slope * np.sqrt(phasors.variance + spread * swing**2))
+        change = np.linalg.norm(regression.rows @ (unknowns - before))
+        settled = bool(change < ROUNDING * np.linalg.norm(regression.rows @ unknowns))
+        if settled:
+            break
+    found = Fit(linearisation=regression.linearised(solution))
+    return found if settled else replace(found, ending=Ending.STOPPED, unsettled=moved)
 
 
 def _parts(values: NDArray[Any]) -> Samples:
