@@ -139,3 +139,12 @@ def listed(names: Sequence[str], most: int = 4) -> str:
     """Name the first few of a list, and count the others."""
     rest = len(names) - most
     return ", ".join(names[:most]) + (f" and {rest} more" if rest > 0 else "")
+
+
+def require_names(method: str, field: str, names: tuple[str, ...], valid: tuple[str, ...]) -> None:
+    """Raise InputError unless all names are valid, and each is given once."""
+    for name in names:
+        if name not in valid:
+            raise InputError(method, field, name, nearest(name, valid))
+        if names.count(name) > 1:
+            raise InputError(method, field, f"{name} twice", "each name once")

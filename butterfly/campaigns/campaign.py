@@ -39,8 +39,8 @@ from butterfly.identification.design import OF_GOAL, Plan, plans, wanted
 from butterfly.identification.findings import FindingKind
 from butterfly.identification.identified import Identified
 from butterfly.identification.identify import identify
+from butterfly.identification.inference.consistency import with_scale
 from butterfly.identification.inference.estimate import Estimate
-from butterfly.identification.inference.identifiability import with_scale
 from butterfly.identification.plausibility import judge_fit
 from butterfly.identification.repeatability import Repeatability, contradicting_runs
 from butterfly.model.linear import resonance_frequency

@@ -32,7 +32,7 @@ from butterfly.identification.estimators import Estimator, OutputError
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identified import Identified
 from butterfly.identification.identify import identify, judged
-from butterfly.identification.inference.identifiability import with_scale
+from butterfly.identification.inference.consistency import with_scale
 from butterfly.identification.simulation import rehearse
 from butterfly.identification.validate import cross_validate
 from butterfly.logs.log import Log

@@ -1,11 +1,16 @@
-"""Which terms a fit of free runs has: the stagewise rule, each row fitted to the logs anew."""
+"""Which terms a fit of free runs has: the stagewise rule, each row fitted to the logs anew.
+
+A term that is not fitted may show as one that is: a spring that pulls to an angle of its own leaves
+a bias, and its stiffness is read as a gravity moment. Where such a term, added, predicts held-out
+logs better, the intervals include the values with it, however little of the error it explains.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,31 +18,34 @@ from numpy.typing import NDArray
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.fit import Fit, Missing
-from butterfly.identification.inference.blocks import independent_cells_of
-from butterfly.identification.inference.identifiability import Conditioning
-from butterfly.identification.inference.linear_terms import (
-    STRIBECK,
-    candidates,
-    stribeck_velocities,
+from butterfly.identification.fit import Fit, LackedTerm
+from butterfly.identification.inference.limits import (
+    Conditioning,
+    Rival,
+    cluster_covariance,
+    half_widths,
+    independent_cells_of,
 )
 from butterfly.identification.inference.stagewise import (
     ROUNDS,
+    STRIBECK,
     Offer,
     as_good,
+    candidates,
     friction_brakes,
     is_near,
     offers_in,
     stagewise,
+    stribeck_velocities,
 )
 from butterfly.identification.inference.submodels import NEGLIGIBLE, Submodels, submodels_of
-from butterfly.identification.levels import FEW, LOST, MOST, PASSES, SHOWS
+from butterfly.identification.levels import FEW, LOST, MATTERS, MOST, PASSES, SHOWS
 from butterfly.identification.linearisation import Linearisation
 from butterfly.identification.problem import Problem
 from butterfly.logs.log import InputKind, Log, slow_interval
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Prior
-from butterfly.model.terms import COMMON, OF_SERVO, RARE, TERMS, companions, offered
+from butterfly.model.terms import COMMON, OF_SERVO, PARAMETERS, RARE, TERMS, companions, offered
 from butterfly.progress import out_of_time
 
 TRIAL = 2 * PASSES  # expansions of a fit with a row more, the first where one step leads
@@ -238,13 +246,13 @@ def choose(
     )
 
 
-def _missing(offer: Offer) -> Missing:
+def _missing(offer: Offer) -> LackedTerm:
     """Return a row that passes and is not fitted, with its share of each log's errors."""
     nested, names = offer.nested, np.array(offer.nested.names)
     fits = nested.fitted(np.array([offer.kept, offer.kept | (names == offer.name)]))
     _, log = np.unique(nested.equations.log, return_inverse=True)
     before, after = (np.bincount(log, each) for each in nested.costs(fits))
-    return Missing(offer.name, offer.share, 1 - after / before, offer.values)
+    return LackedTerm(offer.name, offer.share, 1 - after / before, offer.values)
 
 
 def conditioning_of(at: Linearisation) -> Conditioning:
@@ -280,3 +288,51 @@ def separable(every: Problem, fit: Fit) -> Fit:
             path=tuple(tuple(n for n in each if n not in lost) for each in fit.path),
         )
     return fit
+
+
+class TwinTerm(NamedTuple):
+    """A term that a fit lacks, and the fit's shared values with it."""
+
+    name: str
+    rival: Rival
+    moved: dict[str, float]  # parameters that it moves, and the share
+
+    @property
+    def finding(self) -> Finding:
+        """What it would move, and by which share at most."""
+        return Finding(
+            FindingKind.LIKE_TERM, (self.name, *self.moved), number=max(self.moved.values())
+        )
+
+
+def spoken_for(names: Iterable[str]) -> tuple[str, ...]:
+    """Return the terms that are not among some names, and that one of these speaks for."""
+    has = {*names}
+    return tuple(row.name for row in TERMS.values() if row.shows_as & has and row.name not in has)
+
+
+def twin_terms(every: Problem, fit: Fit, rows: Iterable[str]) -> list[TwinTerm]:
+    """Return those of some rows of a problem that predict better than a fit and move parameters."""
+    found, model = [], FreeRunModel(every=every, fit=fit, rows=tuple(rows))
+    shared = model.problem.labels[: model.problem.shared]
+    for offer in (offer for name in rows for offer in model.offers([name])):
+        if not (offer.ratio > 1 and model.confirms(offer.values)):
+            continue
+        half = dict(zip(offer.nested.names, _half_widths(offer), strict=True))
+        values = np.array([offer.values[label] for label in shared])
+        widths = np.array([half[label] for label in shared])
+        moved = {
+            label: float(abs(value / old - 1))
+            for label, value, old in zip(shared, values, fit.values, strict=False)
+            if label in PARAMETERS and abs(value - old) > MATTERS * abs(old)
+        }
+        if moved:
+            found.append(TwinTerm(offer.name, Rival(values, widths), moved))
+    return found
+
+
+def _half_widths(offer: Offer) -> Samples:
+    """(n,) half-widths of the values of a fit with a row more."""
+    values = np.array([offer.values[name] for name in offer.nested.names])
+    about = offer.nested.about(values).equations
+    return half_widths(*cluster_covariance(*about.stack, about.prior))

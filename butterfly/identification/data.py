@@ -21,7 +21,7 @@ from butterfly.identification.encoder_offset import (
 )
 from butterfly.identification.findings import Finding
 from butterfly.identification.free_run import Simulations, turns_over
-from butterfly.identification.inference.identifiability import is_driven
+from butterfly.identification.inference.consistency import is_driven
 from butterfly.identification.levels import LOST
 from butterfly.identification.servo_drive import driven
 from butterfly.identification.unit_errors import (

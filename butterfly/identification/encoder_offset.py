@@ -24,8 +24,8 @@ from scipy.special import stdtrit
 
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError, InputError
-from butterfly.identification.inference.identifiability import Conditioning, is_driven
-from butterfly.identification.inference.limits import cluster_covariance
+from butterfly.identification.inference.consistency import is_driven
+from butterfly.identification.inference.limits import Conditioning, cluster_covariance
 from butterfly.identification.levels import CLEARLY, CONFIDENCE, SPREADS
 from butterfly.identification.weak_regression import About, WeakFit, averaging_of
 from butterfly.logs.log import Log

@@ -9,18 +9,22 @@ the cost two to ten times as often, as it verifies the last step too.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.findings import Ending, Finding
+from butterfly.identification.findings import Ending, Finding, FindingKind
 from butterfly.identification.inference.scatter import Scatter
+from butterfly.identification.inference.stagewise import is_near
 from butterfly.identification.levels import MATTERS, MOST, PRECISE, ROUNDING, SHOWS
 from butterfly.identification.linearisation import Linearisation
+from butterfly.logs.log import Log
+from butterfly.model.parameters import value_if_absent
+from butterfly.model.terms import PARAMETERS
 from butterfly.progress import current_search
 
 _LAST = 1e-4  # share of the cost that an unverified last step may be predicted to take off
@@ -28,7 +32,7 @@ _REMAINDER = 0.1  # share of one residual's mean cost that it may leave
 _POOR, _GOOD, _BETTER = 0.25, 0.75, 1.33  # shares of the predicted decrease
 
 
-class Missing(NamedTuple):
+class LackedTerm(NamedTuple):
     """A significant term that a fit lacks."""
 
     name: str
@@ -51,7 +55,7 @@ class Fit:
     rivals: tuple[Mapping[str, float], ...] = ()  # values, by name, that follow the logs as well
     findings: tuple[Finding, ...] = ()
     path: tuple[tuple[str, ...], ...] = ()  # terms after each round of their choice
-    missing: tuple[Missing, ...] = ()  # the best, then those that explain the logs as well
+    missing: tuple[LackedTerm, ...] = ()  # the best, then those that explain the logs as well
 
     @property
     def values(self) -> Samples:
@@ -166,3 +170,74 @@ def _is_last(at: Linearisation, predicted: float, last: float, rho: float, bends
     # a shortened step leaves a share of what the whole one predicts
     sure = predicted * (bends - 1) ** 2 <= _LAST**2 * at.cost
     return (_GOOD < rho < _BETTER and small and sure) or predicted <= ROUNDING * at.cost
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MissingTerms:
+    """Terms that are not fitted and that improve the prediction of held-out logs."""
+
+    terms: tuple[str, ...] = ()
+    others: tuple[tuple[str, ...], ...] = ()  # sets of as many that predict as well
+    share: float = 0.0  # of the squared residuals that they explain
+    shares: Mapping[str, float] = field(default_factory=dict)  # the same of each log, by its name
+    moved: tuple[str, ...] = ()  # parameters that they move by more than their intervals allow
+    rival: Samples | None = None  # (n,) values with them, if they move any so far
+
+    @classmethod
+    def of(
+        cls,
+        missing: Sequence[LackedTerm],
+        here: Mapping[str, float],
+        half: Samples,
+        logs: Sequence[Log],
+    ) -> MissingTerms:
+        """Return what a choice from n values found to be missing.
+
+        ``here``: the values, by name, with (n,) half-widths.
+        """
+        if not missing:
+            return cls()
+        best, *others = missing
+        there = {name: best.values.get(name, value_if_absent(name)) for name in here}
+        far = np.abs(np.subtract([*there.values()], [*here.values()])) > half
+        moved = tuple(n for n, is_far in zip(here, far, strict=True) if is_far and n in PARAMETERS)
+        near = is_near(there, here, [log.added_mass for log in logs])
+        return cls(
+            terms=(best.name,),
+            others=tuple((each.name,) for each in others),
+            share=best.share,
+            shares=dict(zip((log.name for log in logs), best.shares.tolist(), strict=True)),
+            moved=moved,
+            rival=np.array([*there.values()]) if moved and near else None,
+        )
+
+    @property
+    def names(self) -> str:
+        """Names of the terms and of their alternatives."""
+        return " or ".join(" + ".join(each) for each in (self.terms, *self.others) if each)
+
+    @property
+    def findings(self) -> list[Finding]:
+        """The finding that names them, and the parameters that they move; none without terms."""
+        if not self.terms:
+            return []
+        return [Finding(FindingKind.MISSING_TERM, (self.names, *self.moved), number=self.share)]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as JSON can hold it."""
+        return asdict(self) | {"rival": None if self.rival is None else self.rival.tolist()}
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any] | None) -> MissingTerms:
+        """Return that of a `to_dict`, or none; KeyError, TypeError or ValueError if damaged."""
+        if content is None:
+            return cls()
+        rival = content["rival"]
+        return cls(
+            terms=tuple(map(str, content["terms"])),
+            others=tuple(tuple(map(str, each)) for each in content["others"]),
+            share=float(content["share"]),
+            shares={str(name): float(each) for name, each in content["shares"].items()},
+            moved=tuple(map(str, content["moved"])),
+            rival=None if rival is None else np.array(rival, dtype=np.float64),
+        )

@@ -21,7 +21,7 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.residuals import Residuals, residuals_of
 from butterfly.identification.diagnostics.unit_error_search import find_slow_clock, find_unit_errors
 from butterfly.identification.estimators import Estimator, OutputError, WeakForm
-from butterfly.identification.estimators.between_samples import as_taken
+from butterfly.identification.estimators.assumptions import as_taken
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.free_run import FreeRun, WholeRuns
 from butterfly.identification.identified import Identified

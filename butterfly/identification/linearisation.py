@@ -20,8 +20,7 @@ from scipy.special import ndtri
 
 from butterfly.arrays import BLOCK, Samples, unit_columns, unit_diagonal
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.inference.blocks import CELLS
-from butterfly.identification.inference.limits import cluster_covariance
+from butterfly.identification.inference.limits import CELLS, cluster_covariance
 from butterfly.identification.levels import FEW, ROUNDING, SPREADS, WEIGHED
 from butterfly.model.prior import Penalty
 from butterfly.model.terms import TERMS, lower_bounds

@@ -19,8 +19,8 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.findings import Ending
 from butterfly.identification.fit import Box, Fit, minimise
-from butterfly.identification.inference.blocks import cells_of, independent_cells_of
 from butterfly.identification.inference.estimate import Estimate
+from butterfly.identification.inference.limits import cells_of, independent_cells_of
 from butterfly.identification.inference.scatter import Scatter
 from butterfly.identification.levels import LOST, MATTERS, MOST, PASSES, PRECISE, ROUNDING
 from butterfly.identification.linearisation import Linearisation, Loss, scaled_least_squares

@@ -12,7 +12,7 @@ import numpy as np
 
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
-from butterfly.identification.inference.blocks import edges_of
+from butterfly.identification.inference.limits import edges_of
 from butterfly.identification.levels import FEW
 from butterfly.logs.log import MIN_SAMPLES, Log
 from butterfly.signals.frequency_response import MIN_PERIODS

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError
-from butterfly.identification.inference.blocks import CELLS
+from butterfly.identification.inference.limits import CELLS
 from butterfly.identification.levels import LOST, ROUNDING
 from butterfly.logs.log import Log
 from butterfly.model.linear import resonance_frequency

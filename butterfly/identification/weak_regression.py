@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from butterfly.arrays import Samples
 from butterfly.identification.findings import Ending
 from butterfly.identification.fit import Fit
-from butterfly.identification.inference.blocks import independent_cells_of
-from butterfly.identification.inference.linear_terms import STRIBECK, stribeck_velocity
+from butterfly.identification.inference.limits import independent_cells_of
+from butterfly.identification.inference.stagewise import STRIBECK, stribeck_velocity
 from butterfly.identification.levels import LOST, MOST, SHOWS, WEIGHED
 from butterfly.identification.linearisation import Linearisation, Regression
 from butterfly.identification.segments import LONGEST_STEP

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, nearest
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
-from butterfly.model.terms import TERMS, TORQUES
+from butterfly.model.terms import BASE_TERMS, GEAR, PARAMETERS, TERMS, TORQUES, offered
 
 PHYSICAL = {
     "resistance": "Ohm",
@@ -364,3 +364,39 @@ class Penalty:
     def curvature(self) -> Samples:
         """(n, n) second derivatives of the cost."""
         return np.diag(self.weight)
+
+
+_SETTINGS = {"stribeck_velocity", "cogging_periods"}
+
+
+TAKES = {
+    "harmonic-balance": {row.name for row in TERMS.values() if row.describing} - {*BASE_TERMS}
+    | {"p4", "delay", *_SETTINGS},
+    "weak-form": {row.name for row in TERMS.values() if row.basis or row.derivative} - {*GEAR}
+    | {"delay", "mass_inertia", *_SETTINGS},
+    "output-error": set(TERMS),
+}
+"""Names that may be known beforehand, by method."""
+
+
+def usable(method: str, known: Prior) -> Prior:
+    """Return the part of a prior that a method can use; any can use a term's absence."""
+    return known.within(n for n, each in known.parameters.items() if _can_use(method, n, each))
+
+
+def require_usable(method: str, known: Prior, names: tuple[str, ...] = PARAMETERS) -> None:
+    """Raise InputError for known values that a method cannot use, or if all ``names`` are known."""
+    if not known.open(names):
+        expected = "at least one unknown parameter (to use known ones only: `predict`)"
+        raise InputError(method, "known", f"{', '.join(names)}, all exactly", expected)
+    for name in known.parameters.keys() - usable(method, known).parameters.keys():
+        each = known.parameters[name]
+        others = " or ".join(other for other in TAKES if _can_use(other, name, each))
+        expected = f"the method {others}" if others else "an exact value"
+        raise InputError(method, f"known.{name}", each, expected)
+
+
+def _can_use(method: str, name: str, known: Known) -> bool:
+    if not known.fixed:
+        return name in TAKES[method] & {*PARAMETERS, *offered(method)}
+    return known.value == 0 or name in TAKES[method]

@@ -8,8 +8,9 @@ alone, which is all that a controller needs; logs with another known mass set th
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,16 +20,15 @@ from butterfly.errors import IdentifiabilityError, InputError, nearest, require_
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Fit
 from butterfly.identification.inference.estimate import Estimate
-from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, Conditioning
 from butterfly.identification.inference.infer import Basis, infer
-from butterfly.identification.inference.linear_terms import LinearModel
-from butterfly.identification.inference.stagewise import stagewise
+from butterfly.identification.inference.limits import SINGULAR_CONDITION, Conditioning
+from butterfly.identification.inference.stagewise import Offer, is_near, offers_in, stagewise
 from butterfly.identification.inference.submodels import Submodels, without_logs
 from butterfly.identification.linearisation import Linearisation, Regression, Solution
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging, Balance
 from butterfly.logs.log import Lead, Log
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
-from butterfly.model.terms import TERMS, DriveTerms, FrictionTerms, offered
+from butterfly.model.terms import TERMS, DriveTerms, FrictionTerms, companions, offered
 
 CANDIDATES = offered("re-calibration")
 """Terms that can be estimated besides p1..p4."""
@@ -209,3 +209,55 @@ class LoopEquations:
             if "compression" in names:
                 about = float(solution.values[names.index("compression")])
         return solution, regression, np.concatenate(runs)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LinearModel:
+    """A fit of some of the terms of linear equations (see `stagewise.Model`)."""
+
+    every: Submodels  # the equations with all terms
+    optional: tuple[str, ...]  # terms that may be absent
+    terms: frozenset[str] = frozenset()  # those that are fitted
+    masses: Sequence[AddedMass] = ()
+    simulates: bool = False
+
+    @cached_property
+    def nested(self) -> Submodels:
+        """The equations about the values."""
+        return self.every.about(self.values)
+
+    @cached_property
+    def kept(self) -> NDArray[np.bool_]:
+        """(n,) which of the parameters are fitted."""
+        absent = {*self.optional} - self.terms
+        absent |= companions(absent) - companions(self.terms)
+        return np.array([name not in absent for name in self.every.names])
+
+    @cached_property
+    def values(self) -> Samples:
+        """(n,) values of the parameters; nan if the equations do not determine them."""
+        return np.asarray(self.every.fitted(self.kept[np.newaxis])[0])
+
+    def offers(self, rows: Collection[str]) -> list[Offer]:
+        """Return score tests of missing terms."""
+        return offers_in(self.nested, self.kept, rows, self.masses)
+
+    def adding(self, offer: Offer) -> LinearModel | None:
+        """Return the fit with a term more; None if its value is on a bound."""
+        more = replace(self, terms=self.terms | {offer.name})
+        place = more.nested.names.index(offer.name)
+        return more if more.values[place] > more.nested.equations.lower[place] else None
+
+    def without(self, names: Collection[str]) -> LinearModel:
+        """Return the fit without some terms."""
+        return replace(self, terms=self.terms.difference(names))
+
+    def confirms(self, rival: Mapping[str, float]) -> bool:
+        """Whether a rival is one: its equations are linear, so that all they promise holds."""
+        here = dict(zip(self.nested.names, self.values.tolist(), strict=True))
+        return is_near(rival, here, self.masses)
+
+    @property
+    def determined(self) -> bool:
+        """Whether the equations determine the parameters."""
+        return bool(np.isfinite(self.values).all())

@@ -21,7 +21,7 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.estimators.base import Estimator
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.inference.estimate import Estimate
-from butterfly.identification.inference.identifiability import Conditioning
+from butterfly.identification.inference.limits import Conditioning
 from butterfly.identification.parameters_by_hand import best_gain
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass

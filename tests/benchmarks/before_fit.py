@@ -15,7 +15,7 @@ import numpy as np
 import butterfly as bf
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.before_fit import Told, forecast
-from butterfly.identification.inference.blocks import pace_of
+from butterfly.identification.inference.agreement import pace_of
 from butterfly.identification.levels import PRECISE
 from butterfly.model.prior import Prior
 from butterfly.model.terms import PARAMETERS

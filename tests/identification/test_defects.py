@@ -9,8 +9,11 @@ import pytest
 import butterfly as bf
 from butterfly.identification.estimators import OutputError
 from butterfly.identification.findings import FindingKind
-from butterfly.identification.inference.agreement import differing_values, from_log_to_log
-from butterfly.identification.inference.blocks import Condition
+from butterfly.identification.inference.agreement import (
+    Condition,
+    differing_values,
+    from_log_to_log,
+)
 from butterfly.model.terms import RARE
 from tests.identification.simulated import cells
 from tests.independent.defects import draw

@@ -7,7 +7,7 @@ from butterfly.identification.data import DataSet, read_data_set
 from butterfly.identification.diagnostics.residuals import residuals_of
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
 from butterfly.identification.free_run import FitSummary
-from butterfly.identification.inference.blocks import Condition
+from butterfly.identification.inference.agreement import Condition
 from butterfly.identification.parameters_by_hand import best_gain, try_parameters
 from butterfly.identification.problem import Start
 from butterfly.logs.log import Sine

@@ -8,8 +8,8 @@ import pytest
 from butterfly.identification.chosen_terms import choose
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import OutputError
+from butterfly.identification.estimators.assumptions import weighed
 from butterfly.identification.findings import FindingKind
-from butterfly.identification.weighed_logs import weighed
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, noisy, wild
 

@@ -14,7 +14,7 @@ import pytest
 from butterfly.api.verbs import identify
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import HarmonicBalance, OutputError
-from butterfly.identification.inference.blocks import Condition
+from butterfly.identification.inference.agreement import Condition
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import LumpedParameters
 from butterfly.verdict import Level

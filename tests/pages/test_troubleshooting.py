@@ -9,8 +9,7 @@ from types import SimpleNamespace
 import pytest
 
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.inference.agreement import Contrast
-from butterfly.identification.inference.blocks import Condition
+from butterfly.identification.inference.agreement import Condition, Contrast
 from butterfly.identification.unit_errors import UnitError
 from butterfly.model.parameters import JointKind
 from butterfly.report.agreement_texts import contrast_text

@@ -10,9 +10,8 @@ import pytest
 
 from butterfly.identification.estimators import HarmonicBalance, OutputError
 from butterfly.identification.findings import Ending, Finding, FindingKind
-from butterfly.identification.inference.agreement import Contrast
-from butterfly.identification.inference.blocks import Condition
-from butterfly.identification.inference.missing_terms import MissingTerms
+from butterfly.identification.fit import MissingTerms
+from butterfly.identification.inference.agreement import Condition, Contrast
 from butterfly.identification.unit_errors import UnitError, unit_error
 from butterfly.report.finding_texts import (
     estimate_notes,

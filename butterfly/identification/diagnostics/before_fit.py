@@ -26,9 +26,10 @@ from butterfly.errors import ButterflyError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import OutputError
 from butterfly.identification.estimators.start import starts
-from butterfly.identification.inference.blocks import pace_of
+from butterfly.identification.inference.agreement import pace_of
+from butterfly.identification.inference.consistency import is_driven, prior_of_fit
 from butterfly.identification.inference.estimate import Estimate
-from butterfly.identification.inference.identifiability import OTHER_LOGS, is_driven, prior_of_fit
+from butterfly.identification.inference.limits import OTHER_LOGS
 from butterfly.identification.levels import MATTERS, PASSES, PRECISE, SHOWS
 from butterfly.identification.parameter import meaning_of, or_none, unit_of
 from butterfly.logs.log import Log

@@ -16,8 +16,12 @@ from scipy.special import fdtrc
 
 from butterfly.arrays import Samples, standard_error
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.inference.blocks import independent_cells_of
-from butterfly.identification.inference.limits import Rival, cluster_covariance, half_widths
+from butterfly.identification.inference.limits import (
+    Rival,
+    cluster_covariance,
+    half_widths,
+    independent_cells_of,
+)
 from butterfly.identification.inference.submodels import submodels_of
 from butterfly.identification.levels import MATTERS
 from butterfly.identification.linearisation import Linearisation

@@ -21,9 +21,9 @@ from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.encoder_errors import OffCentre, off_centre
 from butterfly.identification.findings import Finding, FindingKind
+from butterfly.identification.fit import MissingTerms
 from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.inference.estimate import Estimate
-from butterfly.identification.inference.missing_terms import MissingTerms
 from butterfly.identification.levels import DRAWS, SHOWS, SPREADS
 from butterfly.identification.linearisation import Linearisation
 from butterfly.identification.predict import covariance_root, honest_covariance

@@ -25,7 +25,7 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.residuals import residuals_of
 from butterfly.identification.estimators import Estimator, OutputError, WeakForm
 from butterfly.identification.findings import Finding
-from butterfly.identification.inference.blocks import Condition
+from butterfly.identification.inference.agreement import Condition
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.levels import CLEARLY, FEW, LOST, MATTERS, PRECISE
 from butterfly.identification.linearisation import Linearisation, Solution

@@ -6,12 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, Self
 
-from butterfly.errors import InputError, nearest
+from butterfly.errors import InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.infer import infer
-from butterfly.model.prior import Known, Prior
-from butterfly.model.terms import BASE_TERMS, GEAR, PARAMETERS, TERMS, offered
+from butterfly.model.terms import PARAMETERS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,47 +101,3 @@ class Estimator:
         if not hasattr(self, "terms"):
             return self
         return self.with_terms(tuple(name for name in estimate.names if name not in PARAMETERS))
-
-
-_SETTINGS = {"stribeck_velocity", "cogging_periods"}
-
-TAKES = {
-    "harmonic-balance": {row.name for row in TERMS.values() if row.describing} - {*BASE_TERMS}
-    | {"p4", "delay", *_SETTINGS},
-    "weak-form": {row.name for row in TERMS.values() if row.basis or row.derivative} - {*GEAR}
-    | {"delay", "mass_inertia", *_SETTINGS},
-    "output-error": set(TERMS),
-}
-"""Names that may be known beforehand, by method."""
-
-
-def usable(method: str, known: Prior) -> Prior:
-    """Return the part of a prior that a method can use; any can use a term's absence."""
-    return known.within(n for n, each in known.parameters.items() if _can_use(method, n, each))
-
-
-def require_usable(method: str, known: Prior, names: tuple[str, ...] = PARAMETERS) -> None:
-    """Raise InputError for known values that a method cannot use, or if all ``names`` are known."""
-    if not known.open(names):
-        expected = "at least one unknown parameter (to use known ones only: `predict`)"
-        raise InputError(method, "known", f"{', '.join(names)}, all exactly", expected)
-    for name in known.parameters.keys() - usable(method, known).parameters.keys():
-        each = known.parameters[name]
-        others = " or ".join(other for other in TAKES if _can_use(other, name, each))
-        expected = f"the method {others}" if others else "an exact value"
-        raise InputError(method, f"known.{name}", each, expected)
-
-
-def _can_use(method: str, name: str, known: Known) -> bool:
-    if not known.fixed:
-        return name in TAKES[method] & {*PARAMETERS, *offered(method)}
-    return known.value == 0 or name in TAKES[method]
-
-
-def require_names(method: str, field: str, names: tuple[str, ...], valid: tuple[str, ...]) -> None:
-    """Raise InputError unless all names are valid, and each is given once."""
-    for name in names:
-        if name not in valid:
-            raise InputError(method, field, name, nearest(name, valid))
-        if names.count(name) > 1:
-            raise InputError(method, field, f"{name} twice", "each name once")

@@ -27,19 +27,19 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from butterfly.arrays import Samples
-from butterfly.errors import IdentifiabilityError
+from butterfly.errors import IdentifiabilityError, require_names
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimators.base import Estimator, require_names, require_usable
+from butterfly.identification.estimators.base import Estimator
 from butterfly.identification.findings import Ending, Finding, FindingKind
 from butterfly.identification.fit import Fit
+from butterfly.identification.inference.consistency import with_scale
 from butterfly.identification.inference.estimate import Estimate
-from butterfly.identification.inference.identifiability import with_scale
 from butterfly.identification.inference.infer import Basis
-from butterfly.identification.inference.linear_terms import STRIBECK, stribeck_velocity
+from butterfly.identification.inference.stagewise import STRIBECK, stribeck_velocity
 from butterfly.identification.levels import MOST, ROUNDING, SHOWS
 from butterfly.identification.linearisation import Regression
 from butterfly.model.parameters import AddedMass
-from butterfly.model.prior import NO_PRIOR, Penalty, Prior
+from butterfly.model.prior import NO_PRIOR, Penalty, Prior, require_usable
 from butterfly.model.terms import BASE_TERMS, PARAMETERS, TERMS, FrictionTerms, offered
 from butterfly.signals.frequency_response import ResponsePoint
 

@@ -18,16 +18,25 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from butterfly.arrays import Samples
-from butterfly.errors import IdentifiabilityError, InputError, require_number
-from butterfly.identification.chosen_terms import choose, offered_rows, separable
+from butterfly.errors import IdentifiabilityError, InputError, require_names, require_number
+from butterfly.identification.chosen_terms import (
+    TwinTerm,
+    choose,
+    offered_rows,
+    separable,
+    spoken_for,
+    twin_terms,
+)
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimators.base import Estimator, require_names, require_usable
-from butterfly.identification.estimators.between_samples import (
+from butterfly.identification.estimators.assumptions import (
     Begun,
     held_or_straight,
+    over_shorter,
+    shorter_segments,
     unsaid,
+    weighed,
 )
-from butterfly.identification.estimators.shorter_segments import over_shorter, shorter_segments
+from butterfly.identification.estimators.base import Estimator
 from butterfly.identification.estimators.start import (
     ProblemOf,
     begun_anew,
@@ -37,24 +46,20 @@ from butterfly.identification.estimators.start import (
     starts,
 )
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.fit import Fit
+from butterfly.identification.fit import Fit, MissingTerms
 from butterfly.identification.free_run import first_horizon
-from butterfly.identification.inference.agreement import is_large
-from butterfly.identification.inference.blocks import Conditions, cells_of
+from butterfly.identification.inference.agreement import Conditions, is_large
+from butterfly.identification.inference.consistency import is_driven, prior_of_fit
 from butterfly.identification.inference.estimate import Estimate
-from butterfly.identification.inference.identifiability import is_driven, prior_of_fit
 from butterfly.identification.inference.infer import Basis, infer
-from butterfly.identification.inference.limits import Rival
-from butterfly.identification.inference.linear_terms import candidates
-from butterfly.identification.inference.missing_terms import MissingTerms
+from butterfly.identification.inference.limits import Rival, cells_of
+from butterfly.identification.inference.stagewise import candidates
 from butterfly.identification.levels import FEW, ROUNDING, SHOWS
 from butterfly.identification.linearisation import Loss
 from butterfly.identification.problem import LOCAL, Key, Problem, ProblemOptions, Start
-from butterfly.identification.twin_terms import TwinTerm, spoken_for, twin_terms
-from butterfly.identification.weighed_logs import weighed
 from butterfly.logs.log import Log, slow_interval
 from butterfly.model.parameters import AddedMass, require_periods, value_if_absent
-from butterfly.model.prior import NO_PRIOR, Prior
+from butterfly.model.prior import NO_PRIOR, Prior, require_usable
 from butterfly.model.terms import OF_ANGLE, OF_SERVO, PARAMETERS, RARE, companions, offered
 from butterfly.progress import out_of_time
 from butterfly.signals.frequency_response import STEADY_SECONDS

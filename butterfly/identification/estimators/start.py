@@ -20,14 +20,13 @@ from butterfly.errors import ButterflyError, IdentifiabilityError
 from butterfly.identification.chosen_terms import TRIAL, offered_rows
 from butterfly.identification.data import DataSet
 from butterfly.identification.encoder_offset import near, reading_of
-from butterfly.identification.estimators.base import usable
 from butterfly.identification.estimators.weak_form import WeakForm
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Fit
 from butterfly.identification.free_run import LEAST_FIT, FreeRun, Setting
 from butterfly.identification.inference.infer import conditioning_of
 from butterfly.identification.inference.limits import cluster_covariance, half_widths
-from butterfly.identification.inference.linear_terms import candidates
+from butterfly.identification.inference.stagewise import candidates
 from butterfly.identification.levels import (
     LOST,
     MATTERS,
@@ -44,7 +43,7 @@ from butterfly.identification.weak_regression import WeakFit
 from butterfly.logs.log import Log
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass, LumpedParameters
-from butterfly.model.prior import Known, Prior
+from butterfly.model.prior import Known, Prior, usable
 from butterfly.model.terms import COMMON, GEAR, GROWING, LOOP_TERMS, OF_ANGLE, OF_SERVO, offered
 from butterfly.progress import out_of_time
 from butterfly.signals.spectrum import white_variance

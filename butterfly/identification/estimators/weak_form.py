@@ -32,23 +32,24 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from butterfly.arrays import Samples
-from butterfly.errors import IdentifiabilityError, require_number
+from butterfly.errors import IdentifiabilityError, require_names, require_number
 from butterfly.identification.data import DataSet
 from butterfly.identification.encoder_offset import offset_errors, reading_of
-from butterfly.identification.estimators.base import Estimator, require_names, require_usable
+from butterfly.identification.estimators.base import Estimator
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Fit
 from butterfly.identification.free_run import LEAST_FIT, FreeRun, Setting
-from butterfly.identification.inference.blocks import Conditions, cells_of
+from butterfly.identification.inference.agreement import Conditions
+from butterfly.identification.inference.consistency import is_driven, prior_of_fit
 from butterfly.identification.inference.estimate import Estimate
-from butterfly.identification.inference.identifiability import is_driven, prior_of_fit
 from butterfly.identification.inference.infer import Basis
+from butterfly.identification.inference.limits import cells_of
 from butterfly.identification.linearisation import Solution
 from butterfly.identification.test_functions import Averaging
 from butterfly.identification.weak_regression import WeakFit, averaging_of
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters, require_periods
-from butterfly.model.prior import NO_PRIOR, Prior
+from butterfly.model.prior import NO_PRIOR, Prior, require_usable
 from butterfly.model.terms import OF_ANGLE, PARAMETERS, offered
 
 _DIFFERENT = 0.05  # rad between rest angles, whose cosines then differ by a thousandth

@@ -19,18 +19,20 @@ wrong is a contrast as well: of p1 and p3 together, in its logs.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
 from scipy.special import fdtrc, stdtr
 
 from butterfly.arrays import Samples, unit_diagonal
-from butterfly.identification.inference.blocks import Condition, Conditions
 from butterfly.identification.inference.limits import Rival, cluster_covariance, half_widths
 from butterfly.identification.levels import (
     ACCUSED,
+    CLEARLY,
     CONFIDENCE,
     FEW,
     LOST,
@@ -40,8 +42,101 @@ from butterfly.identification.levels import (
     SHOWS,
 )
 from butterfly.identification.linearisation import Linearisation
+from butterfly.logs.log import Log, slow_interval
+from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import DISSIPATIVE, PARAMETERS
 from butterfly.signals.spectrum import white_variance
+
+
+class Condition(StrEnum):
+    """A condition that a parameter may follow."""
+
+    MASS = "added mass"
+    COMMAND = "command"
+    SWING = "swing"
+    FREQUENCY = "frequency"
+    SPEED = "speed"
+    TIME = "time"
+    DIRECTION = "direction"
+    REGIME = "regime"
+    WEIGHED = "weighed"
+    LOG = "log"
+    ALL = "all"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Conditions:
+    """Conditions of k cells, and added masses of their logs."""
+
+    # by condition: (k,) inertia of the added mass in kg m^2, 1/rms input, mean squared swing in
+    # rad^2, omega^2 in rad^2/s^2 (the others' mean in logs without a full period), 1/speed, time
+    # since the start in s, sign of the input, share in which the clock is slow
+    values: Mapping[Condition, Samples]
+    masses: tuple[AddedMass, ...]  # of the n logs
+
+    @classmethod
+    def of(cls, logs: Sequence[Log], cells: int) -> Conditions:
+        """Compute them from logs, each cut into some cells."""
+        angles = (part for log in logs for part in np.array_split(log.angle, cells))
+        times = (part - log.time[0] for log in logs for part in np.array_split(log.time, cells))
+        of_logs = [_of_log(log) for log in logs]
+        values = {
+            **{n: np.repeat([each[n] for each in of_logs], cells) for n in of_logs[0]},
+            Condition.SWING: np.array([np.var(part) for part in angles]),
+            Condition.TIME: np.array([part.mean() for part in times]),
+        }
+        if limit := slow_interval(logs):
+            slow = (log.is_slow(limit)[-log.time.size :] for log in logs)
+            parts = (part.mean() for each in slow for part in np.array_split(each, cells))
+            values[Condition.REGIME] = np.fromiter(parts, np.float64)
+        if cells == 1:
+            del values[Condition.TIME]
+        whole = ~np.isnan(squares := values[Condition.FREQUENCY])
+        if whole.any():
+            squares[~whole] = squares[whole].mean()
+        else:
+            del values[Condition.FREQUENCY]
+        # of fewer logs of either sign, differences are not significant
+        signs = values[Condition.DIRECTION][::cells]
+        if min(np.sum(signs > 0), np.sum(signs < 0)) < 2 * FEW:
+            del values[Condition.DIRECTION]
+        return cls(values=values, masses=tuple(log.added_mass for log in logs))
+
+
+def pace_of(log: Log) -> float:
+    """Return the angular frequency in rad/s at which a log moves: of its drive, or rms."""
+    if log.excitation is not None:
+        return log.excitation.omega
+    return log.rms_speed / (log.rms_motion or np.inf)
+
+
+def _repeats(log: Log) -> bool:
+    """Whether a log holds a full period: its angle is on one side, the other, the first again.
+
+    Each time by half the amplitude of a sine as large, and what noise adds to it.
+    """
+    if log.excitation is not None:
+        return True
+    off = log.angle - log.angle.mean()
+    noise = math.sqrt(white_variance(log.angle))
+    sides = np.sign(off[abs(off) > log.rms_motion / math.sqrt(2) + CLEARLY * noise])
+    return bool(np.count_nonzero(np.diff(sides)) > 1)
+
+
+def _of_log(log: Log) -> dict[Condition, float]:
+    """Return conditions that are constant in a log: 0 without input, motion or one direction.
+
+    A log without a full period has no frequency: NaN.
+    """
+    size, mean = float(np.sqrt(np.mean(log.input**2))), float(np.mean(log.input))
+    return {
+        Condition.MASS: log.added_mass.inertia,
+        Condition.COMMAND: 1 / size if size else 0.0,
+        Condition.FREQUENCY: pace_of(log) ** 2 if _repeats(log) else np.nan,
+        Condition.SPEED: log.lag_per_play,
+        Condition.DIRECTION: float(np.sign(mean)) if abs(mean) > size / 2 else 0.0,
+    }
+
 
 # of the largest torque, above which a contrast of steady responses counts: integration errors are
 # below; without it 3 of 57 sound robots had one (2 above this)

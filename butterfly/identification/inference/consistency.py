@@ -1,24 +1,41 @@
-"""Whether given added masses, scales and prior values agree with the logs."""
+"""What is given of a robot: whether it sets the scale, and whether it agrees with the logs.
+
+Where all logs carry the same, the equations are homogeneous: p1..p4 with the carried inertia and
+moment fit as well times any factor. Noise in the regressors would bias least squares towards small
+factors. So the known value that determines the scale best is held in the fit, and given its
+uncertainty after it (see `infer.with_held`).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from scipy.special import stdtrit
 
 from butterfly.arrays import Samples, unit_columns
-from butterfly.errors import InputError
+from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, growth
-from butterfly.identification.inference.limits import Rival, cluster_covariance, half_widths
+from butterfly.identification.inference.limits import (
+    SINGULAR_CONDITION,
+    Rival,
+    cluster_covariance,
+    half_widths,
+)
 from butterfly.identification.inference.stagewise import as_good
 from butterfly.identification.levels import ACCUSED, CLEARLY, MATTERS, SHOWS
 from butterfly.identification.linearisation import Linearisation, scaled_least_squares
-from butterfly.model.parameters import AddedMass, LumpedParameters, rounded, value_if_absent
+from butterfly.logs.log import Log
+from butterfly.model.parameters import (
+    AddedMass,
+    JointKind,
+    LumpedParameters,
+    rounded,
+    value_if_absent,
+)
 from butterfly.model.prior import LAG, NO_PRIOR, Prior
-from butterfly.model.terms import FOLLOWERS, PARAMETERS, TERMS, companions
+from butterfly.model.terms import FOLLOWERS, PARAMETERS, SHARES, TERMS, companions
 
 OF_SCALES: dict[str, dict[str, float]] = {
     "mass_scale": {},
@@ -269,3 +286,69 @@ def scale_errors(cells: Linearisation, carried: Sequence[AddedMass], known: Prio
     if abs(share) <= max(quantile * error, MATTERS):
         return []
     return [Finding(FindingKind.KNOWN_CONFLICT, fixed, number=share)]
+
+
+def is_driven(logs: Iterable[Log]) -> bool:
+    """Whether any input is not 0."""
+    return any(bool(np.any(log.input)) for log in logs)
+
+
+def prior_of_fit(logs: Sequence[Log], known: Prior) -> Prior:
+    """Return the prior of a fit of logs, with a guess of the delay, and a scale.
+
+    IdentifiabilityError if nothing sets the scale.
+    """
+    step = float(np.median([log.mean_step for log in logs]))
+    masses = [log.added_mass for log in logs]
+    return with_scale(masses, known.with_default_delay(step), driven=is_driven(logs))
+
+
+def with_scale(masses: Iterable[AddedMass], known: Prior, *, driven: bool = True) -> Prior:
+    """Return the prior, with the uncertain parameter held that alone sets the scale, if any.
+
+    IdentifiabilityError without two different masses, or a torque that is known, not 0.
+    """
+    if not driven and not {"p4", "delay"} <= known.fixed.keys():
+        raise IdentifiabilityError(
+            "the input is always zero, so p4 and delay are not identifiable: add logs of the "
+            "driven joint, or give both (--known p4=...,delay=0)"
+        )
+    carried = sorted(set(masses))
+    if len({mass.inertia_and_moment for mass in carried}) > 1:
+        return known
+    torques = known if driven else known.within(known.parameters.keys() - {"p4"})
+    if not torques.scale(carried[0]):
+        same = "all logs have the same" if carried[0].mass else "no log has an"
+        raise IdentifiabilityError(
+            f"{same} added mass, so p1..p4 are identifiable only up to a common factor: "
+            f"{'; or '.join(_remedies(carried[0], driven=driven))}"
+        )
+    name = torques.reference(carried[0])
+    return known if name is None else known.holding(name)
+
+
+def _remedies(carried: AddedMass, *, driven: bool) -> list[str]:
+    """Return what would determine the scale of logs that all carry the same, in words."""
+    slide = carried.joint is JointKind.SLIDE
+    other = "another known mass, or with none" if carried.mass else "a known mass"
+    remedies = [f"add a log with {other}"]
+    if driven:
+        force = "N" if slide else "N m"
+        motor = "resistance=...,torque_constant=..." + (",gear_ratio=..." if slide else "")
+        remedies.append(
+            f"give p4, in {force} per unit of input: --known p4=1 for a command in {force}, "
+            f"--known {motor} for a motor driven by a voltage"
+        )
+    if carried.gravity:
+        remedies.append(
+            "give p3: --known p3=..., the joint's weight in N times l_c in m"
+            + (", 0 if it is balanced" if carried.gravity_moment else "")
+        )
+    remedies.append(f"give p1: --known p1=..., in {'kg' if slide else 'kg m²'}")
+    return remedies
+
+
+def growth(names: Sequence[str], values: Samples, added: AddedMass) -> Samples:
+    """Return the (n,) derivatives of (n,) values by a common factor of all torques."""
+    shares = [SHARES.get(name, 0.0) for name in names]
+    return np.array([added.loads.get(name, 0.0) for name in names]) + values * shares

@@ -15,21 +15,23 @@ from butterfly.errors import IdentifiabilityError
 from butterfly.identification.findings import Ending, Finding, FindingKind
 from butterfly.identification.fit import Fit
 from butterfly.identification.inference.agreement import (
+    Conditions,
     Contrast,
     disagreements_of,
     weighed_within,
 )
-from butterfly.identification.inference.blocks import Conditions
 from butterfly.identification.inference.consistency import (
     ScaleRival,
+    growth,
     moved_by_givens,
     prior_contradictions,
     scale_errors,
     scale_rivals,
+    with_scale,
 )
 from butterfly.identification.inference.estimate import OF_VERDICT, Estimate
-from butterfly.identification.inference.identifiability import Conditioning, with_held, with_scale
 from butterfly.identification.inference.limits import (
+    Conditioning,
     Evidence,
     Rival,
     cluster_covariance,
@@ -42,8 +44,8 @@ from butterfly.identification.levels import CLEARLY, FEW, LOST, PRECISE
 from butterfly.identification.linearisation import Linearisation, scaled_least_squares
 from butterfly.identification.trust import Trust, trust_of
 from butterfly.model.parameters import AddedMass
-from butterfly.model.prior import NO_PRIOR, Prior
-from butterfly.model.terms import TERMS
+from butterfly.model.prior import NO_PRIOR, Penalty, Prior
+from butterfly.model.terms import PARAMETERS, TERMS
 
 Pair: TypeAlias = tuple[Samples, Samples]
 """An (n, n) covariance and its (n,) degrees of freedom."""
@@ -280,3 +282,53 @@ def findings_of_bounds(
     )
     found = ((kind, tuple(compress(names, which))) for kind, which in groups)
     return [Finding(kind, some) for kind, some in found if some]
+
+
+def with_held(fit: Fit, name: str, known: Prior, added: AddedMass) -> Fit:
+    """Return a fit whose equations include a parameter that it held, and its prior.
+
+    ``added``: what all logs carry. The parameter's column follows from the others, as residuals do
+    not change with a common factor of all torques.
+    """
+    solved = fit.linearisation
+    before = [*PARAMETERS, name]
+    at = sum(each in solved.names for each in before[: before.index(name)])
+    names = (*solved.names[:at], name, *solved.names[at:])
+    grown = growth(names, np.insert(solved.values, at, known.fixed[name]), added)
+    turned = np.insert(np.eye(len(solved.names)), at, -np.delete(grown, at) / grown[at], axis=1)
+
+    def own_prior(equations: Linearisation) -> Penalty:
+        values = np.insert(equations.values, at, known.fixed[name])
+        about = dict(zip(names, values.tolist(), strict=True))
+        own = Penalty.of(names, known.parameters, equations.realised_variance, about)
+        assert own is not None  # noqa: S101 - what is held is uncertain
+        return own
+
+    def held(equations: Linearisation) -> Linearisation:
+        """Return equations with the parameter among the values, which move only if others do."""
+        values, own = np.insert(equations.values, at, known.fixed[name]), own_prior(equations)
+        whole = replace(
+            equations,
+            names=names,
+            values=values,
+            rows=equations.rows @ turned,
+            held=np.insert(equations.on_bound, at, [False]),
+            lower=np.insert(equations.lower, at, TERMS[name].lower),
+            prior=own.beside(equations.prior, at),
+        )
+        if own.active.sum() == 1:
+            return whole
+        moved = np.maximum(values - scaled_least_squares(*whole.with_prior), whole.lower)
+        return replace(whole.moved(moved - values), values=moved)
+
+    bread = fit.bread
+    if bread is not None:
+        of_logs = bread if solved.prior is None else bread - solved.prior.curvature
+        bread = turned.T @ of_logs @ turned + own_prior(solved).curvature
+    return replace(
+        fit,
+        linearisation=held(solved),
+        unweighed=fit.unweighed and held(fit.unweighed),
+        bread=bread,
+        unsettled=None if fit.unsettled is None else np.insert(fit.unsettled, at, 0.0),
+    )

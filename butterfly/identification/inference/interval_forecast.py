@@ -15,9 +15,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from butterfly.arrays import Samples
-from butterfly.identification.inference.blocks import independent_cells_of
 from butterfly.identification.inference.estimate import Estimate
-from butterfly.identification.inference.limits import expected_covariance, half_widths
+from butterfly.identification.inference.limits import (
+    expected_covariance,
+    half_widths,
+    independent_cells_of,
+)
 from butterfly.identification.levels import ROUNDING, SPREADS
 from butterfly.identification.linearisation import compressed
 

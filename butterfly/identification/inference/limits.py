@@ -18,17 +18,39 @@ the order in which evidence is found does not matter.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from butterfly.arrays import Samples, unit_diagonal
-from butterfly.identification.levels import CONFIDENCE, ROUNDING, SPREADS
+from butterfly.arrays import Samples, unit_columns, unit_diagonal
+from butterfly.errors import IdentifiabilityError
+from butterfly.identification.findings import Finding, FindingKind
+from butterfly.identification.levels import CONFIDENCE, FEW, ROUNDING, SPREADS
+from butterfly.logs.log import MIN_SAMPLES, Log
 from butterfly.model.prior import Penalty
+from butterfly.model.terms import TERMS
+
+CELLS = 10
+"""Blocks into which a log is cut: enough to estimate their scatter within a quarter."""
+
+
+SINGULAR_CONDITION = 1 / ROUNDING
+"""Above this condition number, a scaled regression is singular for every practical purpose."""
+
+
+WEAK_CONDITION = SINGULAR_CONDITION**0.5
+"""Above this one, half as many digits, one combination is poorly determined."""
+
+
+OTHER_LOGS = "add logs at other speeds and amplitudes, or with another known mass"
+"""Advice where logs have too little information."""
+
 
 _NOTHING = np.finfo(float).tiny ** 0.5
 
@@ -269,3 +291,92 @@ def widened(
         distances = np.array(others) - values
         covariance = covariance + distances.T @ distances / len(others)
     return covariance
+
+
+def cells_of(logs: int, parameters: int) -> int:
+    """Return the number of cells of each log: all cells are twice the parameters at least."""
+    return max(CELLS, -(-2 * parameters // logs))
+
+
+def independent_cells_of(logs: int, parameters: int) -> int:
+    """Return the number of cells of each log whose errors count as independent: 1 of many logs."""
+    return cells_of(logs, parameters) if logs <= FEW else 1
+
+
+def edges_of(time: Samples, count: int) -> list[int]:
+    """Return the samples at which blocks of a log begin; fewer than ``count`` if too short."""
+    if time.size < MIN_SAMPLES:
+        return []
+    edges = [0]
+    for k in np.searchsorted(time, np.linspace(time[0], time[-1], count + 1)[1:-1]).tolist():
+        if min(k - edges[-1], time.size - k) >= MIN_SAMPLES:
+            edges.append(k)
+    return edges
+
+
+def length_of(log: Log) -> float:
+    """Return the length in s of the blocks of a log: whole periods of its drive."""
+    length = float(log.time[-1] - log.time[0]) / CELLS
+    if log.excitation is None:
+        return length
+    period = 2 * math.pi / log.excitation.omega
+    return math.ceil(length / period) * period
+
+
+@dataclass(frozen=True)
+class Conditioning:
+    """Conditioning of a regression, whatever the units of its parameters."""
+
+    number: float  # condition number with the columns scaled to one length
+    weakest: tuple[str, ...]  # parameters of the combination that is determined worst
+    sum: str = ""  # of two such, the sentence on the combination that is determined
+
+    @classmethod
+    def of(
+        cls,
+        rows: Samples,
+        names: tuple[str, ...],
+        known: NDArray[np.bool_] | None = None,
+        about: tuple[Samples, Samples] | None = None,
+    ) -> Conditioning:
+        """Return that of (m, n) rows; ``known``: (n,) mask of parameters with a prior."""
+        # ``about``: values and residuals, to compute the combination of two parameters
+        scaled, size = unit_columns(rows)  # one without effect makes the regression singular
+        whole = scaled if known is None else np.concatenate([scaled, np.eye(len(names))[known]])
+        _, singular, right = np.linalg.svd(whole, full_matrices=False)
+        # those of more than an equal share of the direction
+        largest = np.flatnonzero(right[-1] ** 2 > 1 / (1 + len(names)))
+        number = float(singular[0] / singular[-1]) if singular[-1] > 0 else math.inf
+        found = cls(number=number, weakest=tuple(names[k] for k in largest))
+        ours = largest.size == 2 and {*found.weakest} <= TERMS.keys()  # noqa: PLR2004 - a sum
+        if about is None or not ours:
+            return found
+        values = about[0] - np.linalg.lstsq(scaled, about[1], rcond=1 / WEAK_CONDITION)[0] / size
+        (first, second), (one, other) = found.weakest, right[-1][largest] / size[largest]
+        share = float(-one / other)
+        both = float(values[largest[0]] + share * values[largest[1]])
+        text = f"{first} {'+' if share > 0 else '-'} {abs(share):.3g} {second} is {both:.4g}"
+        most = f", {first} at most that" if share > 0 and not TERMS[second].lower < 0 else ""
+        return replace(found, sum=f"{text}{most}")
+
+    @property
+    def singular(self) -> bool:
+        """Whether it is singular for every practical purpose."""
+        return self.number > SINGULAR_CONDITION
+
+    @property
+    def refusal(self) -> IdentifiabilityError:
+        """The error that names the parameters that are not identifiable."""
+        alone = " separately" if len(self.weakest) > 1 else ""
+        but = f", but {self.sum}" if self.sum else ""
+        return IdentifiabilityError(
+            f"{' and '.join(self.weakest)} cannot be identified{alone} from these logs (condition "
+            f"number {self.number:.1e}){but}: {OTHER_LOGS}"
+        )
+
+    @property
+    def findings(self) -> list[Finding]:
+        """The finding of a poorly determined combination, if any."""
+        if self.number <= WEAK_CONDITION:
+            return []
+        return [Finding(FindingKind.COMBINATION, self.weakest, number=self.number)]

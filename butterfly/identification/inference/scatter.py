@@ -27,7 +27,7 @@ from scipy.optimize import minimize
 
 from butterfly.arrays import Samples, unit_columns
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.inference.blocks import CELLS
+from butterfly.identification.inference.limits import CELLS
 from butterfly.identification.inference.submodels import NEGLIGIBLE
 from butterfly.identification.levels import CLEARLY, LOST, MATTERS
 from butterfly.identification.linearisation import Linearisation

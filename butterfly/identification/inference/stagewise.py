@@ -23,10 +23,51 @@ from butterfly.arrays import Samples, standard_error
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.inference.agreement import score_of
 from butterfly.identification.inference.submodels import Submodels
-from butterfly.identification.levels import ACCUSED, CONFIDENCE, MATERIAL, MATTERS, PRECISE
+from butterfly.identification.levels import ACCUSED, CONFIDENCE, FEW, MATERIAL, MATTERS, PRECISE
 from butterfly.model.parameters import AddedMass, value_if_absent
-from butterfly.model.terms import companions, is_simulated_with
+from butterfly.model.prior import NO_PRIOR, Prior
+from butterfly.model.terms import GEAR, companions, is_simulated_with
 from butterfly.progress import out_of_time
+
+STRIBECK = "stribeck"
+"""The term that needs a velocity."""
+
+
+_SPEEDS = (0.03, 0.37, 3)  # least and largest Stribeck velocity over the largest speed; how many
+
+
+def candidates(names: Iterable[str], masses: Iterable[AddedMass], known: Prior) -> tuple[str, ...]:
+    """Return the terms that are identifiable with some added masses and known values.
+
+    Terms that grow with the added mass need three of them: two determine the scale. Without gravity
+    a gear's load is inertial alone: its friction cannot be distinguished from uneven friction.
+    """
+    carried = list(masses)
+    effects = {mass.inertia_and_moment for mass in carried}
+    lost = {*known.parameters, *companions(known.parameters)}
+    if len(effects) < FEW:
+        lost |= {"load", "load_drag", "mass_inertia"}
+    if known.weightless(carried):
+        lost |= {*GEAR}
+    if known.weightless(carried) or any(mass.own_inertia for mass in carried):
+        lost.add("mass_inertia")
+    if known.weightless(carried) or ("p3" in known.parameters and len(effects) < FEW):
+        lost.add("p3_offset")
+    return tuple(name for name in names if name not in lost)
+
+
+def stribeck_velocities(fastest: float, known: Prior = NO_PRIOR) -> list[float]:
+    """Return Stribeck velocities in rad/s to try: the known one, or else shares of a speed."""
+    if "stribeck_velocity" in known.fixed:
+        return [known.fixed["stribeck_velocity"]]
+    return [float(each) for each in fastest * np.geomspace(*_SPEEDS)]
+
+
+def stribeck_velocity(fastest: float, known: Prior) -> float:
+    """Return the Stribeck velocity in rad/s to take where none is tried: the middle of these."""
+    speeds = stribeck_velocities(fastest, known)
+    return speeds[len(speeds) // 2]
+
 
 ROUNDS = 4  # of terms that are added one after the other
 _TIES = 2  # rows that are fitted besides the one with the largest gain

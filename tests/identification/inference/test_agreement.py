@@ -11,13 +11,14 @@ from scipy.optimize import minimize_scalar
 from butterfly.identification.findings import FindingKind
 from butterfly.identification.fit import Fit
 from butterfly.identification.inference.agreement import (
+    Condition,
+    Conditions,
     Contrast,
     differing_values,
     disagreements_of,
     is_large,
     weighed_within,
 )
-from butterfly.identification.inference.blocks import Condition, Conditions
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.infer import (
     Basis,

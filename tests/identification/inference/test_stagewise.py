@@ -9,16 +9,17 @@ from scipy.optimize import lsq_linear
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import OutputError
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.inference.linear_terms import (
-    LinearModel,
+from butterfly.identification.inference.stagewise import (
     candidates,
+    friction_brakes,
+    stagewise,
     stribeck_velocities,
     stribeck_velocity,
 )
-from butterfly.identification.inference.stagewise import friction_brakes, stagewise
 from butterfly.identification.inference.submodels import Submodels, folds_of, without_logs
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR, Prior
+from butterfly.orbit.recalibration import LinearModel
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, cells, steady
 
