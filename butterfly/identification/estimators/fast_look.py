@@ -65,19 +65,19 @@ class HarmonicBalance(Estimator):
     """
 
     method: Literal["harmonic-balance"] = "harmonic-balance"
-    terms: tuple[str, ...] | None = None
+    terms: tuple[str, ...] = ()
 
     summary: ClassVar[str] = "fast look at the steady responses to sines"
 
     def __post_init__(self) -> None:
-        require_names(self.method, "terms", self.terms or (), offered(self.method))
+        require_names(self.method, "terms", self.terms, offered(self.method))
 
     def fit(self, data: DataSet) -> tuple[Basis, Fit]:
         """Fit the sines of a data set."""
         data.require_angles(self.method)
         require_usable(self.method, data.known)
         points, count = data.take(data.steady).sines, len(data.sines)
-        names = (*PARAMETERS, *(self.terms or ()))
+        names = (*PARAMETERS, *(self.terms))
         if len(points) == count:
             return _fitted(points, data.known, names, "harmonic balance")
         if 2 * len(points) <= len(data.known.fitted(PARAMETERS)):
@@ -94,7 +94,7 @@ class HarmonicBalance(Estimator):
 
     def of_points(self, points: Sequence[ResponsePoint], known: Prior = NO_PRIOR) -> Estimate:
         """Estimate from steady responses (see `Estimator`)."""
-        names = (*PARAMETERS, *(self.terms or ()))
+        names = (*PARAMETERS, *(self.terms))
         return self.infer(*_fitted(points, known, names, "harmonic balance"))
 
 

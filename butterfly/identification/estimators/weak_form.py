@@ -76,21 +76,21 @@ class WeakForm(Estimator):
     """
 
     method: Literal["weak-form"] = "weak-form"
-    terms: tuple[str, ...] | None = None
+    terms: tuple[str, ...] = ()
     half_width: float | None = None
     cogging_periods: float = 1.0
 
     summary: ClassVar[str] = "linear fit against test functions, for any input"
 
     def __post_init__(self) -> None:
-        require_names(self.method, "terms", self.terms or (), offered(self.method))
+        require_names(self.method, "terms", self.terms, offered(self.method))
         if self.half_width is not None:
             require_number(self.method, positive=True, unit="s", half_width=self.half_width)
         require_periods(self.method, self.cogging_periods)
 
     def fit(self, data: DataSet) -> tuple[Basis, Fit]:
         """Fit all logs of a data set."""
-        data.require_angles(*OF_ANGLE.intersection(self.terms or ()))
+        data.require_angles(*OF_ANGLE.intersection(self.terms))
         zeros = data.equilibria
         uncertain = offset_errors(data.offsets) if data.hangs else None
         basis, found = self._of_logs(data.logs, zeros, data.known, uncertain)
@@ -150,7 +150,7 @@ class WeakForm(Estimator):
         windows = [
             averaging_of(log, reading_of(log, zeros), self.half_width, periods) for log in logs
         ]
-        names = known.fitted((*PARAMETERS, *(self.terms or ())))
+        names = known.fitted((*PARAMETERS, *(self.terms)))
         _require_enough(windows, names, known.fixed.get("delay", 0.0))
         return WeakFit.of(windows, names, known, periods)
 
