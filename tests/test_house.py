@@ -133,7 +133,7 @@ def test_nothing_grows_beyond_its_ceiling(what):
 def test_a_fit_executes_no_more_than_its_ceiling(fit, what):
     found, most = IN_A_FIT[what](fit), NOT_REACHED.get(what, CEILINGS[what])
     if len(found) > CEILINGS[what]:
-        print(f"missed: {len(found)} {what}, {CEILINGS[what]} asked")  # noqa: T201 - for `-rP`
+        print(f"missed: {len(found)} {what}, {CEILINGS[what]} asked")
     assert len(found) <= most, "\n".join(map(str, found))
 
 
