@@ -48,7 +48,7 @@ def test_an_estimate_that_was_not_searched_to_the_end_says_so_and_is_not_good(da
         found = bf.identify(data, "output-error")
     (stopped,) = [e for e in found.estimate.findings if e.kind is FindingKind.SEARCH_STOPPED]
     assert stopped.parameters[0] == "iterations of a fit that had not converged"
-    assert "fits from other initial guesses" in stopped.parameters
+    assert "the selection of terms" in stopped.parameters
     assert found.estimate.ending is Ending.STOPPED
     assert found.estimate.level is Level.CARE
     assert "did not converge" not in str(found)

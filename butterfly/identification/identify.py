@@ -68,13 +68,14 @@ def identify(
     estimator = estimator or OutputError()
     with counted():
         with _explained(data, estimator):
-            data, other = _in_true_time(data, estimator)
+            data, other = in_true_time(data, estimator)
             problem, fit = tracked(track, "Fitting", estimator.fit, data)  # start and fit
             problem, fit = estimator.choose(problem, fit)
             fit = estimator.weigh(problem, fit)
             estimate = _finite(estimator.infer(problem, fit))
+            del problem, fit  # with the derivatives of all logs
         estimate = replace(estimate, input_kind=data.input_kind, joint=data.joint)
-        data, estimate = as_taken(data, _with_other_time(estimate, other))
+        data, estimate = as_taken(data, with_other_time(estimate, other))
         run = simulated(data, estimate, against=against, track=track)
         left = tracked(track, "Checking residuals", residuals_of, data, run.estimate, run.runs)
         sure = diagnose(data, estimator, run.estimate, left)
@@ -164,7 +165,7 @@ def _unrepeated(data: DataSet, found: Estimate) -> list[Finding]:
     return [contradiction.finding] if contradiction else []
 
 
-def _in_true_time(data: DataSet, estimator: Estimator) -> tuple[DataSet, Mapping[str, float]]:
+def in_true_time(data: DataSet, estimator: Estimator) -> tuple[DataSet, Mapping[str, float]]:
     """Return logs with their clock, or omega, right, and what values would be in the other time.
 
     Where all sines run off their omega by one share, the clock is wrong or omega is. Known masses
@@ -190,7 +191,7 @@ def _in_true_time(data: DataSet, estimator: Estimator) -> tuple[DataSet, Mapping
     return replace(best, correction=unsure), others[0][1].named
 
 
-def _with_other_time(found: Estimate, other: Mapping[str, float]) -> Estimate:
+def with_other_time(found: Estimate, other: Mapping[str, float]) -> Estimate:
     """Return an estimate whose limits include other values, by name, if there are any."""
     if not other:
         return found

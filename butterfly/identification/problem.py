@@ -412,12 +412,17 @@ def relative(
 ) -> tuple[Samples, Samples]:
     """Return (m,) errors over an rms motion, and (m, n) derivatives by all ``count`` values.
 
-    The ``rows`` are (m, k) derivatives by values with these numbers; squares sum to a mean.
+    The ``rows`` are (m, k) derivatives by values with these numbers, scaled in place, as are the
+    errors; squares sum to a mean.
     """
     unit = 1 / (motion * errors.size**0.5)
-    every = np.zeros((errors.size, count))
-    every[:, [*columns]] = unit * rows
-    return unit * errors, every
+    every = rows
+    if [*columns] != [*range(count)]:
+        every = np.zeros((errors.size, count))
+        every[:, [*columns]] = rows
+    every *= unit
+    errors *= unit
+    return errors, every
 
 
 def _local_key(

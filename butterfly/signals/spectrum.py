@@ -59,11 +59,12 @@ def dominant_frequency(time: Samples, values: Samples, most: int = _MOST) -> tup
     centred = resample(time, values, grid)
     centred -= centred.mean()
     power = float(centred @ centred)
-    if not power > 0:
-        return 0.0, 0.0
     line = np.linspace(-1.0, 1.0, grid.size)
+    bent = centred - line * (line @ centred / (line @ line))
+    if not bent @ bent > (np.finfo(float).eps * grid.size) ** 2 * power:  # a line alone
+        return 0.0, 0.0
     size = _FINER * grid.size
-    spectrum = np.abs(np.fft.rfft(centred - line * (line @ centred / (line @ line)), size))
+    spectrum = np.abs(np.fft.rfft(bent, size))
     spacing = 2 * np.pi / (size * (grid[1] - grid[0]))
     peak = (_FINER + int(np.argmax(spectrum[_FINER:]))) * spacing
 

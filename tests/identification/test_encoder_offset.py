@@ -12,7 +12,7 @@ from butterfly.identification.encoder_offset import OffsetKind, fitted_offset, n
 from butterfly.identification.estimators import OutputError, WeakForm
 from butterfly.identification.estimators.start import starts
 from butterfly.identification.findings import FindingKind
-from butterfly.identification.inference import blocks
+from butterfly.identification.inference import limits as blocks
 from butterfly.identification.problem import Start, columns_of
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import GRAVITY, NO_ADDED_MASS, AddedMass

@@ -14,7 +14,7 @@ from butterfly.api.verbs import identify
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import HarmonicBalance, Linear
-from butterfly.identification.estimators.fast_look import HarmonicBalanceFit, Phasors
+from butterfly.identification.estimators.fast_look import Phasors, balanced
 from butterfly.identification.findings import Ending, FindingKind
 from butterfly.logs.log import Sine
 from butterfly.model.linear import quasi_linear_response
@@ -160,8 +160,11 @@ def _weights(relative, noise=1e-9):
         replace(point, angle=replace(point.angle, phasors=point.angle.phasors * error))
         for point, error in zip(points, errors, strict=True)
     ]
-    fit = HarmonicBalanceFit.of(Phasors.of(points, PARAMETERS, NO_PRIOR, small=False))
-    return fit.weights * fit.phasors.slope(fit.solved.values), swings
+    phasors = Phasors.of(points, PARAMETERS, NO_PRIOR, small=False)
+    fit = balanced(phasors)
+    by_gain = fit.linearisation.stack[0][:, :, PARAMETERS.index("p4")]  # the input, weighed
+    weights = np.linalg.norm(by_gain, axis=1) / np.abs(phasors.input)
+    return weights * phasors.slope(fit.values), swings
 
 
 def test_a_misfit_in_proportion_to_the_swing_is_weighed_by_the_swing():

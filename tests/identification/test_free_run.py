@@ -9,10 +9,11 @@ import pytest
 
 from butterfly.identification import free_run
 from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.residuals import residuals_of
 from butterfly.identification.estimators import OutputError, WeakForm
 from butterfly.identification.findings import FindingKind
 from butterfly.identification.free_run import LEAST_FIT, FitSummary, FreeRun, Setting, Simulations
-from butterfly.identification.identify import identify, judge, judged
+from butterfly.identification.identify import diagnose, identify, judged
 from butterfly.identification.parameters_by_hand import best_gain, try_parameters
 from butterfly.identification.problem import Start
 from butterfly.identification.simulation import Simulation
@@ -116,7 +117,8 @@ def test_another_method_is_advised_only_if_it_was_tried_and_follows(data):
         replace(log, angle=np.cumsum(rng.standard_normal(log.time.size))) for log in data.logs
     ]
     for logs, better in ((data.logs, ("weak-form",)), (wander, ())):
-        said = judge(DataSet.of(logs), estimator, found).findings
+        some = DataSet.of(logs)
+        said = diagnose(some, estimator, found, residuals_of(some, found)).findings
         assert [each.parameters for each in said if each.kind is FindingKind.POOR_FIT] == [better]
 
 

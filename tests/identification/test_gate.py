@@ -31,8 +31,7 @@ def _problem():
 def model():
     """The fit without terms."""
     every = _problem()
-    bare = every.without(set(TERMS))
-    return FreeRunModel(every=every, problem=bare, end=bare.descend(), rows=TERMS)
+    return FreeRunModel(every=every, fit=every.without(set(TERMS)).descend(), rows=TERMS)
 
 
 @pytest.mark.parametrize(
@@ -49,12 +48,12 @@ def model():
     ],
 )
 def test_a_rival_is_believed_once_its_simulation_is_as_good(model, moved, confirmed):
-    rival = {name: value * moved.get(name, 1.0) for name, value in model.values.items()}
+    rival = {name: value * moved.get(name, 1.0) for name, value in model.fit.named.items()}
     assert model.confirms(rival) is confirmed
 
 
 def test_a_rival_with_another_term_is_simulated_with_it(model):
-    here = model.values
+    here = model.fit.named
     assert model.confirms(here | {"drag": 0.0})
     assert not model.confirms(here | {"drag": 0.1 * here["p2"]})
 
@@ -64,7 +63,7 @@ def test_an_inertia_that_no_simulation_ends_with_is_not_simulated(model, monkeyp
         pytest.fail("it was simulated")
 
     monkeypatch.setattr(FreeRunModel, "simulated", refuse)
-    assert not model.confirms(model.values | {"p1": 1e-5 * model.values["p1"]})
+    assert not model.confirms(model.fit.named | {"p1": 1e-5 * model.fit.named["p1"]})
 
 
 @given(st.floats(1e-3, 1e3), st.floats(-0.5, 2.0), st.lists(st.floats(0.0, 0.1), min_size=1))
@@ -82,7 +81,7 @@ def test_near_is_within_ten_times_the_least_inertia_that_a_mass_leaves(ratio, ba
 
 def test_a_removal_whose_linear_start_is_impossible_begins_at_the_fit(model, monkeypatch):
     more = model.every.without({"stribeck"})
-    fit = replace(model, problem=more, end=more.descend())
+    fit = replace(model, fit=more.descend())
     sound = fit.without(["drag"])
     submodels = type(fit.nested)
     right = submodels.fitted
@@ -95,7 +94,7 @@ def test_a_removal_whose_linear_start_is_impossible_begins_at_the_fit(model, mon
 
         monkeypatch.setattr(submodels, "fitted", astray)
         fewer = fit.without(["drag"])
-        assert fewer.end.values == pytest.approx(sound.end.values, rel=1e-4)
+        assert fewer.fit.values == pytest.approx(sound.fit.values, rel=1e-4)
 
 
 def test_terms_on_their_bound_leave_a_fit_that_began_with_them():
@@ -106,11 +105,11 @@ def test_terms_on_their_bound_leave_a_fit_that_began_with_them():
     values = end.values.copy()
     values[place] = every.lower[place]
     at = every.equations(values)
-    begun = FreeRunModel(every=every, problem=every, end=replace(end, at=at), rows=TERMS)
+    begun = FreeRunModel(every=every, fit=replace(end, linearisation=at), rows=TERMS)
     found = stagewise(begun, TERMS, ()).model
     assert not {"stribeck", "stribeck_velocity"} & {*found.problem.names}
     for name in ("p1", "p2", "p3", "p4"):
-        assert found.values[name] == pytest.approx(getattr(JOINT, name), rel=0.02)
+        assert found.fit.named[name] == pytest.approx(getattr(JOINT, name), rel=0.02)
 
 
 @given(st.floats(1e-6, 1e3), st.floats(0.0, 10.0))

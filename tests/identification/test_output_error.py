@@ -8,9 +8,9 @@ import pytest
 
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimators import HarmonicBalance, Loss, OutputError
+from butterfly.identification.estimators import Loss, OutputError
+from butterfly.identification.estimators.start import starts
 from butterfly.identification.findings import Ending, FindingKind
-from butterfly.identification.linearisation import compressed
 from butterfly.identification.problem import Start
 from butterfly.logs.log import Intersample, Sine
 from butterfly.logs.regimes import Regime
@@ -39,8 +39,7 @@ def logs():
 
 def _fit(logs, **options):
     data = DataSet.of(logs)
-    start = Start(HarmonicBalance().of_points(data.sines).parameters, data.equilibria)
-    return OutputError(**options).of_logs(data.logs, [start])
+    return OutputError(**options).of_logs(data.logs, starts(data, options.get("terms")))
 
 
 @pytest.fixture(scope="module")
@@ -164,16 +163,11 @@ def equations(problem):
 
 def _residuals(problem, moved):
     """Return all logs' residuals beside the beginning."""
-    logs = problem.equations(problem.initial + moved).logs
-    return np.concatenate([log.residuals for log in logs])
-
-
-def _jacobian(equations):
-    return np.concatenate([log.spread(log.rows, equations.values.size) for log in equations.logs])
+    return problem.equations(problem.initial + moved).residuals
 
 
 def test_every_column_is_the_central_difference(problem, equations):
-    columns = _jacobian(equations).T
+    columns = equations.rows.T
     units = np.diag(1 / np.linalg.norm(columns, axis=1))  # each moves the residuals by 1
     for (name, whose), unit, column in zip(problem.keys, units, columns, strict=True):
         differences = (
@@ -190,27 +184,29 @@ def test_every_column_is_the_central_difference(problem, equations):
 
 def test_what_belongs_to_one_log_or_mass_moves_no_other(problem, equations):
     for k, (_, whose) in enumerate(problem.keys):
-        for simulation, log in zip(problem.simulations, equations.logs, strict=True):
+        logs = np.split(equations.rows[:, k], equations.ends[:-1])
+        for simulation, column in zip(problem.simulations, logs, strict=True):
             concerned = whose in {None, simulation.log.added_mass, simulation.log.name}
-            assert concerned or k not in log.columns
+            assert concerned or not column.any()
 
 
-def test_compressed_equations_say_the_same(equations):
-    for log in equations.logs:
-        weights = np.linspace(0.5, 2.0, log.residuals.size)
-        weighted = log.weighted(weights)
-        (factor,), (residuals,) = compressed([(weighted.rows, weighted.residuals)])
-        normal = log.rows.T @ (weights[:, None] * log.rows)
-        np.testing.assert_allclose(factor.T @ factor, normal, atol=1e-10 * np.abs(normal).max())
-        pull = log.rows.T @ (weights * log.residuals)
-        np.testing.assert_allclose(factor.T @ residuals, pull, atol=1e-10 * np.abs(pull).max())
+def test_cells_say_the_same_with_the_weights_of_a_loss(equations):
+    at = equations.counting(Loss.HUBER)
+    roots = np.sqrt(at.loss.weights(at.residuals, at.scale))
+    rows, residuals = at.rows * roots[:, None], at.residuals * roots
+    for cells in (at.cells(1), at.cells(4)):
+        normal, pull = rows.T @ rows, rows.T @ residuals
+        np.testing.assert_allclose(cells.curvature, normal, atol=1e-10 * np.abs(normal).max())
+        np.testing.assert_allclose(cells.gradient, pull, atol=1e-10 * np.abs(pull).max())
+        assert cells.squares.sum() == pytest.approx(residuals @ residuals)
 
 
 def test_equations_predict_residuals_nearby(problem, equations):
-    sizes = 1 / np.linalg.norm(_jacobian(equations), axis=0)
+    sizes = 1 / np.linalg.norm(equations.rows, axis=0)
     step = 1e-6 * sizes * np.linspace(-1, 1, len(problem.keys))
-    predicted = np.concatenate([log.residuals for log in equations.moved(step).logs])
-    np.testing.assert_allclose(predicted, _residuals(problem, step), atol=1e-8)
+    np.testing.assert_allclose(
+        equations.moved(step).residuals, _residuals(problem, step), atol=1e-8
+    )
 
 
 def test_a_friction_at_its_bound_can_leave_it():
@@ -219,7 +215,7 @@ def test_a_friction_at_its_bound_can_leave_it():
     frictionless = replace(EVERY, coulomb=0.0, stribeck=0.0, load=0.0)
     estimator = OutputError(terms=("stribeck", "load"), window=4.0)
     problem = estimator.problem(data.logs, Start(frictionless, data.equilibria))
-    jacobian = _jacobian(problem.equations(problem.initial))
+    jacobian = problem.equations(problem.initial).rows
     for name in ("coulomb", "stribeck", "load"):
         k = problem.keys.index((name, None))
         size = 1e-6 / np.linalg.norm(jacobian[:, k])
@@ -232,10 +228,9 @@ def test_a_friction_at_its_bound_can_leave_it():
 
 def test_residuals_without_derivatives_are_the_same_for_each_log_s_own_values(problem, equations):
     alike = np.tile(problem.initial, (len(problem.motion), 1))
-    bare = problem.equations(alike, slopes=False).logs
-    for own, whole in zip(bare, equations.logs, strict=True):
-        np.testing.assert_allclose(own.residuals, whole.residuals, rtol=0, atol=1e-12)
-        assert not own.rows.size
+    bare = problem.equations(alike, slopes=False)
+    np.testing.assert_allclose(bare.residuals, equations.residuals, rtol=0, atol=1e-12)
+    assert not bare.rows.any()
 
 
 def test_biases_of_single_logs_stay_where_terms_are_chosen():
@@ -251,15 +246,15 @@ def test_a_refusal_that_a_term_causes_is_retried_without_it(monkeypatch):
     robot = replace(PLAIN, drag=8e-4)
     logs, refused = steady(robot, SWINGS), []
     start = [Start(robot, dict.fromkeys(MASSES, 0.0))]
-    inferred = OutputError.inferred
+    inferred = OutputError._inferred  # noqa: SLF001 - what refuses
 
-    def refusing(self, fitted, *more):
-        if "drag" in fitted.problem.names:
-            refused.append(fitted.problem.names)
+    def refusing(self, problem, fit):
+        if "drag" in fit.linearisation.names:
+            refused.append(fit.linearisation.names)
             raise IdentifiabilityError("drag cannot be identified")
-        return inferred(self, fitted, *more)
+        return inferred(self, problem, fit)
 
-    monkeypatch.setattr(OutputError, "inferred", refusing)
+    monkeypatch.setattr(OutputError, "_inferred", refusing)
     found = OutputError(workers=1).of_logs(logs, start)
     assert len(refused) == 1
     assert "drag" not in found.names

@@ -145,7 +145,7 @@ def test_a_balanced_joint_says_that_gravity_does_nothing(wheel):
 
 
 def test_terms_are_selected_from_those_that_need_no_angle(wheel):
-    passed = bf.select(wheel[:2], "weak-form").rows()
+    passed = bf.select(wheel[:2], "output-error").rows()
     assert passed[0]["terms"] == []
 
 

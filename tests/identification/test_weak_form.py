@@ -73,7 +73,7 @@ def test_kept_averages_are_those_of_a_log_made_ready_anew(logs):
         )
         assert list(found.mean) == list(names)
         np.testing.assert_array_equal(found.time, fresh.time)
-        np.testing.assert_array_equal(found.still, fresh.still)
+        np.testing.assert_array_equal(found.moving, fresh.moving)
         for name in names:
             np.testing.assert_array_equal(found.mean[name], fresh.mean[name])
 

@@ -69,7 +69,7 @@ CAUSES = {
     "control": (None, ""),
     "backlash": (("delay", Condition.SPEED), "backlash"),
     "falling friction": (("p2", Condition.TIME), "warm-up"),
-    "friction by log": (("p2", Condition.LOG), "Scatter between logs: p2, coulomb"),
+    "friction by log": (None, "Scatter between logs: p2, coulomb"),  # which is no contrast too
 }
 
 

@@ -180,23 +180,24 @@ def residual_units(joint: JointKind) -> dict[str, str]:
 def residuals_of(data: DataSet, estimate: Estimate, runs: Sequence[FreeRun] = ()) -> Residuals:
     """Return the residuals of an estimate's free runs, compared with sensors and missing terms."""
     unknowns = _Unknowns.of(data, estimate)
-    every = [
-        unknowns.expanded(
-            runs[k] if runs else data.simulations.run(k, estimate),
-            data.simulations.setting(k, estimate),
-        )
-        for k in range(len(data.logs))
-    ]
+    every, parts = list[_RunErrors | None](), list[tuple[Samples, Samples]]()
+    for k in range(len(data.logs)):
+        run = runs[k] if runs else data.simulations.run(k, estimate)
+        expanded = unknowns.expanded(run, data.simulations.setting(k, estimate))
+        every.append(expanded and expanded[0])
+        parts += [expanded[1]] if expanded else []
     found = [each for each in every if each is not None]
     if not found:
         return Residuals(logs=tuple(map(_bare, data.logs)))
-    at, random = unknowns.equations(found), np.random.default_rng(0)
+    at, random = unknowns.equations(parts), np.random.default_rng(0)
+    parts.clear()  # they are as large as the equations that they make
     directions = at.directions(len(unknowns.keys))
     left = at.moved(-directions @ (directions.T @ at.gradient))
     pairs = list(zip(found, np.split(left.residuals, left.ends[:-1]), strict=True))
     draws = [each.drawn(rest, random) for each, rest in pairs]
     _reduce([errors for _, errors in draws], at, directions)
     judged = [each.judged(rest, *drawn) for (each, rest), drawn in zip(pairs, draws, strict=True)]
+    del left, pairs, draws
     following = iter(judged)
     places = zip(data.logs, every, strict=True)
     whole = (_bare(log) if each is None else next(following) for log, each in places)
@@ -225,8 +226,6 @@ class _RunErrors:
     blank: LogResiduals  # name and motion of the log
     errors: Samples  # (m,) simulated less measured angle in rad, weighted by roots of `averages`
     starts: StartEffects  # how the starts of segments move errors
-    # (m,) errors over the motion and (m, n) derivatives, the starts projected out
-    equations: tuple[Samples, Samples]
     # (m,) standard deviations in rad of the simulated angle by the parameters, to first order
     deviation: Samples
 
@@ -307,8 +306,13 @@ class _Unknowns:
         keys = (*((name, None) for name in estimate.names), *owners)
         return cls(estimate=estimate, keys=keys, root=root)
 
-    def expanded(self, run: FreeRun, setting: Setting) -> _RunErrors | None:
-        """Return the errors of a log's free run; None if it fails or nothing moves."""
+    def expanded(
+        self, run: FreeRun, setting: Setting
+    ) -> tuple[_RunErrors, tuple[Samples, Samples]] | None:
+        """Return the errors of a log's free run, and (m,) relative ones with (m, n) derivatives.
+
+        Of these the starts are projected out. None if the run fails or nothing moves.
+        """
         log, first, blank = run.log, first_counted(run.log), _bare(run.log)
         columns = columns_of(self.keys, log)
         simulation = setting.simulation(log, first)
@@ -323,7 +327,7 @@ class _Unknowns:
         left = errors.copy()
         for each in () if simulation.fitted else (left, rows):  # else `with_starts` has done it
             starts.take_away(each)
-        return _RunErrors(
+        found = _RunErrors(
             run=run,
             first=first,
             step=simulation.step,
@@ -331,14 +335,15 @@ class _Unknowns:
             blank=blank,
             errors=errors,
             starts=starts,
-            equations=relative(left, rows, [*columns.values()], len(self.keys), blank.motion),
             deviation=deviation / averages.roots,
         )
+        numbers = [*columns.values()]
+        return found, relative(left, rows, numbers, len(self.keys), blank.motion)
 
-    def equations(self, runs: Sequence[_RunErrors]) -> Linearisation:
+    def equations(self, parts: Sequence[tuple[Samples, Samples]]) -> Linearisation:
         """Return the equations of free runs in the n unknowns."""
         names = labels_of(self.keys)
-        errors, rows = zip(*(each.equations for each in runs), strict=True)
+        errors, rows = zip(*parts, strict=True)
         more = np.zeros(len(names) - self.estimate.values.size)
         return Linearisation(
             names=names,

@@ -157,7 +157,7 @@ def _fitted(
         fixed={"stribeck_velocity": phasors.slow} if STRIBECK in names else {},
         findings=[Finding(FindingKind.APPROXIMATE)],
     )
-    return basis, _balanced(phasors)
+    return basis, balanced(phasors)
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,7 +257,7 @@ class Phasors:
 
 
 @np.errstate(divide="ignore", over="ignore", invalid="ignore")
-def _balanced(phasors: Phasors) -> Fit:
+def balanced(phasors: Phasors) -> Fit:
     """Solve, reweight by slopes and errors at the solution, and iterate to convergence."""
     count, swing = len(phasors.names), np.abs(phasors.angle)
     values, weights = np.zeros(count), np.ones(phasors.omega.size)

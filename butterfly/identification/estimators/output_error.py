@@ -237,7 +237,7 @@ class OutputError(Estimator):
             # a fit that is but the first need not be exact
             place, fit = lowest_end(bare, SHOWS if rows else ROUNDING)
             there = replace(every[place], initial=every[0].initial)
-            return there, begun_anew(there, hanging(there, fit), rows, rare)
+            return there, hanging(there, begun_anew(there, fit, rows, rare))
 
         return held_or_straight(logs, begun)
 

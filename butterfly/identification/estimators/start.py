@@ -8,7 +8,7 @@ where it stops, and descents from far end at other stops.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -87,12 +87,19 @@ def _least_inertia(start: Start, data: DataSet) -> float:
     return start.parameters.p1 + min(mass.inertia for mass in data.masses)
 
 
+def _runs(data: DataSet, start: Start) -> Iterator[FreeRun]:
+    """Yield free runs of logs, thinned, with a first guess."""
+    for log in data.glance:
+        zero = reading_of(log, start.zeros)
+        yield FreeRun.of(log, Setting(parameters=start.parameters, zero=zero))
+
+
 def _follows(data: DataSet, start: Start) -> bool:
     """Whether free runs of a first guess follow the logs; servos have a start of their own."""
     if any(log.closed for log in data.logs):
         return True
     with np.errstate(all="ignore"):
-        return bool(np.median(data.simulations.fits_with(start.parameters)) >= LEAST_FIT)
+        return bool(np.median([run.fit for run in _runs(data, start)]) >= LEAST_FIT)
 
 
 def _without_inertia(data: DataSet, inertia: float) -> ButterflyError:
@@ -126,12 +133,8 @@ def _velocity_fit(data: DataSet, start: Start) -> float:
     """Return the median FIT in per cent of the velocity of whole runs of a first guess."""
     if not _least_inertia(start, data) > 0:
         return -math.inf
-    runs = (
-        FreeRun.of(log, Setting(parameters=start.parameters, zero=reading_of(log, start.zeros)))
-        for log in data.glance
-    )
     with np.errstate(all="ignore"):
-        return float(np.median([run.velocity_fit for run in runs]))
+        return float(np.median([run.velocity_fit for run in _runs(data, start)]))
 
 
 def _over_windows(data: DataSet, terms: tuple[str, ...], half_width: float | None) -> Start:
@@ -149,12 +152,17 @@ def _over_windows(data: DataSet, terms: tuple[str, ...], half_width: float | Non
         fit = closed_form.through_instruments(data.glance, zeros, known | _AT_ONCE)
     conditioning_of(fit.solved)
     found = _moving(fit, data)
-    if not open_:
-        return Start(found, zeros)
-    loaded = {mass: found.with_added_mass(mass) for mass in zeros}
-    turned = {mass: math.atan2(p.p3_offset, p.p3) for mass, p in loaded.items()}
-    corrected = {mass: zero - turned[mass] for mass, zero in zeros.items()}
-    return Start(replace(found, p3_offset=0.0), corrected)
+    return _hung(Start(found, zeros)) if open_ else Start(found, zeros)
+
+
+def _hung(start: Start) -> Start:
+    """Return a first guess whose rest angles say what its offset of gravity does."""
+    loaded = {mass: start.parameters.with_added_mass(mass) for mass in start.zeros}
+    turned = {mass: math.atan2(each.p3_offset, each.p3) for mass, each in loaded.items()}
+    lightest = loaded[min(loaded)]
+    p3 = start.parameters.p3 + math.hypot(lightest.p3, lightest.p3_offset) - lightest.p3
+    zeros = {mass: zero - turned[mass] for mass, zero in start.zeros.items()}
+    return Start(replace(start.parameters, p3=p3, p3_offset=0.0), zeros)
 
 
 def _half_widths(fit: WeakFit) -> dict[str, float]:
@@ -358,4 +366,5 @@ def servo_start(
             attempt(lowest * step)
     _, delay, problem, end = ends[0]
     found = problem.start_at(end.values)
+    found = _hung(found) if "zero" in problem.names else found
     return replace(found, parameters=replace(found.parameters, delay=delay))

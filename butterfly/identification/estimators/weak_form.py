@@ -43,7 +43,7 @@ from butterfly.identification.inference.agreement import Conditions
 from butterfly.identification.inference.consistency import is_driven, prior_of_fit
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.infer import Basis
-from butterfly.identification.inference.limits import cells_of
+from butterfly.identification.inference.limits import Conditioning, cells_of
 from butterfly.identification.linearisation import Solution
 from butterfly.identification.test_functions import Averaging
 from butterfly.identification.weak_regression import WeakFit, averaging_of
@@ -205,7 +205,8 @@ def refined(fit: WeakFit, instruments: Sequence[Averaging]) -> WeakFit:
     free = ~fit.solved.on_bound
     while True:
         unknowns = np.zeros(len(names))
-        unknowns[free] = _through(multiplied[:, free], rows[:, free], target)
+        some = tuple(np.array(names)[free].tolist())
+        unknowns[free] = _through(multiplied[:, free], rows[:, free], target, some)
         values = regression.values(unknowns)
         low = free & (values < regression.lower)
         if not low.any():
@@ -217,8 +218,10 @@ def refined(fit: WeakFit, instruments: Sequence[Averaging]) -> WeakFit:
     return WeakFit(about=about, regression=through, fit=replace(fit.fit, linearisation=solved))
 
 
-def _through(multiplied: Samples, rows: Samples, target: Samples) -> Samples:
-    """Return the (n,) solution of equations multiplied by instruments."""
+def _through(
+    multiplied: Samples, rows: Samples, target: Samples, names: tuple[str, ...]
+) -> Samples:
+    """Return the (n,) solution of equations multiplied by instruments, or refuse them by names."""
     scale = np.linalg.norm(multiplied, axis=0)
     if not (scale > 0).all():
         raise IdentifiabilityError("these logs do not excite all parameters")
@@ -226,7 +229,7 @@ def _through(multiplied: Samples, rows: Samples, target: Samples) -> Samples:
     try:
         return np.asarray(np.linalg.solve(turned @ (rows / scale), turned @ target) / scale)
     except np.linalg.LinAlgError:
-        raise IdentifiabilityError("the parameters cannot be separated with these logs") from None
+        raise Conditioning.of(rows, names).refusal from None
 
 
 def offset_covariance(fit: WeakFit, uncertain: Samples) -> Samples:

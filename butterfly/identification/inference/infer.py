@@ -195,11 +195,12 @@ def conditioning_of(equations: Linearisation) -> Conditioning:
 def agreement_of(fit: Fit, basis: Basis) -> tuple[tuple[Contrast, ...], list[Rival]]:
     """Return the contrasts between conditions, the best first, and (n,) rivals about the fit.
 
-    From log to log they are sought where logs were not weighed, which says it already.
+    From log to log they are sought where the scatter by which logs are weighed does not say it.
     """
     if basis.conditions is None:
         return (), []
-    about, between = fit.unweighed or fit.linearisation, fit.unweighed is None
+    said = {each.kind for each in fit.findings}
+    about, between = fit.unweighed or fit.linearisation, FindingKind.SCATTER not in said
     contrasts, rivals = disagreements_of(
         about, basis.conditions, between_logs=between, large=basis.large
     )

@@ -12,7 +12,7 @@ from butterfly.identification.estimators import OutputError
 from butterfly.identification.findings import FindingKind
 from butterfly.identification.fit import MissingTerms
 from butterfly.identification.free_run import FreeRun, Setting
-from butterfly.identification.identify import identify, judge
+from butterfly.identification.identify import diagnose, identify
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.sensor_errors import Curve
 from butterfly.identification.test_functions import ResidualTorque
@@ -109,7 +109,8 @@ def test_missing_terms_of_an_estimate_are_named_and_held_where_sensors_do_not_ex
         shares = {log.name: 0.1 * k for k, log in enumerate(data.logs)}
         told = {"terms": ("drag",), "others": (("load",),), "share": 0.6, "moved": ("p1",)}
         missing = MissingTerms(**told, shares=shares, rival=1.5 * found.values)
-        judged = judge(data, FIT, replace(found, missing=missing))
+        told = replace(found, missing=missing)
+        judged = diagnose(data, FIT, told, residuals_of(data, told))
         again = Estimate.from_dict(judged.to_dict()).missing
         assert again.to_dict() == missing.to_dict()
         misfit = residuals_of(data, judged)

@@ -13,8 +13,9 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.residuals import LogResiduals, Residuals
 from butterfly.identification.diagnostics.unit_error_search import find_slow_clock, find_unit_errors
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
+from butterfly.identification.estimators.assumptions import as_taken
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.identify import fitted, identify, judge
+from butterfly.identification.identify import diagnose, identify, in_true_time, with_other_time
 from butterfly.identification.servo_drive import driven
 from butterfly.identification.simulation import Simulation
 from butterfly.identification.unit_errors import (
@@ -81,10 +82,17 @@ def _with_names(logs):
     return [replace(log, name=f"run {k}") for k, log in enumerate(logs)]
 
 
+def _fitted(data, estimator):
+    """Return logs in their true time, as an estimate took them, and the estimate."""
+    data, other = in_true_time(data, estimator)
+    found = replace(estimator(data), input_kind=data.input_kind, joint=data.joint)
+    return as_taken(data, with_other_time(found, other))
+
+
 def _named(logs, estimator):
     """Return what is named of logs, the level, and all that is said, whatever their residuals."""
-    data, found = fitted(DataSet.of(logs), estimator)
-    found = judge(data, estimator, data.simulations.settled(found), UNSEEN)
+    data, found = _fitted(DataSet.of(logs), estimator)
+    found = diagnose(data, estimator, data.simulations.settled(found), UNSEEN)
     slips = [each for each in found.findings if each.kind in NAMED]
     return slips, found.level, " ".join(estimate_sentences(found))
 
@@ -354,7 +362,7 @@ def test_logs_whose_inputs_are_next_to_their_omega_are_named_and_no_other(logs):
 )
 def test_known_masses_tell_which_is_wrong_and_logs_held_out_are_corrected_too(logs, wrong, kind):
     told = DataSet.of([_told_wrong(log, wrong) for log in logs]).holding_out(["run 1"])
-    data, found = fitted(told, SIMULATED)
+    data, found = _fitted(told, SIMULATED)
     assert data.correction.kind is kind
     assert "mass_inertia" not in found.names
     assert found.parameters.p1 == pytest.approx(ROBOT.p1, rel=2e-3)

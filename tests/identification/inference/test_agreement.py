@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize_scalar
 
-from butterfly.identification.findings import FindingKind
+from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Fit
 from butterfly.identification.inference.agreement import (
     Condition,
@@ -134,11 +134,12 @@ def test_a_slow_error_is_large_beside_white_noise_as_rough_and_noise_is_not():
     assert is_large([noise, 4 * slow])
 
 
-def test_what_differs_from_log_to_log_is_a_contrast_where_no_weights_say_it():
+def test_what_differs_from_log_to_log_is_a_contrast_where_no_scatter_says_it():
     by_log = np.random.default_rng(5).standard_normal(LOGS)[LOG]
     _, _, equations = _problem(6, _following(by_log, 0.002))
     fit, basis = _fit(equations, conditions=_conditions())
-    found, weighed = infer(fit, basis), infer(replace(fit, unweighed=equations), basis)
+    scatter = Finding(FindingKind.SCATTER, ("p4",), number=0.1)
+    found, weighed = infer(fit, basis), infer(replace(fit, findings=(scatter,)), basis)
     assert (found.agreement[0].parameter, found.agreement[0].condition) == ("p4", Condition.LOG)
     assert Condition.LOG not in {each.condition for each in weighed.agreement}
     differing = differing_values(equations, "p4")
@@ -311,7 +312,7 @@ def test_one_parameter_of_equal_logs_is_the_textbook_s_analysis_of_variance():
 
     closed = minimize_scalar(minus_twice_log, bounds=(0, 1), method="bounded").x
     assert found.friction == pytest.approx(closed, rel=1e-3)
-    effects = likelihood.random_effects(found, np.zeros(1))
+    effects = found.random_effects(likelihood.weighed(found), np.zeros(1))
     assert effects[:, 0] == pytest.approx(estimates, rel=1e-2)
 
 
