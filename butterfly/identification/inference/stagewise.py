@@ -252,10 +252,14 @@ def _ordered(terms: Collection[str], rows: Sequence[str]) -> tuple[str, ...]:
 def _idle(model: Model, rows: Sequence[str], begun: Sequence[str]) -> tuple[str, ...]:
     """Return terms that help to predict no more than by chance, or not at all if they were added.
 
-    They leave the equations one after the other, the one that helps least first. Where what was
-    left out cannot be predicted at all, it is that without which this is done best.
+    Those on their bound are absent already. Others leave the equations one after the other, the one
+    that helps least first. Where what was left out cannot be predicted at all, it is that without
+    which this is done best.
     """
     nested, kept, lost = model.nested, model.kept, list[str]()
+    on_bound = np.array(nested.names)[nested.equations.on_bound]
+    if absent := tuple(name for name in _ordered(model.terms, rows) if name in on_bound):
+        return absent
     while terms := [name for name in _ordered(model.terms, rows) if name not in lost]:
         fewer = [kept & ~np.isin(nested.names, [n, *companions({n})]) for n in terms]
         whole, *errors = np.sqrt(nested.held_out(np.array([kept, *fewer])))
