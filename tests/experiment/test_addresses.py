@@ -56,7 +56,7 @@ def test_other_code_and_other_versions_give_other_addresses(key, monkeypatch):
 
 
 WEAK, OUTPUT = {"method": "weak-form"}, {"method": "output-error", "terms": []}
-ESTIMATORS = [WEAK | {"terms": []}, WEAK | {"terms": ["drag"]}, WEAK]
+ESTIMATORS = [WEAK, WEAK | {"terms": ["drag"]}, WEAK | {"half_width": 0.2}]
 ESTIMATORS += [{"method": "harmonic-balance", "terms": []}, OUTPUT]
 ESTIMATORS += [OUTPUT | {"loss": "huber"}, OUTPUT | {"window": 15.0}]
 

@@ -57,7 +57,7 @@ def test_every_key_counts_without_a_sweep(run):
         assert (out / name).exists()
     (task,) = ResultStore(out).sweep().runs
     record = ResultStore(out).read(task.key)
-    labels = ["weak-form(no terms)", "weak-form(load)"]
+    labels = ["weak-form", "weak-form(load)"]
     assert [each.estimator for each in record.estimates] == list(found.identifications) == labels
     assert all(each.held_out.median > 90 for each in record.estimates)
     own = found.identifications[labels[1]].rows()[-1]
@@ -158,7 +158,7 @@ def test_a_run_in_which_every_estimator_refuses_its_masses_is_not_simulated():
 def test_a_run_in_which_one_of_two_estimators_refused_has_a_result():
     result = _performed(estimators=[{"method": "harmonic-balance"}, ESTIMATORS[0]])
     assert result.record.status == OK
-    assert list(result.identifications) == ["weak-form(no terms)"]
+    assert list(result.identifications) == ["weak-form"]
     assert "harmonic-balance: " in result.record.reason
 
 

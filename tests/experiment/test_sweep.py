@@ -54,7 +54,7 @@ def test_the_tables_say_what_was_set_and_found(folder):
     assert runs["status"].to_pylist() == [OK] * 6
     assert estimates.num_rows == 6 * 6
     for row in estimates.to_pylist():
-        assert row["estimator"] == "weak-form(no terms)"
+        assert row["estimator"] == "weak-form"
         if row["parameter"] in {"p1", "p3", "p4"}:
             assert abs(row["deviation"]) < 0.02
     record = store.read(runs["key"][0].as_py())
