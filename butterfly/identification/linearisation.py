@@ -368,7 +368,7 @@ class Linearisation:
     def cells(self, count: int) -> Linearisation:
         """Return the weighted equations of ``count`` stretches of each block, n + 1 rows each."""
         sizes = np.diff(self.ends, prepend=0)
-        many = sizes.min(initial=0) > CELLS * len(self.names) and count in {1, CELLS}
+        many = count in {1, CELLS} and bool((sizes > CELLS * len(self.names)).all())
         rows, residuals = self._usual if many else self._factors(count)
         if many and count == 1:
             each = (self.ends.size, -1)

@@ -57,10 +57,11 @@ _GEAR = 0.1  # of each of a gear's torques that friction takes, from where on it
 
 
 def starts(data: DataSet, terms: tuple[str, ...] | None) -> list[Start]:
-    """Return what the weak form finds, with all common terms where none are given.
+    """Return what the weak form finds: with all common terms and without, if none are given.
 
-    Where that follows no log, as with a friction that holds the joint, also without terms. Where
-    there is none, it is a guess of the scale. ButterflyError if there is none either.
+    Of few logs many terms may be astray. Given terms that follow no log, as with a friction that
+    holds the joint, are left out, too. Where there is none, it is a guess of the scale.
+    ButterflyError if there is none either.
     """
     found: list[Start] = []
     refusals: list[ButterflyError] = []
@@ -72,7 +73,7 @@ def starts(data: DataSet, terms: tuple[str, ...] | None) -> list[Start]:
             refusals.append(refusal)
             continue
         found.append(start)
-        if _follows(data, start):
+        if terms is not None and _follows(data, start):
             break
     if not found:
         guess = None if data.known.scale() else _of_ratios(data)
