@@ -68,7 +68,7 @@ def starts(data: DataSet, terms: tuple[str, ...] | None) -> list[Start]:
     common = candidates(COMMON, data.masses, data.known)
     for some in dict.fromkeys((common if terms is None else terms, ())):
         try:
-            start = _of_weak_form(data, some)
+            start = _of_weak_form(data, some, turned=bool(some) or terms is not None)
         except ButterflyError as refusal:
             refusals.append(refusal)
             continue
@@ -113,16 +113,18 @@ def _without_inertia(data: DataSet, inertia: float) -> ButterflyError:
     )
 
 
-def _of_weak_form(data: DataSet, terms: tuple[str, ...]) -> Start:
+def _of_weak_form(data: DataSet, terms: tuple[str, ...], *, turned: bool) -> Start:
     """Fit the weak form over windows of the logs' own time, or short ones if runs follow better.
 
     Long ones hide a fast motion beside a slow one. IdentifiabilityError if it finds no inertia.
+    ``turned``: whether an offset of gravity that is seen corrects rest angles that nobody told.
     """
-    found = _over_windows(data, terms, None)
+    turned = turned and bool(data.unread)
+    found = _over_windows(data, terms, None, turned=turned)
     closed = any(log.closed for log in data.glance)
     if not closed and any(half_width_of(log) > HALF_WIDTH for log in data.glance):
         with suppress(ButterflyError):
-            short = _over_windows(data, terms, HALF_WIDTH)
+            short = _over_windows(data, terms, HALF_WIDTH, turned=turned)
             found = max(found, short, key=partial(_velocity_fit, data))
     inertia = _least_inertia(found, data)
     if not inertia > 0:
@@ -138,13 +140,15 @@ def _velocity_fit(data: DataSet, start: Start) -> float:
         return float(np.median([run.velocity_fit for run in _runs(data, start)]))
 
 
-def _over_windows(data: DataSet, terms: tuple[str, ...], half_width: float | None) -> Start:
-    """Fit the weak form; the offset of gravity seen corrects rest angles, unless told.
+def _over_windows(
+    data: DataSet, terms: tuple[str, ...], half_width: float | None, *, turned: bool
+) -> Start:
+    """Fit the weak form (see `_of_weak_form`).
 
     Slow motion lags by inertia and by delay alike: an inertia below 0 is fitted again without one.
     """
-    zeros, open_ = data.equilibria, bool(data.unread)
-    asked = {*terms, *(("p3_offset",) if open_ else ())}
+    zeros = data.equilibria
+    asked = {*terms, *(("p3_offset",) if turned else ())}
     wanted = tuple(name for name in offered(WeakForm.method) if name in asked)
     closed_form = WeakForm(terms=wanted, half_width=half_width)
     known = usable(closed_form.method, data.known)
@@ -153,7 +157,7 @@ def _over_windows(data: DataSet, terms: tuple[str, ...], half_width: float | Non
         fit = closed_form.through_instruments(data.glance, zeros, known | _AT_ONCE)
     conditioning_of(fit.solved)
     found = _moving(fit, data)
-    return _hung(Start(found, zeros)) if open_ else Start(found, zeros)
+    return _hung(Start(found, zeros)) if turned else Start(found, zeros)
 
 
 def _hung(start: Start) -> Start:
