@@ -368,7 +368,8 @@ class Linearisation:
     def cells(self, count: int) -> Linearisation:
         """Return the weighted equations of ``count`` stretches of each block, n + 1 rows each."""
         sizes = np.diff(self.ends, prepend=0)
-        many = count in {1, CELLS} and bool((sizes > CELLS * len(self.names)).all())
+        many = sizes.size > 0 and bool((sizes > CELLS * len(self.names)).all())
+        many = many and count in {1, CELLS}
         rows, residuals = self._usual if many else self._factors(count)
         if many and count == 1:
             each = (self.ends.size, -1)
