@@ -19,13 +19,7 @@ from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Fit, LackedTerm
-from butterfly.identification.inference.limits import (
-    Conditioning,
-    Rival,
-    cluster_covariance,
-    half_widths,
-    independent_cells_of,
-)
+from butterfly.identification.inference.limits import Rival, independent_cells_of
 from butterfly.identification.inference.stagewise import (
     ROUNDS,
     STRIBECK,
@@ -171,7 +165,7 @@ class FreeRunModel:
         possible = friction_brakes(values, self.masses)
         if not (end.converged and end.cost <= enough and free and possible):
             return None
-        if conditioning_of(end.linearisation).singular:
+        if end.linearisation.cells(1).conditioning.singular:
             return None
         return replace(self, fit=end)
 
@@ -255,15 +249,9 @@ def _missing(offer: Offer) -> LackedTerm:
     return LackedTerm(offer.name, offer.share, 1 - after / before, offer.values)
 
 
-def conditioning_of(at: Linearisation) -> Conditioning:
-    """Return how well equations tell the unknowns apart."""
-    told = None if at.prior is None else at.prior.active
-    return Conditioning.of(at.cells(1).rows, at.names, told)
-
-
 def _inseparable(at: Linearisation) -> tuple[str, ...]:
     """Return a term, and what comes with it, that the equations cannot tell from the others."""
-    conditioning = conditioning_of(at)
+    conditioning = at.cells(1).conditioning
     doubtful = [n for n in conditioning.weakest if n in {*COMMON, *offered("output-error")}]
     if not conditioning.singular or not doubtful:
         return ()
@@ -318,7 +306,9 @@ def twin_terms(every: Problem, fit: Fit, rows: Iterable[str]) -> list[TwinTerm]:
     for offer in (offer for name in rows for offer in model.offers([name])):
         if not (offer.ratio > 1 and model.confirms(offer.values)):
             continue
-        half = dict(zip(offer.nested.names, _half_widths(offer), strict=True))
+        there = np.array([offer.values[label] for label in offer.nested.names])
+        about = offer.nested.about(there).equations
+        half = dict(zip(about.names, about.half_widths.tolist(), strict=True))
         values = np.array([offer.values[label] for label in shared])
         widths = np.array([half[label] for label in shared])
         moved = {
@@ -329,10 +319,3 @@ def twin_terms(every: Problem, fit: Fit, rows: Iterable[str]) -> list[TwinTerm]:
         if moved:
             found.append(TwinTerm(offer.name, Rival(values, widths), moved))
     return found
-
-
-def _half_widths(offer: Offer) -> Samples:
-    """(n,) half-widths of the values of a fit with a row more."""
-    values = np.array([offer.values[name] for name in offer.nested.names])
-    about = offer.nested.about(values).equations
-    return half_widths(*cluster_covariance(*about.stack, about.prior))

@@ -78,6 +78,11 @@ class Fit:
         return self.ending is Ending.CONVERGED
 
     @property
+    def scatters(self) -> bool:
+        """Whether friction or gain differ from log to log by more than chance."""
+        return any(each.kind is FindingKind.SCATTER for each in self.findings)
+
+    @property
     def plain(self) -> Fit:
         """The fit before its logs were weighed."""
         if self.unweighed is None:

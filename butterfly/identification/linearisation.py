@@ -8,7 +8,7 @@ J^T r and r^T r of the cell exactly.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property
@@ -18,12 +18,18 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 from scipy.special import ndtri
 
-from butterfly.arrays import BLOCK, Samples, unit_columns, unit_diagonal
+from butterfly.arrays import BLOCK, Samples, joined, unit_columns, unit_diagonal
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.inference.limits import CELLS, cluster_covariance
-from butterfly.identification.levels import FEW, ROUNDING, SPREADS, WEIGHED
+from butterfly.identification.inference.limits import (
+    CELLS,
+    Conditioning,
+    cluster_covariance,
+    half_widths,
+)
+from butterfly.identification.levels import FEW, LOST, ROUNDING, SPREADS, WEIGHED
 from butterfly.model.prior import Penalty
 from butterfly.model.terms import TERMS, lower_bounds
+from butterfly.signals.spectrum import white_variance
 
 _NORMAL = 1 / float(ndtri(0.75))  # standard deviation over median absolute deviation
 
@@ -214,6 +220,22 @@ class Linearisation:
     steps: int = 0  # that their simulations took
     begins: tuple[Samples, ...] = ()  # (s, 2) starts of each log's segments, as they were found
 
+    @classmethod
+    def of_logs(
+        cls, parts: Sequence[tuple[Samples, Samples]], names: tuple[str, ...], values: Samples
+    ) -> Linearisation:
+        """Return the equations of k logs: (m,) residuals of each, with (m, n) derivatives."""
+        residuals, rows = zip(*parts, strict=True)
+        return cls(
+            names=names,
+            values=values,
+            lower=lower_bounds(names),
+            rows=joined(rows),
+            residuals=joined(residuals),
+            ends=np.cumsum([each.size for each in residuals]),
+            log=np.arange(len(parts)),
+        )
+
     def counting(self, loss: Loss) -> Linearisation:
         """Return the equations with a loss, scaled by the scatter of the residuals."""
         if loss is Loss.LINEAR:
@@ -267,6 +289,21 @@ class Linearisation:
             return self.rows, self.residuals
         roots = np.sqrt(self.loss.weights(self.residuals, self.scale))
         return self.rows * roots[:, np.newaxis], self.residuals * roots
+
+    @property
+    def by_log(self) -> list[Samples]:
+        """(m,) residuals of each of the k blocks."""
+        return np.split(self.residuals, self.ends[:-1])
+
+    @property
+    def white_cost(self) -> float:
+        """The cost that white noise as rough as the residuals of the logs would have."""
+        return sum(0.5 * errors.size * white_variance(errors) for errors in self.by_log)
+
+    @property
+    def is_misfit(self) -> bool:
+        """Whether most of the error is no noise: twice what white noise as rough would be."""
+        return self.white_cost < LOST**2 * 0.5 * float(self.residuals @ self.residuals)
 
     @cached_property
     def cost(self) -> float:
@@ -402,7 +439,7 @@ class Linearisation:
         )
 
     @cached_property
-    def of_logs(self) -> Linearisation:
+    def whole_logs(self) -> Linearisation:
         """The same cells joined, each log one."""
         last = np.append(np.diff(self.log) != 0, [True])
         if last.all():
@@ -412,7 +449,19 @@ class Linearisation:
     @cached_property
     def independent(self) -> Linearisation:
         """The same in cells whose errors are independent: logs, or stretches of few logs."""
-        return self.of_logs if np.unique(self.log).size > FEW else self
+        return self.whole_logs if np.unique(self.log).size > FEW else self
+
+    @property
+    def conditioning(self) -> Conditioning:
+        """How well the rows and the prior tell the values apart."""
+        active = None if self.prior is None else self.prior.active
+        return Conditioning.of(self.rows, self.names, active, (self.values, self.residuals))
+
+    @property
+    def half_widths(self) -> Samples:
+        """(n,) half-widths of the values' intervals by the scatter between independent cells."""
+        cells = self.independent
+        return half_widths(*cluster_covariance(*cells.stack, cells.prior))
 
     @cached_property
     def stack(self) -> tuple[Samples, Samples]:

@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.arrays import Samples, joined
+from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.encoder_offset import reading_of
@@ -207,15 +207,9 @@ class Problem:
         search.steps += steps
         if len(found) < len(of_logs):
             found.append(self._impossible)
-        errors_of, rows_of = zip(*found, strict=True)
-        return Linearisation(
-            names=self.labels,
-            values=of_logs[0],
+        return replace(
+            Linearisation.of_logs(found, self.labels, of_logs[0]),
             lower=self.lower,
-            rows=joined(rows_of),
-            residuals=joined(errors_of),
-            ends=np.cumsum([each.size for each in errors_of]),
-            log=np.arange(len(found)),
             steps=steps,
             begins=tuple(each.begins for each in self.simulations),
         )

@@ -12,7 +12,6 @@ from butterfly.comparison.three_way import compare_three
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
-from butterfly.identification.inference.infer import conditioning_of
 from butterfly.identification.parameters_by_hand import given_estimate
 from butterfly.logs.health import examine
 from butterfly.logs.log import InputKind, Log, Sine
@@ -225,7 +224,7 @@ def test_a_small_mass_on_a_heavy_slide_tells_the_scale_to_simulations():
 def test_logs_that_tell_nothing_of_a_parameter_are_refused():
     silent = cells(("p1", "p4"), np.zeros((8, 1, 2)), np.zeros((8, 1)))
     with pytest.raises(IdentifiabilityError, match="add logs at other speeds"):
-        conditioning_of(silent)
+        silent.conditioning.require()
 
 
 def test_only_what_the_user_gave_is_called_given(slide):

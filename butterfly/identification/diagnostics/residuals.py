@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from butterfly.arrays import Samples, joined
+from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.encoder_errors import OffCentre, off_centre
@@ -32,7 +32,6 @@ from butterfly.identification.sensor_errors import Curve, SensorErrors, correlat
 from butterfly.identification.simulation import Averages, StartEffects
 from butterfly.logs.log import Log
 from butterfly.model.parameters import JointKind
-from butterfly.model.terms import lower_bounds
 from butterfly.signals.frequency_response import first_counted
 
 _LONGEST_LAG = 2.0  # of the correlations, in s; a quarter of the errors at most
@@ -193,7 +192,7 @@ def residuals_of(data: DataSet, estimate: Estimate, runs: Sequence[FreeRun] = ()
     parts.clear()  # they are as large as the equations that they make
     directions = at.directions(len(unknowns.keys))
     left = at.moved(-directions @ (directions.T @ at.gradient))
-    pairs = list(zip(found, np.split(left.residuals, left.ends[:-1]), strict=True))
+    pairs = list(zip(found, left.by_log, strict=True))
     draws = [each.drawn(rest, random) for each, rest in pairs]
     _reduce([errors for _, errors in draws], at, directions)
     judged = [each.judged(rest, *drawn) for (each, rest), drawn in zip(pairs, draws, strict=True)]
@@ -342,18 +341,9 @@ class _Unknowns:
 
     def equations(self, parts: Sequence[tuple[Samples, Samples]]) -> Linearisation:
         """Return the equations of free runs in the n unknowns."""
-        names = labels_of(self.keys)
-        errors, rows = zip(*parts, strict=True)
-        more = np.zeros(len(names) - self.estimate.values.size)
-        return Linearisation(
-            names=names,
-            values=np.append(self.estimate.values, more),
-            lower=lower_bounds(names),
-            rows=joined(rows),
-            residuals=joined(errors),
-            ends=np.cumsum([each.size for each in errors]),
-            log=np.arange(len(errors)),
-        )
+        more = np.zeros(len(self.keys) - self.estimate.values.size)
+        values = np.append(self.estimate.values, more)
+        return Linearisation.of_logs(parts, labels_of(self.keys), values)
 
     def off_centre(self, at: Linearisation, runs: Sequence[_RunErrors]) -> OffCentre | None:
         """Return the eccentricity of the encoder that errors show, if any, with (p,) values."""

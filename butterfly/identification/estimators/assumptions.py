@@ -22,10 +22,10 @@ import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.chosen_terms import conditioning_of, nested_about
+from butterfly.identification.chosen_terms import nested_about
 from butterfly.identification.data import DataSet
 from butterfly.identification.encoder_offset import reading_of
-from butterfly.identification.estimators.start import leaves_noise, refitted, white_cost
+from butterfly.identification.estimators.start import leaves_noise, refitted
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Fit
 from butterfly.identification.free_run import is_held, own_time
@@ -199,7 +199,7 @@ def _time_of(problem: Problem, end: Fit) -> float:
 
 def _explained(end: Fit) -> bool:
     """Whether white noise explains the errors at the end of a fit."""
-    return end.cost <= (1 + WEIGHED) ** 2 * white_cost(end.linearisation)
+    return end.cost <= (1 + WEIGHED) ** 2 * end.linearisation.white_cost
 
 
 def _shortest(problem: Problem) -> float:
@@ -248,7 +248,7 @@ def weighed(every: Problem, fit: Fit) -> Fit:
         step = white.step(*problem.box.about(values, np.inf))
     except IdentifiabilityError:
         return plain
-    if conditioning_of(white).singular:
+    if white.cells(1).conditioning.singular:
         return plain
     ended = np.maximum(values + step, problem.lower)
     promised = replace(at, prior=None).moved(ended - plain.values).cost

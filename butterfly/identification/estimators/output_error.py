@@ -48,7 +48,7 @@ from butterfly.identification.estimators.start import (
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Fit, MissingTerms
 from butterfly.identification.free_run import first_horizon
-from butterfly.identification.inference.agreement import Conditions, is_large
+from butterfly.identification.inference.agreement import Conditions
 from butterfly.identification.inference.consistency import is_driven, prior_of_fit
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.infer import Basis, infer
@@ -169,7 +169,7 @@ class OutputError(Estimator):
     def weigh(self, problem: Problem, fit: Fit) -> Fit:
         """Weigh logs by their scatter; choose again the terms that it hides."""
         found = weighed(problem, fit)
-        if self.terms is None and FindingKind.SCATTER in {each.kind for each in found.findings}:
+        if self.terms is None and found.scatters:
             again = choose(problem, found, *self._rows(problem.logs, problem.robot))
             same = again.linearisation.names == found.linearisation.names
             found = again if same else weighed(problem, again)
@@ -302,7 +302,7 @@ class OutputError(Estimator):
             np.array([each.get(name, value_if_absent(name)) for name in names])
             for each in fit.rivals
         ]
-        if FindingKind.SCATTER not in {each.kind for each in fit.findings}:  # which hides it
+        if not fit.scatters:  # which hides it
             others += unsaid(problem, plain)
         horizon = problem.options.horizon
         if self.horizon is None and horizon < math.inf:
@@ -317,7 +317,7 @@ class OutputError(Estimator):
             driven=is_driven(logs),
             timed=all(log.excitation for log in logs),
             rivals=[*map(Rival, [*others, beyond[: problem.shared]]), *(t.rival for t in twins)],
-            large=is_large(np.split(plain.linearisation.residuals, plain.linearisation.ends[:-1])),
+            large=plain.linearisation.is_misfit,
             consider_covariance=_waits(logs, problem.names),
             fixed=self._fixed(problem),
             findings=[each.finding for each in twins],

@@ -24,8 +24,6 @@ from butterfly.identification.estimators.weak_form import WeakForm
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Fit
 from butterfly.identification.free_run import LEAST_FIT, FreeRun, Setting
-from butterfly.identification.inference.infer import conditioning_of
-from butterfly.identification.inference.limits import cluster_covariance, half_widths
 from butterfly.identification.inference.stagewise import candidates
 from butterfly.identification.levels import (
     LOST,
@@ -46,7 +44,6 @@ from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Known, Prior, usable
 from butterfly.model.terms import COMMON, GEAR, GROWING, LOOP_TERMS, OF_ANGLE, OF_SERVO, offered
 from butterfly.progress import out_of_time
-from butterfly.signals.spectrum import white_variance
 
 _ELSEWHERE = 1.05  # ratio of costs, above which two ends are not the same
 _PASSES = 4  # of a descent at another delay, or one that is given up if not lower than another
@@ -155,7 +152,7 @@ def _over_windows(
     fit = closed_form.through_instruments(data.glance, zeros, known)
     if fit.values["p1"] + min(mass.inertia for mass in data.masses) <= 0 and "delay" in fit.names:
         fit = closed_form.through_instruments(data.glance, zeros, known | _AT_ONCE)
-    conditioning_of(fit.solved)
+    fit.solved.independent.conditioning.require()
     found = _moving(fit, data)
     return _hung(Start(found, zeros)) if turned else Start(found, zeros)
 
@@ -171,10 +168,8 @@ def _hung(start: Start) -> Start:
 
 
 def _half_widths(fit: WeakFit) -> dict[str, float]:
-    """Return half-widths by name of a regression's intervals, robust over its logs or stretches."""
-    cells = fit.solved.independent
-    half = half_widths(*cluster_covariance(*cells.stack, cells.prior))
-    return dict(zip(cells.names, half.tolist(), strict=True))
+    """Return the half-widths of a closed form's intervals by name."""
+    return dict(zip(fit.solved.names, fit.solved.half_widths.tolist(), strict=True))
 
 
 def _moving(fit: WeakFit, data: DataSet) -> LumpedParameters:
@@ -204,7 +199,7 @@ def _of_ratios(data: DataSet) -> Start | None:
             own = WeakForm(terms=("p3_offset",)).through_instruments(
                 logs, {bare: zero}, data.known | _RATIOS
             )
-            conditioning_of(own.solved)
+            own.solved.independent.conditioning.require()
         except ButterflyError:
             continue
         errors, named = _half_widths(own), own.solved.named
@@ -302,13 +297,7 @@ def refitted(problem: Problem, values: Samples, near: Linearisation | None = Non
 
 def leaves_noise(at: Linearisation) -> bool:
     """Whether errors are a small share of the motion, and white by their second differences."""
-    return 2 * at.cost <= at.ends.size * MATTERS**2 and at.cost <= _ELSEWHERE * white_cost(at)
-
-
-def white_cost(at: Linearisation) -> float:
-    """Return the cost of white noise as rough as the errors of the logs."""
-    logs = np.split(at.residuals, at.ends[:-1])
-    return sum(0.5 * errors.size * white_variance(errors) for errors in logs)
+    return 2 * at.cost <= at.ends.size * MATTERS**2 and at.cost <= _ELSEWHERE * at.white_cost
 
 
 ProblemOf = Callable[[Sequence[Log], Start, Prior], Problem]

@@ -20,7 +20,7 @@ wrong is a contrast as well: of p1 and p3 together, in its logs.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import NamedTuple
@@ -35,7 +35,6 @@ from butterfly.identification.levels import (
     CLEARLY,
     CONFIDENCE,
     FEW,
-    LOST,
     MATERIAL,
     MATTERS,
     ROUNDING,
@@ -246,7 +245,7 @@ def disagreements_of(
     ]
     contrasts = [each.contrast for each in found]
     if between_logs:
-        contrasts += from_log_to_log(equations.of_logs)
+        contrasts += from_log_to_log(equations.whole_logs)
         contrasts.sort(key=lambda each: -each.share)
         if contrasts and contrasts[0].condition is Condition.LOG:
             differing = differing_values(equations, contrasts[0].parameter)
@@ -264,13 +263,6 @@ def disagreements_of(
 def _at_least_squares(equations: Linearisation) -> Linearisation:
     """Return the equations about their solution, which a fit need not reach where it is flat."""
     return equations.moved(equations.next_step)
-
-
-def is_large(residuals: Iterable[Samples]) -> bool:
-    """Whether most of the errors of logs is no noise: twice what white noise as rough would be."""
-    every = [*residuals]
-    noise = sum(each.size * white_variance(each) for each in every)
-    return noise < LOST**2 * sum(float(each @ each) for each in every)
 
 
 def _significant(equations: Linearisation, conditions: Conditions) -> list[_Significant]:
@@ -412,7 +404,7 @@ def from_log_to_log(equations: Linearisation) -> Iterator[Contrast]:
 
 def differing_values(equations: Linearisation, name: str) -> Samples | None:
     """(n,) values if one of them were local to each log, with its mean; None if undetermined."""
-    equations, place = equations.of_logs, equations.names.index(name)
+    equations, place = equations.whole_logs, equations.names.index(name)
     change = _in_each_log(equations, place)
     if change is None:
         return None

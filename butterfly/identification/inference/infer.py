@@ -31,7 +31,6 @@ from butterfly.identification.inference.consistency import (
 )
 from butterfly.identification.inference.estimate import OF_VERDICT, Estimate
 from butterfly.identification.inference.limits import (
-    Conditioning,
     Evidence,
     Rival,
     cluster_covariance,
@@ -83,8 +82,8 @@ class Basis:
         return [weighed[number] for number in log] if weighed else []
 
 
-def _with_held(fit: Fit, basis: Basis) -> tuple[Fit, Basis]:
-    """Return them with the known value that was held, and its prior, among the n."""
+def _with_scale(fit: Fit, basis: Basis) -> tuple[Fit, Basis]:
+    """Return them with the known value that was held for the scale, and its prior, among the n."""
     name, given, consider = basis.known.held, basis.known.given, basis.consider_covariance
     if name is None:
         return fit, replace(basis, known=given)
@@ -106,11 +105,12 @@ def infer(ended: Fit, about: Basis) -> Estimate:
 
     IdentifiabilityError if the equations are singular for every practical purpose.
     """
-    fit, basis = _with_held(ended, about)
+    fit, basis = _with_scale(ended, about)
     equations, cells = fit.linearisation, fit.linearisation.independent
     known, robot = basis.known, slice(basis.shared)
     names, fixed = equations.names[robot], known.fixed | basis.fixed
-    conditioning = conditioning_of(equations)
+    conditioning = cells.conditioning
+    conditioning.require()
     contrasts, disagreeing = agreement_of(fit, basis)
     scales = [*scale_rivals(equations, basis.masses, known, timed=basis.timed)]
     carried = basis.carried(cells.log, weighed_within(contrasts))
@@ -182,16 +182,6 @@ def findings_of_scales(rivals: Iterable[ScaleRival]) -> list[Finding]:
     ]
 
 
-def conditioning_of(equations: Linearisation) -> Conditioning:
-    """Return how well equations and prior determine the parameters; refuse singular ones."""
-    cells = equations.independent
-    active = None if cells.prior is None else cells.prior.active
-    found = Conditioning.of(cells.rows, cells.names, active, (cells.values, cells.residuals))
-    if found.singular:
-        raise found.refusal
-    return found
-
-
 def agreement_of(fit: Fit, basis: Basis) -> tuple[tuple[Contrast, ...], list[Rival]]:
     """Return the contrasts between conditions, the best first, and (n,) rivals about the fit.
 
@@ -199,10 +189,9 @@ def agreement_of(fit: Fit, basis: Basis) -> tuple[tuple[Contrast, ...], list[Riv
     """
     if basis.conditions is None:
         return (), []
-    said = {each.kind for each in fit.findings}
-    about, between = fit.unweighed or fit.linearisation, FindingKind.SCATTER not in said
+    about = fit.unweighed or fit.linearisation
     contrasts, rivals = disagreements_of(
-        about, basis.conditions, between_logs=between, large=basis.large
+        about, basis.conditions, between_logs=not fit.scatters, large=basis.large
     )
     shift = fit.values - about.values
     return contrasts, [each._replace(values=each.values + shift) for each in rivals]

@@ -374,6 +374,11 @@ class Conditioning:
             f"number {self.number:.1e}){but}: {OTHER_LOGS}"
         )
 
+    def require(self) -> None:
+        """Raise the refusal if it is singular."""
+        if self.singular:
+            raise self.refusal
+
     @property
     def findings(self) -> list[Finding]:
         """The finding of a poorly determined combination, if any."""

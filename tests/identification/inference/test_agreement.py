@@ -16,7 +16,6 @@ from butterfly.identification.inference.agreement import (
     Contrast,
     differing_values,
     disagreements_of,
-    is_large,
     weighed_within,
 )
 from butterfly.identification.inference.estimate import Estimate
@@ -128,10 +127,14 @@ def test_friction_that_follows_a_condition_is_a_rival_of_friction_alone():
 def test_a_slow_error_is_large_beside_white_noise_as_rough_and_noise_is_not():
     time, rng = np.arange(2000.0), np.random.default_rng(1)
     noise, slow = rng.standard_normal(time.size), np.sin(time / 100)
-    assert not is_large([noise, 1e-9 * noise])
-    assert not is_large([noise + slow])
-    assert is_large([noise + 4 * slow])
-    assert is_large([noise, 4 * slow])
+    for is_misfit, errors in (
+        (False, (noise, 1e-9 * noise)),
+        (False, (noise + slow,)),
+        (True, (noise + 4 * slow,)),
+        (True, (noise, 4 * slow)),
+    ):
+        at = cells(("p1",), np.zeros((len(errors), time.size, 1)), np.array(errors))
+        assert at.is_misfit is is_misfit
 
 
 def test_what_differs_from_log_to_log_is_a_contrast_where_no_scatter_says_it():
