@@ -165,4 +165,4 @@ def _excess(robot, estimator, estimate):
     zero = estimate.local.get(None, {}).get("zero", robot.zero)
     found = same.problem(data.logs, Start(estimate.parameters, dict.fromkeys(robot.masses, zero)))
     best = same.problem(data.logs, Start(truth, zeros))
-    return found.descend().at.cost / best.descend().at.cost
+    return found.descend().cost / best.descend().cost
