@@ -16,6 +16,8 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, NamedTuple
 
+from butterfly.model.terms import PARAMETERS, TERMS
+
 ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "butterfly"
 
@@ -26,6 +28,7 @@ CONTRASTS = frozenset({"agreement_of", "contrasts"})
 OF_A_FIT = ("identification", "model")
 """Rooms of the package whose files and functions a fit is asked about."""
 
+_OF_EQUATION = {"butterfly.model.terms", "butterfly.model.greybox"}
 _COMPREHENSIONS = ("<listcomp>", "<setcomp>", "<dictcomp>", "<genexpr>")
 TABLE = ROOT / "docs/tuned-numbers.md"
 _HEAD = """# Tuned numbers of identification
@@ -142,6 +145,34 @@ def call_sites(names: Container[str]) -> list[str]:
         if isinstance(node, ast.Call)
         and getattr(node.func, "id", getattr(node.func, "attr", None)) in names
     ]
+
+
+def lists_of_terms() -> list[str]:
+    """Return where the package lists names of terms outside the table, by module and line.
+
+    A list is a collection written out that has two names of terms or more, one of them beyond the
+    six that are always fitted, or that a module assigns at its top: of those six the formulas of
+    the equation of motion are made. The equation itself, compiled, and its derivatives are written
+    by hand, and tested against the table.
+    """
+    return [
+        f"{module}:{node.lineno}"
+        for module, tree in trees().items()
+        if module not in _OF_EQUATION and not module.startswith("butterfly.model.kernel")
+        for node in ast.walk(tree)
+        if len(names := _terms_in(node)) > 1
+        and (names - {*PARAMETERS} or node in [getattr(each, "value", None) for each in tree.body])
+    ]
+
+
+def _terms_in(node: ast.AST) -> set[str]:
+    """Return the names of terms in a collection that is written out."""
+    if isinstance(node, ast.Dict):
+        parts = [each for each in node.keys if each]
+    else:
+        parts = node.elts if isinstance(node, ast.List | ast.Tuple | ast.Set) else []
+    texts = {each.value for each in parts if isinstance(each, ast.Constant)}
+    return {each for each in texts if each in TERMS}
 
 
 def _fields_of(node: ast.ClassDef) -> set[str]:

@@ -28,6 +28,7 @@ from tests.house import (
     call_sites,
     carriers,
     executed,
+    lists_of_terms,
     table,
     trees,
     tuned_numbers,
@@ -39,6 +40,7 @@ CEILINGS = {
     "tuned numbers of identification": 61,
     "classes that carry rows and residuals of a fit": 2,
     "places that choose terms": 2,
+    "lists of names of terms outside their table": 0,
     "files that a fit executes": 30,
     "functions that a fit executes": 480,
     "depth of calls in a fit": 20,
@@ -91,6 +93,7 @@ FOUND = {
     "tuned numbers of identification": tuned_numbers,
     "classes that carry rows and residuals of a fit": carriers,
     "places that choose terms": lambda: call_sites(CHOICE),
+    "lists of names of terms outside their table": lists_of_terms,
 }
 IN_A_FIT = {
     "files that a fit executes": lambda fit: fit.files,

@@ -13,6 +13,7 @@ from butterfly.errors import InputError, listed
 from butterfly.identification.parameter import unit_of
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import JointKind
+from butterfly.model.terms import TERMS
 from butterfly.report.format import percent, with_error
 from butterfly.report.page import Fact
 from butterfly.result import Answer
@@ -21,14 +22,6 @@ from butterfly.verdict import Level
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
-_NAMES = {
-    "p1": "the inertia p1",
-    "p2": "viscous friction p2",
-    "p3": "the gravity moment p3",
-    "p4": "the gain p4",
-    "coulomb": "Coulomb friction",
-    "delay": "the delay",
-}
 _PLACES = ("the first", "the second")
 _ROW = 40  # pixels of a parameter
 _LISTED = 4  # parameters whose detectable change is named
@@ -168,7 +161,7 @@ def _answer(found: Change, units: Mapping[str, str]) -> str:
 
 def _moved(each: ParameterChange, unit: str) -> str:
     """State the change of a parameter, and its values before and after."""
-    name = _NAMES.get(each.name, each.name)
+    name = TERMS[each.name].called or each.name
     one, other = (with_error(value, each.error) for value in (each.before, each.after))
     return f"{name[0].upper()}{name[1:]} {_by(each)} (from {one} to {other} {unit})."
 

@@ -36,7 +36,7 @@ from butterfly.logs.reading import numbers_named, read_logs, with_unique_names
 from butterfly.logs.thinning import GLANCE, thinned
 from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.model.prior import NO_PRIOR, Known, Prior
-from butterfly.model.terms import OF_ANGLE
+from butterfly.model.terms import OF_ANGLE, TERMS
 from butterfly.progress import Track, untracked
 from butterfly.signals.frequency_response import ResponsePoint, response_point
 
@@ -355,13 +355,14 @@ class DataSet:
 
 def _absent(logs: Sequence[Log]) -> dict[str, str]:
     """Return why logs show none of some parameters, by name."""
-    absent = {
-        "p3": ("no gravity acts", not logs[0].added_mass.gravity),
-        "spring": ("a log has only a velocity", any(log.integrated for log in logs)),
-        "delay": ("nothing drives", not is_driven(logs)),
-        "p4": ("no input", all(log.input_kind is InputKind.NONE for log in logs)),
+    missing = {
+        "gravity": ("no gravity acts", not logs[0].added_mass.gravity),
+        "angle": ("a log has only a velocity", any(log.integrated for log in logs)),
+        "drive": ("nothing drives", not is_driven(logs)),
+        "input": ("no input", all(log.input_kind is InputKind.NONE for log in logs)),
     }
-    return {name: why for name, (why, holds) in absent.items() if holds}
+    reasons = {need: reason for need, (reason, is_missing) in missing.items() if is_missing}
+    return {row.name: reasons[row.needs] for row in TERMS.values() if row.needs in reasons}
 
 
 def _of_loops(logs: Sequence[Log]) -> Prior:

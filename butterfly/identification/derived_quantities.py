@@ -20,6 +20,7 @@ from butterfly.identification.quantities import Formula, Quantities
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.model.prior import Known, Prior
+from butterfly.model.terms import DISSIPATIVE, PARAMETERS, TERMS
 
 BEST_SPEED = "speed where friction is known best"
 """Speed at which the correlated errors of p2 and T_c cancel, so that friction is known best."""
@@ -103,7 +104,10 @@ _AMPERES: dict[str, Any] = {"input_kind": InputKind.CURRENT, "joint": None}
 _SLIDE: dict[str, Any] = {"joint": JointKind.SLIDE}
 _WEIGHED = ("hand_mass", "gravity", "p3")
 _ROTOR = ("rotor_inertia", "gear_ratio")
-_STIFFER = ("cogging", "cogging_cosine", "time_constant", "spring")
+_STIFFER = tuple(row.name for row in TERMS.values() if row.shifts_resonance)
+_OTHER_FRICTION = tuple(
+    row.name for row in DISSIPATIVE if not (row.name in PARAMETERS or row.of_mass)
+)
 
 OF_PARAMETERS = (
     Way(
@@ -215,7 +219,7 @@ WAYS = (
         (BEST_SPEED, "p2", "coulomb"),
         lambda of: of["coulomb"] + of["p2"] * of[BEST_SPEED],
         symbol=Symbol("T_c + p₂ v", "friction at that speed", "N m", "N"),
-        without=("drag", "stribeck"),
+        without=_OTHER_FRICTION,
         combined=True,
         joint=None,
     ),

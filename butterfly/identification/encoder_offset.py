@@ -31,6 +31,7 @@ from butterfly.identification.weak_regression import About, WeakFit, averaging_o
 from butterfly.logs.log import Log
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 from butterfly.model.prior import Known, Prior
+from butterfly.model.terms import OF_GRAVITY, OF_INPUT, PARAMETERS, PLAIN
 from butterfly.signals.frequency_response import ResponsePoint
 
 
@@ -147,10 +148,12 @@ def fitted_offset(logs: Sequence[Log]) -> EncoderOffset | None:
                 windows.append(averages)
     if not windows:
         return None
-    known = Prior.of({"p1": 1.0} | ({} if is_driven(logs) else {"p4": 0.0, "delay": 0.0}))
-    names = known.open(("p3", "p3_offset", "p2", "coulomb", "drag", "p4", "delay"))
+    known = Prior.of({"p1": 1.0} | ({} if is_driven(logs) else dict.fromkeys(OF_INPUT, 0.0)))
+    last = "bias"
+    others = dict.fromkeys((*OF_GRAVITY, *PARAMETERS, *PLAIN))
+    names = known.open(name for name in others if name != last)
     about = About(windows=windows, names=names, known=known, gain=1.0, equal_logs=False)
-    return _offset(replace(about, names=(*names, "bias")), middle) or _offset(about, middle)
+    return _offset(replace(about, names=(*names, last)), middle) or _offset(about, middle)
 
 
 def _offset(about: About, middle: float) -> EncoderOffset | None:

@@ -20,13 +20,12 @@ from butterfly.identification.servo_drive import assumes_clock
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import LAG
-from butterfly.model.terms import TERMS
+from butterfly.model.terms import LEVEL, OF_INPUT, TERMS
 
 BETTER_METHOD = "The method {0} finds a joint that follows these logs: --method {0}."
 """What is said where another method does."""
 
 _EARLY = 1e-4  # s, by which stamps of input and angle may differ
-_OF_LEVEL = {"coulomb": 1.0, "stribeck": 1.0}
 
 LEAST_RESISTANCE = 0.01
 """Ohm; no motor of a robot's joint has less."""
@@ -61,7 +60,7 @@ def is_possible(estimate: Estimate, masses: Sequence[AddedMass]) -> bool:
 
 def _drives(estimate: Estimate, mass: AddedMass) -> bool:
     """Whether friction that grows with the added weight is clearly negative with some mass."""
-    weights = np.array([_OF_LEVEL.get(name, 0.0) for name in estimate.names])
+    weights = np.isin(estimate.names, LEVEL).astype(float)
     weights[estimate.names.index("load")] = mass.weight
     error = float(np.sqrt(max(weights @ estimate.covariance @ weights, 0.0)))
     level = estimate.parameters.with_added_mass(mass).level(0.0)
@@ -73,7 +72,7 @@ def _drives(estimate: Estimate, mass: AddedMass) -> bool:
 def judge_input(estimate: Estimate, kind: InputKind) -> list[Finding]:
     """Return findings on the input: a voltage-driven motor has p2 >= K^2/R = p4^2 R (6)."""
     if kind is InputKind.NONE:
-        return [Finding(FindingKind.UNDRIVEN, ("p4", "delay"))]
+        return [Finding(FindingKind.UNDRIVEN, OF_INPUT)]
     if kind is not InputKind.VOLTAGE or "p4" not in estimate.names:
         return []
     upper = {"p2": estimate.parameters.p2}  # where it is known

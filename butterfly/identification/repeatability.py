@@ -36,10 +36,11 @@ from butterfly.identification.levels import LOST, MATTERS
 from butterfly.identification.problem import Start
 from butterfly.logs.log import Log
 from butterfly.model.prior import Prior
+from butterfly.model.terms import CHANGING
 from butterfly.progress import counted
 
 _RATIOS = Prior.of({"p1": 1.0})
-_SCALED = ("p4", "p2", "coulomb")  # what an added mass leaves as it is
+_SCALED = CHANGING[::-1]  # what an added mass leaves as it is
 _COMPARED = (*_SCALED, "delay")  # in the equations, p3 being free
 
 

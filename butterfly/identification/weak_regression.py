@@ -26,9 +26,9 @@ from butterfly.identification.test_functions import (
 from butterfly.logs.log import Log
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.prior import Penalty, Prior
-from butterfly.model.terms import DRIVE, IDEAL, TERMS, DriveTerms, FrictionTerms
+from butterfly.model.terms import DRIVE, IDEAL, SETTINGS, TERMS, DriveTerms, FrictionTerms
 
-_SETTINGS = {"delay", *DRIVE, "stribeck_velocity", "cogging_periods"}  # without columns, if known
+_SETTINGS = {"delay", *DRIVE, *SETTINGS}  # without columns, if known
 _BY_MASS = "mass_inertia"
 _LATEST = 0.25  # of the shortest log, for a delay
 _LEAST = np.finfo(float).tiny

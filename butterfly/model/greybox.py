@@ -25,7 +25,14 @@ from butterfly.model.kernel.equation import COLUMNS, DRIVES, MOST_STEPS, Constan
 from butterfly.model.kernel.integrate import begin_to_give, integrate, integrate_loop, steps_at
 from butterfly.model.kernel.servo_loop import MEMORY, Loop
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters, first_moments
-from butterfly.model.terms import BASE_TERMS, BEYOND_MUJOCO, DRIVE, GEAR, LOOP_TERMS, TERMS
+from butterfly.model.terms import (
+    BASE_TERMS,
+    BEYOND_MUJOCO,
+    DRIVE,
+    FIXED_BASE,
+    LOOP_TERMS,
+    TERMS,
+)
 
 INITIAL = {"zero": -1.0, "velocity": 1.0}
 """Parameters of the initial state, the encoder zero in rad and the velocity in rad/s, and the
@@ -135,11 +142,11 @@ def steps_of_interval(parameters: LumpedParameters, velocity: float, duration: f
 
 def require_plain_base(parameters: LumpedParameters) -> bool:
     """Return True, or raise InputError for terms that are not simulated on a moving base."""
-    without = {"time_constant": "s", "bristle_stiffness": "N m/rad", **dict.fromkeys(GEAR, "")}
-    for name, unit in without.items():
+    for name in FIXED_BASE:
         if (value := getattr(parameters, name)) > 0:
             expected = "0 on a moving base (not simulated together)"
-            raise InputError("Base", name, f"{value:g} {unit}".strip(), expected)
+            found = f"{value:g} {TERMS[name].unit}".removesuffix(" –")
+            raise InputError("Base", name, found, expected)
     return True
 
 

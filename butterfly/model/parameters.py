@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property, total_ordering
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 from butterfly.errors import InputError, require_number
 from butterfly.model.terms import (
@@ -367,18 +367,24 @@ class LumpedParameters(FrictionTerms, DriveTerms, LoopTerms, BaseTerms):
 
     def with_added_mass(self, added: AddedMass) -> LumpedParameters:
         """Return the parameters with an added mass (78), its weight on the bearing."""
-        return replace(self, **dict(zip(UNDER_LOAD, under(self, added), strict=True)))
+        return replace(self, **dict(zip(UnderLoad._fields, under(self, added), strict=True)))
 
 
-UNDER_LOAD = (
-    *("p1", "p3", "coulomb", "drag"),
-    *("base_frequency", "base_damping", "gravity", "carried_moment"),
-)
-"""Parameters that an added mass changes, as returned by `under`."""
+class UnderLoad(NamedTuple):
+    """Parameters that an added mass changes, as returned by `under`."""
+
+    p1: float
+    p3: float
+    coulomb: float
+    drag: float
+    base_frequency: float
+    base_damping: float
+    gravity: float
+    carried_moment: float
 
 
 def under(p: Any, added: Any) -> tuple[float, ...]:  # noqa: ANN401 - also translated, for a page
-    """Return the `UNDER_LOAD` parameters with an added mass, which also moves with a base."""
+    """Return the parameters of `UnderLoad` with an added mass, which also moves with a base."""
     slower = math.sqrt(1 + p.base_frequency**2 * p.base_compliance * added.mass)
     return (
         p.p1 + added.inertia + p.mass_inertia * added.swung,

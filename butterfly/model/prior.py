@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, nearest
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
-from butterfly.model.terms import BASE_TERMS, GEAR, PARAMETERS, TERMS, TORQUES, offered
+from butterfly.model.terms import BASE_TERMS, GEAR, PARAMETERS, SETTINGS, TERMS, TORQUES, offered
 
 PHYSICAL = {
     "resistance": "Ohm",
@@ -366,14 +366,15 @@ class Penalty:
         return np.diag(self.weight)
 
 
-_SETTINGS = {"stribeck_velocity", "cogging_periods"}
+_BY_ALL = {*PARAMETERS, *SETTINGS}
 
 
 TAKES = {
     "harmonic-balance": {row.name for row in TERMS.values() if row.describing} - {*BASE_TERMS}
-    | {"p4", "delay", *_SETTINGS},
-    "weak-form": {row.name for row in TERMS.values() if row.basis or row.derivative} - {*GEAR}
-    | {"delay", "mass_inertia", *_SETTINGS},
+    | _BY_ALL,
+    "weak-form": {row.name for row in TERMS.values() if row.basis} - {*GEAR}
+    | {*offered("weak-form")}
+    | _BY_ALL,
     "output-error": set(TERMS),
 }
 """Names that may be known beforehand, by method."""

@@ -6,11 +6,8 @@ In the equation of motion all torques sum to zero,
 
 the motor's with the basis -u. All properties of a parameter (unit, bound, torque, potential,
 estimators that offer it) are defined here; the compiled kernel and the MJCF are written by hand and
-tested against this table. docs/house.md says what a new term touches.
-
-A describing function is the gain of a nonlinear torque on a sinusoidal angle: with
-th(t) = Re{a e^(j w t)} it is the fundamental of the torque over that of the angle (Gelb & Vander
-Velde, Multiple-Input Describing Functions, 1968, ch. 2).
+tested against this table. No other module lists names of terms: what is true of a term is a field
+of its row, or follows from its unit and torque. docs/house.md says what a new term touches.
 """
 
 from __future__ import annotations
@@ -22,10 +19,14 @@ from operator import attrgetter
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.special import dawsn, j0, j1, jv
 
 from butterfly.arrays import Samples
+from butterfly.model.describing import (
+    base_describing_function,
+    coulomb_describing_function,
+    gravity_describing_function,
+    stribeck_describing_function,
+)
 
 PARAMETERS = ("p1", "p2", "p3", "p4", "coulomb", "delay")
 """The parameters that estimators fit by default, in order."""
@@ -85,51 +86,40 @@ class Term:
     tried: Literal["", "common", "rare"] = ""  # How common it is, if it is tried unasked
     of_servo: bool = False  # Whether it is common in servos
     most: float = math.inf  # Above which one that was not asked for stands for something else
+    setting: bool = False  # Whether other terms are taken at it, and closed forms know it
+    positive: bool = False  # Whether no joint has a 0 of it
+    # What logs need to show it at all: gravity, an angle that is measured, a drive, or an input
+    needs: Literal["", "gravity", "angle", "drive", "input"] = ""
+    of_mass: bool = False  # Whether it acts on what is added alone
+    changes: bool = False  # Whether it changes from day to day, whatever is mounted
+    of_body: bool = False  # Whether it is a property of the swinging body
+    fixed_base: bool = False  # Whether it is simulated on a base that does not move alone
+    shifts_resonance: bool = False  # Whether small swings have another period with it
+    recalibrated: bool = False  # Whether re-calibration on an orbit tries it unasked
+    held_by: frozenset[str] = frozenset()  # Names of the files that have a place for it
+    size: float = 0.0  # Such as a small hand may have, in the units of the table; tests plant it
+    called: str = ""  # As sentences name it, where its name alone is not understood
+    more_runs: str = ""  # The run that shows it, or tells it from what it looks like
 
-    @property
-    def seconds(self) -> int:
-        """Power of time in the unit; inertia is torque over angular acceleration, N m s²."""
+    def power_of(self, *symbols: str) -> int:
+        """Return the power of a symbol in the unit; of inertia, N m s², as of a torque."""
         above, _, below = self.unit.replace("kg m²", "N m s²").partition("/")
         counts = [part.strip("()").split() for part in (above, below)]
-        more, less = (part.count("s") + 2 * part.count("s²") for part in counts)
+        more, less = (
+            sum(part.count(symbol) + 2 * part.count(f"{symbol}²") for symbol in symbols)
+            for part in counts
+        )
         return more - less
 
-
-def gravity_describing_function(a: Samples) -> Samples:
-    """Gain 2 J1(a)/a of ``sin`` for a sinusoid of amplitude a > 0 in rad; tends to 1 for a -> 0.
-
-    That of ``sin(N th)`` is N times that of N a.
-    """
-    return np.asarray(2.0 * j1(a) / a)
-
-
-def coulomb_describing_function(a: Samples) -> NDArray[np.complex128]:
-    """Gain j 4/(pi a) of ``sgn(thd)`` on a sinusoidal angle of amplitude a > 0 in rad, in 1/rad."""
-    return np.asarray(4j / (np.pi * a))
-
-
-def stribeck_describing_function(
-    omega: Samples, a: Samples, velocity: float
-) -> NDArray[np.complex128]:
-    """Gain of ``sgn(thd) exp(-(thd/v_s)^2)`` on a sinusoidal angle of amplitude a in rad, in 1/rad.
-
-    With b = a w/v_s it is j 4/(pi a) D(b)/b, D Dawson's integral.
-    """
-    b = a * omega / velocity
-    return np.asarray(coulomb_describing_function(a) * dawsn(b) / b)
-
-
-def base_describing_function(omega: Samples, a: Samples, m: Motion) -> NDArray[np.complex128]:
-    """Gain, per compliance, by which a base reduces the torque on a joint that swings by a rad.
-
-    With Q = 1 - (w/w_b)^2 + 2 j zeta w/w_b of a stiff base, h' = H cos th pulls with
-    H cos(th) s'' where Q s = w^2 times the fundamental of H sin th.
-    """
-    natural, damping = m.base
-    pushed = m.moment * gravity_describing_function(a)
-    force = omega**2 * pushed / (1 - (omega / natural) ** 2 + 2j * damping * omega / natural)
-    along, across = j0(a) - jv(2, a), j0(a) + jv(2, a)
-    return np.asarray(-(omega**2) * m.moment * (along * force.real + 1j * across * force.imag))
+    @property
+    def angles(self) -> int:
+        """Power of the angle in the torque of small motions: 1 of inertia, 0 of dry friction."""
+        if self.derivative or self.basis is None:
+            return min(self.derivative, 1)
+        motions = (Motion(np.float64(x), x, *np.ones(6)) for x in (1e-4, 1e-3))
+        motions = (Motion(np.float64(x), x, *np.ones(6)) for x in (1e-4, 1e-3))
+        torques = [abs(float(self.basis(motion))) for motion in motions]
+        return round(math.log10(torques[1] / torques[0])) if torques[0] else 0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -287,6 +277,7 @@ BASE_TERMS = tuple(field.name for field in fields(BaseTerms))
 
 _HARMONIC, _WEAK = "harmonic-balance", "weak-form"
 _OUTPUT, _ORBIT = "output-error", "re-calibration"
+_BAM, _URDF = "bam", "urdf"
 
 
 def _excess(m: Motion) -> Any:  # noqa: ANN401 - in the motion's shape
@@ -305,22 +296,32 @@ def _passed_on(m: Motion) -> Any:  # noqa: ANN401
 # fmt: off
 _ROWS = (
     Term("p1", "p₁", "kg m²", "inertia about the pivot",
-         derivative=2, describing=lambda w, _a, _m: -(w**2), looks_like="an inertia"),
+         derivative=2, describing=lambda w, _a, _m: -(w**2), looks_like="an inertia",
+         positive=True, of_body=True, held_by=frozenset({_BAM, _URDF}), called="the inertia p1",
+         more_runs="a run that reverses faster, in which inertia takes more torque than friction"),
     Term("p2", "p₂", "N m s/rad", "viscous friction and back EMF, proportional to velocity",
          lower=0.0, basis=lambda m: m.velocity, derivative=1,
-         describing=lambda w, _a, _m: 1j * w, looks_like="viscous friction"),
+         describing=lambda w, _a, _m: 1j * w, looks_like="viscous friction",
+         held_by=frozenset({_BAM, _URDF}), changes=True, called="viscous friction p2"),
     Term("p3", "p₃", "N m", "gravity moment",
          basis=lambda m: np.sin(m.angle), potential=lambda x, _n: 2 * np.sin(x / 2) ** 2,
          describing=lambda _w, a, _m: gravity_describing_function(a),
-         looks_like="a gravity moment"),
+         looks_like="a gravity moment",
+         held_by=frozenset({_BAM, _URDF}), of_body=True, needs="gravity",
+         called="the gravity moment p3"),
     Term("p4", "p₄", "N m/unit", "stall torque per unit of input",
-         basis=lambda m: -m.input),
+         basis=lambda m: -m.input,
+         held_by=frozenset({_BAM, _URDF}), changes=True, needs="input", called="the gain p4",
+         more_runs="a run with a larger input"),
     Term("coulomb", "T_c", "N m", "Coulomb friction; also holds the joint at rest",
          lower=0.0, basis=lambda m: m.direction, dry=True,
          describing=lambda _w, a, _m: coulomb_describing_function(a),
-         looks_like="Coulomb friction", offered=frozenset({_ORBIT})),
+         looks_like="Coulomb friction", offered=frozenset({_ORBIT}),
+         held_by=frozenset({_BAM, _URDF}), changes=True, recalibrated=True,
+         called="Coulomb friction", size=1.2e-3),
     Term("delay", "delay", "s", "delay from recorded input to torque",
-         of_gain=True),
+         of_gain=True,
+         needs="drive", held_by=frozenset({_URDF}), called="the delay"),
     Term("slow_delay", "slow delay", "s",
          "additional delay in the slow regime of a clock whose sampling interval switches",
          of_gain=True,
@@ -331,93 +332,121 @@ _ROWS = (
          lower=0.0, basis=lambda m: abs(m.velocity) * m.velocity,
          describing=lambda w, a, _m: 8j * a * w**2 / (3 * np.pi),
          looks_like="quadratic drag", offered=frozenset({_HARMONIC, _WEAK, _OUTPUT, _ORBIT}),
-         tried="common"),
+         tried="common",
+         recalibrated=True,
+         more_runs="At one speed, drag and viscous friction are one number: add a faster run.",
+         size=8e-4),
     Term("load", "load", "m",
          "growth of coulomb with the added weight; negative if it relieves the bearing",
          basis=lambda m: m.weight * m.direction, dry=True,
          describing=lambda _w, a, m: m.weight * coulomb_describing_function(a),
          looks_like="Coulomb friction that grows with the added weight",
-         offered=frozenset({_HARMONIC, _WEAK, _OUTPUT}), tried="common"),
+         offered=frozenset({_HARMONIC, _WEAK, _OUTPUT}), tried="common",
+         of_mass=True, held_by=frozenset({_URDF}), size=1.5e-3),
     Term("coulomb_slope", "T_c slope", "N m/rad", "growth of coulomb with the angle",
          basis=lambda m: m.angle * m.direction, dry=True,
          looks_like="Coulomb friction that grows with the angle",
-         offered=frozenset({_WEAK, _OUTPUT}), tried="rare"),
+         offered=frozenset({_WEAK, _OUTPUT}), tried="rare", size=1e-3),
     Term("load_drag", "load drag", "N m s²/(rad² kg)", "growth of drag with the added mass",
          lower=0.0, basis=lambda m: m.mass * abs(m.velocity) * m.velocity,
          describing=lambda w, a, m: m.mass * 8j * a * w**2 / (3 * np.pi),
          looks_like="quadratic drag that grows with the added mass",
-         offered=frozenset({_HARMONIC, _WEAK, _OUTPUT}), tried="rare"),
+         offered=frozenset({_HARMONIC, _WEAK, _OUTPUT}), tried="rare",
+         of_mass=True, size=8e-3),
     Term("mass_inertia", "mass inertia", "–",
          "inertia of added masses about their own centre, relative to m l²; below 0, an arm or a "
          "clock that is off",
          lower=-0.1, describing=lambda w, _a, m: -(w**2) * m.carried,
          looks_like="an own inertia of the added masses",
-         offered=frozenset({_HARMONIC, _WEAK, _OUTPUT}), tried="rare"),
+         offered=frozenset({_HARMONIC, _WEAK, _OUTPUT}), tried="rare",
+         of_mass=True, of_body=True, held_by=frozenset({_URDF}), size=0.06),
     Term("bias", "bias", "N m",
          "constant torque, or half the difference of Coulomb friction between directions",
          basis=lambda m: -np.ones_like(m.angle), potential=lambda x, _n: -x,
          looks_like="a constant torque", offered=frozenset({_WEAK, _OUTPUT, _ORBIT}),
-         tried="common"),
+         tried="common",
+         recalibrated=True,
+         more_runs="In one direction, bias and Coulomb friction are one number: add a run the "
+         "other way.", size=-2e-3),
     Term("spring", "spring", "N m/rad",
          "stiffness towards angle 0, as of a cable or flexure",
          lower=0.0, basis=lambda m: m.angle, potential=lambda x, _n: 0.5 * x**2,
          shows_as=frozenset({"bias"}), describing=lambda _w, a, _m: np.ones_like(a),
-         looks_like="a spring", offered=frozenset({_WEAK, _OUTPUT}), tried="rare"),
+         looks_like="a spring", offered=frozenset({_WEAK, _OUTPUT}), tried="rare",
+         needs="angle", shifts_resonance=True, size=4e-3),
     Term("p3_offset", "p₃ offset", "N m",
          "gravity moment of a centre of mass off the line from pivot to added mass",
          basis=lambda m: np.cos(m.angle), potential=lambda x, _n: np.sin(x),
          looks_like="a centre of mass off the line to the added mass",
-         offered=frozenset({_WEAK, _OUTPUT, _ORBIT}), tried="common"),
+         offered=frozenset({_WEAK, _OUTPUT, _ORBIT}), tried="common",
+         of_body=True, recalibrated=True, held_by=frozenset({_URDF}), size=-3e-3),
     Term("stribeck", "stribeck", "N m", "excess of static friction over Coulomb friction",
          lower=0.0, dry=True, basis=lambda m: m.direction * _excess(m),
          describing=lambda w, a, m: stribeck_describing_function(w, a, m.stribeck_velocity),
          looks_like="Stribeck friction", offered=frozenset({_HARMONIC, _WEAK, _OUTPUT, _ORBIT}),
-         tried="common"),
+         tried="common",
+         held_by=frozenset({_BAM}),
+         more_runs="At one speed, Stribeck and Coulomb friction are one number: add a slower run.",
+         size=5e-4),
     Term("stribeck_velocity", "Stribeck velocity", "rad/s",
          "velocity scale over which that excess vanishes",
          lower=1e-3,
          follows=frozenset({"stribeck", "motor_stribeck", "load_stribeck"}),
-         offered=frozenset({_OUTPUT})),
+         offered=frozenset({_OUTPUT}),
+         setting=True, held_by=frozenset({_BAM}), size=0.25),
     Term("motor_friction", "motor friction", "–",
          "gear: growth of friction with motor torque",
          lower=0.0, dry=True, basis=lambda m: _carried(m.way, m.motor) * m.direction,
          looks_like="friction that grows with motor torque", offered=frozenset({_OUTPUT}),
-         tried="rare", of_servo=True),
+         tried="rare", of_servo=True,
+         fixed_base=True, held_by=frozenset({_BAM}),
+         more_runs="With one load, motor friction and Coulomb friction are one number: "
+         "add a run with another mass or command.", size=0.15),
     Term("load_friction", "load friction", "–",
          "gear: growth of friction with load torque (gravity, spring)",
          lower=0.0, dry=True, basis=lambda m: _carried(-m.way, m.load) * m.direction,
          looks_like="friction that grows with the load", offered=frozenset({_OUTPUT}),
-         tried="rare", of_servo=True),
+         tried="rare", of_servo=True,
+         fixed_base=True, held_by=frozenset({_BAM}),
+         more_runs="With one load, load friction and Coulomb friction are one number: "
+         "add a run with another mass.", size=0.15),
     Term("motor_stribeck", "motor Stribeck", "–",
          "gear: growth of Stribeck friction with motor torque",
          lower=0.0, dry=True, offered=frozenset({_OUTPUT}),
-         basis=lambda m: _carried(m.way_at_rest, m.motor) * m.direction * _excess(m)),
+         basis=lambda m: _carried(m.way_at_rest, m.motor) * m.direction * _excess(m),
+         fixed_base=True, held_by=frozenset({_BAM}), size=0.2),
     Term("load_stribeck", "load Stribeck", "–",
          "gear: growth of Stribeck friction with load torque",
          lower=0.0, dry=True, offered=frozenset({_OUTPUT}),
-         basis=lambda m: _carried(-m.way_at_rest, m.load) * m.direction * _excess(m)),
+         basis=lambda m: _carried(-m.way_at_rest, m.load) * m.direction * _excess(m),
+         fixed_base=True, held_by=frozenset({_BAM}), size=0.2),
     Term("lifting_stribeck", "lifting Stribeck", "1/(N m)",
          "gear: growth of Stribeck friction with torque squared while the motor drives the load",
          lower=0.0, dry=True, offered=frozenset({_OUTPUT}),
          basis=lambda m: _passed_on(m) ** 2 * (m.direction * m.load < 0) * m.direction
-         * _excess(m)),
+         * _excess(m),
+         fixed_base=True, held_by=frozenset({_BAM}), size=10.0),
     Term("lowering_stribeck", "lowering Stribeck", "1/(N m)",
          "gear: growth of Stribeck friction with torque squared while the load drives the motor",
          lower=0.0, dry=True, offered=frozenset({_OUTPUT}),
          basis=lambda m: _passed_on(m) ** 2 * (m.direction * m.load > 0) * m.direction
-         * _excess(m)),
+         * _excess(m),
+         fixed_base=True, held_by=frozenset({_BAM}), size=10.0),
     Term("tilt", "tilt", "rad",
          "angle of the axis from the horizontal, visible in the weight of added masses",
          lower=0.0, sign_observable=False,
-         offered=frozenset({_OUTPUT})),
+         offered=frozenset({_OUTPUT}),
+         of_body=True, held_by=frozenset({_URDF}), size=-0.5),
     Term("base_compliance", "base compliance", "m/N",
          "compliance of a moving base; 0 for a fixed one",
          lower=0.0, state="base",
-         describing=base_describing_function, offered=frozenset({_OUTPUT}), tried="rare"),
+         describing=lambda w, a, m: base_describing_function(w, a, m.moment, m.base),
+         offered=frozenset({_OUTPUT}), tried="rare"),
     Term("base_frequency", "base frequency", "rad/s",
          "natural frequency of the base, without added mass",
          lower=1.0, state="base",
-         follows=frozenset({"base_compliance"}), offered=frozenset({_OUTPUT})),
+         follows=frozenset({"base_compliance"}), offered=frozenset({_OUTPUT}),
+         positive=True),
     Term("base_damping", "base damping", "–", "damping ratio of the base, without added mass",
          lower=0.0, state="base", most=2.0,
          follows=frozenset({"base_compliance"}), offered=frozenset({_OUTPUT})),
@@ -425,34 +454,42 @@ _ROWS = (
          basis=lambda m: -np.sin(m.periods * m.angle),
          potential=lambda x, n: -2 * np.sin(n * x / 2) ** 2 / n,
          describing=lambda _w, a, m: -m.periods * gravity_describing_function(m.periods * a),
-         offered=frozenset({_WEAK, _OUTPUT, _ORBIT})),
+         offered=frozenset({_WEAK, _OUTPUT, _ORBIT}),
+         shifts_resonance=True, size=-2e-3),
     Term("cogging_cosine", "cogging, cosine", "N m",
          "cosine part of a torque periodic in the angle",
          basis=lambda m: -np.cos(m.periods * m.angle), potential=lambda x, n: -np.sin(n * x) / n,
-         offered=frozenset({_WEAK, _OUTPUT, _ORBIT})),
+         offered=frozenset({_WEAK, _OUTPUT, _ORBIT}),
+         shifts_resonance=True, size=2e-3),
     Term("cogging_periods", "cogging periods", "–",
          "periods of that torque per turn; 1 for a misaligned clutch",
-         lower=1.0),
+         lower=1.0,
+         setting=True),
     Term("bristle_stiffness", "bristle stiffness", "N m/rad",
          "LuGre: stiffness of friction before it slides; 0 for rigid sticking",
-         lower=0.0, state="deflection of the bristles"),
+         lower=0.0, state="deflection of the bristles",
+         fixed_base=True),
     Term("bristle_damping", "bristle damping", "N m s/rad", "LuGre: damping of that friction",
          lower=0.0, state="deflection of the bristles"),
     Term("back_emf", "back EMF", "N m s/rad",
          "part of p2 that lags with the armature, and is 0 while a servo is off",
          lower=0.0, state="torque of the motor",
-         offered=frozenset({_OUTPUT}), of_servo=True),
+         offered=frozenset({_OUTPUT}), of_servo=True,
+         held_by=frozenset({_BAM})),
     Term("time_constant", "time constant", "s", "electrical time constant L/R of the armature",
-         lower=0.0, state="torque of the motor"),
+         lower=0.0, state="torque of the motor",
+         positive=True, fixed_base=True, shifts_resonance=True),
     Term("dead_zone", "dead zone", "unit",
          "command below which the drive gives no torque",
          lower=0.0, basis=lambda m: np.sign(m.input), of_gain=True,
-         looks_like="a dead zone of the drive", offered=frozenset({_WEAK, _OUTPUT}), tried="rare"),
+         looks_like="a dead zone of the drive", offered=frozenset({_WEAK, _OUTPUT}), tried="rare",
+         size=2e-3),
     Term("compression", "compression", "1/unit",
          "saturation c of a drive that gives v/(1 + c |v|)",
          lower=0.0, basis=lambda m: m.input * abs(m.input), of_gain=True,
          looks_like="a saturating drive",
-         offered=frozenset({_WEAK, _OUTPUT, _ORBIT}), tried="rare", of_servo=True),
+         offered=frozenset({_WEAK, _OUTPUT, _ORBIT}), tried="rare", of_servo=True,
+         recalibrated=True, size=4.0),
     Term("loop_kp", "loop P gain", "–", "P gain of the servo loop, relative to the given one",
          lower=0.0, offered=frozenset({_OUTPUT})),
     Term("loop_ki", "loop I gain", "–", "I gain of the servo loop, relative to the given one",
@@ -488,6 +525,37 @@ RARE = tuple(row.name for row in _ROWS if row.tried == "rare")
 OF_SERVO = tuple(row.name for row in _ROWS if row.of_servo)
 """Terms that are common in servos, which have a gear and can be switched off."""
 
+OF_SCALE = ("p1", "p4")
+"""Parameters of the scale, whose half-widths decide the verdict; no joint has a 0 of either."""
+
+OF_GRAVITY = ("p3", "p3_offset")
+"""Gravity moments along the line from pivot to added mass, and across it."""
+
+OF_INPUT = tuple(row.name for row in _ROWS if row.needs in {"drive", "input"})
+"""Terms that only an input shows."""
+
+OF_MASS = {row.name for row in _ROWS if row.of_mass}
+"""Terms that act on what is added alone."""
+
+CHANGING = tuple(row.name for row in _ROWS if row.changes)
+"""What changes from day to day, whatever is mounted: friction and gain."""
+
+PLAIN = tuple(
+    row.name
+    for row in _ROWS
+    if row.tried == "common" and not (row.of_mass or row.name == "stribeck")
+)
+"""Common terms that need neither an added mass nor a setting."""
+
+SETTINGS = {row.name for row in _ROWS if row.setting}
+"""What other terms are taken at."""
+
+STATES = ("base_compliance", "bristle_stiffness", "time_constant")
+"""Terms that add a state to the joint where they are not 0."""
+
+FIXED_BASE = tuple(row.name for row in _ROWS if row.fixed_base)
+"""Terms that are not simulated on a base that moves."""
+
 GROWING = {row.name for row in _ROWS if row.unit.startswith(("kg", "N m"))} | {"load"}
 """Parameters proportional to the scale of all torques."""
 
@@ -504,6 +572,9 @@ BEYOND_MUJOCO = (*GEAR, "coulomb_slope")
 
 DRY = tuple(row for row in _ROWS if row.dry)
 """Terms that hold the joint at rest."""
+
+LEVEL = tuple(row.name for row in DRY if row.unit == "N m")
+"""Terms whose sum is the friction of a bare joint at rest."""
 
 CONSERVATIVE = tuple(row for row in _ROWS if row.potential is not None)
 """Terms with a potential."""
@@ -548,15 +619,20 @@ def companions(names: Iterable[str]) -> set[str]:
 
 
 def is_simulated_with(name: str, others: Container[str]) -> bool:
-    """Whether a term is simulated with others: friction of gears is not on a base that moves."""
+    """Whether a term is simulated with others (see `FIXED_BASE`)."""
     base = BASE_TERMS[0]
-    against = {base} if name in GEAR else {*GEAR} if name == base else set()
-    return not any(each in others for each in against)
+    against = (base,) if name in FIXED_BASE else FIXED_BASE if name == base else ()
+    return not any(other in others for other in against)
 
 
 def offered(estimator: str) -> tuple[str, ...]:
     """Names of the optional terms of an estimator, in the table's order."""
     return tuple(row.name for row in _ROWS if estimator in row.offered)
+
+
+def held_by(file: str) -> set[str]:
+    """Names of the terms that have a place in a file: bam or urdf."""
+    return {row.name for row in _ROWS if file in row.held_by}
 
 
 def lower_bounds(names: Iterable[str]) -> Samples:

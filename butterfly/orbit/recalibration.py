@@ -28,12 +28,12 @@ from butterfly.identification.linearisation import Linearisation, Regression, So
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging, Balance
 from butterfly.logs.log import Lead, Log
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
-from butterfly.model.terms import TERMS, DriveTerms, FrictionTerms, companions, offered
+from butterfly.model.terms import PARAMETERS, TERMS, DriveTerms, FrictionTerms, companions, offered
 
 CANDIDATES = offered("re-calibration")
 """Terms that can be estimated besides p1..p4."""
 
-BASE = ("p1", "p2", "p3", "p4")  # always estimated
+BASE = PARAMETERS[:4]  # always estimated
 LEAST = {"p4": 0.0}  # bounds besides those of the table of terms: the input drives forwards
 SEGMENT = 10  # test functions in a row, which share noise; such stretches count as independent
 
@@ -48,7 +48,7 @@ class RecalibrationOptions:
 
     balance: Balance = Balance.MOMENTUM
     """Of momentum (the weak form) or of energy."""
-    candidates: tuple[str, ...] = ("coulomb", "drag", "p3_offset", "bias", "compression")
+    candidates: tuple[str, ...] = tuple(row.name for row in TERMS.values() if row.recalibrated)
     """Of `CANDIDATES`; each is kept only if it predicts held-out parts of the logs better."""
     half_width: float = HALF_WIDTH
     """Of the test functions in s."""

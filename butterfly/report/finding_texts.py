@@ -9,14 +9,14 @@ from collections.abc import Callable, Mapping, Sequence
 from butterfly.errors import IdentifiabilityError, UnusableError, listed
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.free_run import over_segments
-from butterfly.identification.inference.estimate import OF_VERDICT, Estimate
+from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.parameter import or_nan
 from butterfly.identification.plausibility import BETTER_METHOD
 from butterfly.identification.repeatability import contradiction_text
 from butterfly.identification.trust import Trust
 from butterfly.identification.unit_errors import unit_error_text
 from butterfly.logs.units import Unread, taken_text
-from butterfly.model.terms import TERMS
+from butterfly.model.terms import OF_SCALE, TERMS
 from butterfly.progress import stopped_text
 from butterfly.report.agreement_texts import contrast_text
 from butterfly.report.format import counted, fit_text, limit_text, percent, times_text, upwards
@@ -134,7 +134,7 @@ def closing_sentence(estimate: Estimate) -> str:
 
 
 def _closing(names: Sequence[str]) -> str:
-    return _both([_CLOSING[name] for name in names])
+    return _both([f"add {TERMS[name].more_runs}" for name in names])
 
 
 def values_of(estimate: Estimate) -> dict[str, float]:
@@ -144,7 +144,7 @@ def values_of(estimate: Estimate) -> dict[str, float]:
 
 def values_sentence(estimate: Estimate) -> str:
     """Say how well each value is known, by its 95 % interval; p1 and p4 first."""
-    names = sorted(estimate.names, key=lambda name: name not in OF_VERDICT)
+    names = sorted(estimate.names, key=lambda name: name not in OF_SCALE)
     names = [name for name in names if name not in estimate.unestimated]
     opened = [row for row in estimate.table() if row.value is None]
     ratios = {name for name in names if estimate.ratios and not TERMS[name].of_gain}
@@ -154,13 +154,13 @@ def values_sentence(estimate: Estimate) -> str:
     parts = [
         ", ".join(f"{shown[name]} ±{upwards(widths[name])}" for name in group)
         for group in (
-            [name for name in known if name in OF_VERDICT],
-            [name for name in known if name not in OF_VERDICT],
+            [name for name in known if name in OF_SCALE],
+            [name for name in known if name not in OF_SCALE],
         )
     ]
     unknown = [shown[name] for name in names if trust[name] is Trust.UNSURE]
     parts += [f"{_both(unknown)} without an interval"] if unknown else []
-    missing = [name for name in estimate.unestimated if name in OF_VERDICT]
+    missing = [name for name in estimate.unestimated if name in OF_SCALE]
     parts += [f"{_both(missing)} not estimated"] if missing else []
     at_zero = [shown[name] for name in names if trust[name] is Trust.ZERO]
     parts += [f"{_both(at_zero)} not significant"] if at_zero else []
@@ -303,23 +303,6 @@ def _scatter(*findings: Finding) -> str:
     return f"Scatter between logs: {'; '.join(sizes)}."
 
 
-_CLOSING = {
-    "p1": "add a run that reverses faster, in which inertia takes more torque than friction",
-    "p4": "add a run with a larger input",
-}
-"""Runs that give a value of the scale that is open."""
-
-_ONE_LOAD = "With one load, {} friction and Coulomb friction are one number: add a run with another"
-_MORE_RUNS = {
-    "load_friction": f"{_ONE_LOAD.format('load')} mass.",
-    "motor_friction": f"{_ONE_LOAD.format('motor')} mass or command.",
-    "bias": "In one direction, bias and Coulomb friction are one number: add a run the other way.",
-    "stribeck": "At one speed, Stribeck and Coulomb friction are one number: add a slower run.",
-    "drag": "At one speed, drag and viscous friction are one number: add a faster run.",
-}
-"""Runs that separate a term from the others."""
-
-
 def _both(names: Sequence[str]) -> str:
     """Return names in a row."""
     return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
@@ -399,7 +382,11 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     FindingKind.INSEPARABLE: lambda finding, _: " ".join(
         [
             f"Not fitted: {', '.join(finding.parameters)}. Not identifiable from these data.",
-            *(_MORE_RUNS[name] for name in _MORE_RUNS if name in finding.parameters),
+            *(
+                row.more_runs
+                for row in TERMS.values()
+                if row.more_runs and row.name in finding.parameters
+            ),
         ]
     ),
     FindingKind.SEARCH_STOPPED: lambda finding, _: stopped_text(

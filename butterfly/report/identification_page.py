@@ -13,6 +13,7 @@ from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identified import Identified
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import JointKind
+from butterfly.model.terms import PARAMETERS
 from butterfly.report.figures import middle
 from butterfly.report.finding_texts import estimate_verdict
 from butterfly.report.forest import Bar, forest, forest_caption
@@ -63,7 +64,7 @@ _RESIDUALS = (
     "after small changes of the parameters. Sensor noise alone stays inside the bands. Last: the "
     "residual's spectrum."
 )
-_COMPARED = ("p1", "p2", "p3", "p4", "coulomb")
+_COMPARED = PARAMETERS[:5]
 
 
 def identification_page(

@@ -39,7 +39,6 @@ _WORST = 6  # logs of the lowest FIT
 _INTERVALS = 3  # half-widths of the 95 % interval that a slider reaches, either way
 _WITHOUT = 0.1 / _INTERVALS  # of the value, in place of an interval that is not known
 _LEAST = 0.25  # of a value that must stay positive:
-_POSITIVE = {"p1", "time_constant", "base_frequency"}
 _ZOOMS = (1, 10, 100)
 _SEEN = 1.0  # per cent of FIT, a change that the eye sees
 
@@ -59,7 +58,7 @@ class Slider:
     def of(cls, row: Parameter) -> Slider:
         """Make it of a row of the estimate's table, whose value is not open."""
         value = or_nan(row.value)
-        least = _LEAST * value if row.name in _POSITIVE else TERMS[row.name].lower
+        least = _LEAST * value if TERMS[row.name].positive else TERMS[row.name].lower
         return cls(
             name=row.name,
             meaning=row.meaning,

@@ -15,6 +15,7 @@ from butterfly.experiment.record import AlsoRecord, OrbitRecord
 from butterfly.identification.parameter import lumped_numbers
 from butterfly.model.energy import Orbit, energy
 from butterfly.model.parameters import LumpedParameters
+from butterfly.model.terms import PARAMETERS
 from butterfly.orbit.loop import PERIODS, Calibration, OrbitStudy
 from butterfly.report.figures import PALETTE, panel
 from butterfly.report.finding_texts import estimate_notes, estimate_verdict
@@ -26,7 +27,7 @@ from butterfly.report.page import Fact, Page, PageTable, Section
 from butterfly.report.parameter_table import parameter_texts
 from butterfly.result import document
 
-_RATIOS = ("p2", "p3", "p4", "coulomb")
+_RATIOS = PARAMETERS[1:5]
 _EVERY = 0.01  # s between drawn points
 _SMOOTH = 0.02  # s over which the drawn velocity is averaged
 

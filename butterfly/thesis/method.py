@@ -212,7 +212,7 @@ def fit_thesis(logs: Sequence[Log], decimation: int = DECIMATION) -> Estimate:
         condition=conditioning.number,
         on_bound=on_bound,
         findings=(
-            Finding(FindingKind.NOT_ESTIMATED, ("coulomb", "delay", "p4")),
+            Finding(FindingKind.NOT_ESTIMATED, PARAMETERS[3:]),
             Finding(FindingKind.NO_UNCERTAINTY, PARAMETERS[:3], number=len(resonances)),
             *conditioning.findings,
             *([Finding(FindingKind.PULLED, on_bound)] if on_bound else []),

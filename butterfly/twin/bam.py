@@ -23,7 +23,7 @@ from butterfly.logs.log import InputKind
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Prior
 from butterfly.model.servo import ServoLoop
-from butterfly.model.terms import GEAR
+from butterfly.model.terms import OF_SCALE, PARAMETERS, SETTINGS, TERMS, held_by
 from butterfly.twin.forms import Options
 from butterfly.twin.twin import Twin, Written, beyond, listed, told_of
 
@@ -35,7 +35,7 @@ _GRAVITY = 9.80665  # m/s², of BAM
 _SAME = 1e-3
 _FAST = 1e6  # rad/s, of a set-point that is not slowed down
 _OF_LOGS = ("law", "kp", "supply", "resistance", "back_emf_constant", "torque_constant")
-_HELD = {"p1", "p2", "p3", "p4", "coulomb", "back_emf", "stribeck", "stribeck_velocity", *GEAR}
+_HELD = held_by("bam")
 
 
 def as_bam(twin: Twin, options: Options) -> Written:
@@ -45,7 +45,7 @@ def as_bam(twin: Twin, options: Options) -> Written:
     """
     servo, known, added = twin.servo, twin.known, twin.added
     twin.parameters.require_gain("export")
-    units = [name for name in ("p1", "p4") if known.fixed.get(name) == 1.0]
+    units = [name for name in OF_SCALE if known.fixed.get(name) == 1.0]
     if twin.ratios or units:
         found = "ratios to p1" if twin.ratios else f"relative to {units[0]} = 1"
         expected = "N m; add a known mass or give a measured value (known: {p3: 0.3})"
@@ -131,11 +131,12 @@ def _least(p: LumpedParameters) -> tuple[str, dict[str, float]]:
 
 def _notes(p: LumpedParameters, model: str, added: AddedMass) -> Iterator[str]:
     """Name what BAM's format cannot represent of a joint, or interprets differently."""
-    told = {"loop_kp", "load"} if added.mass else {"loop_kp"}
+    told = {"loop_kp"} | ({"load"} if added.mass else set())
     if rest := beyond(p, _HELD | told):
         yield f"Not representable in BAM: {listed(p, rest, InputKind.VOLTAGE.unit)}."
     if any(row.offered and row.name != "latency" for row in rest):
-        held = [name for name in ("stribeck", *GEAR, "back_emf") if getattr(p, name)]
+        optional = _HELD - {*PARAMETERS, *SETTINGS}
+        held = [name for name in TERMS if name in optional and getattr(p, name)]
         yield (
             "BAM's servo fits worse without these. To refit the others, identify with --terms "
             f'"{",".join(held)}".'

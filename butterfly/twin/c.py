@@ -29,8 +29,8 @@ from butterfly.model.greybox import (
 )
 from butterfly.model.kernel.equation import Constants
 from butterfly.model.kernel.integrate import interval
-from butterfly.model.parameters import UNDER_LOAD, AddedMass, LumpedParameters, under
-from butterfly.model.terms import TERMS, DriveTerms
+from butterfly.model.parameters import AddedMass, LumpedParameters, UnderLoad, under
+from butterfly.model.terms import DRIVE, OF_INPUT, TERMS, DriveTerms
 from butterfly.twin.accuracy import Case, Yardstick
 from butterfly.twin.forms import Options
 from butterfly.twin.languages import C, JavaScript, wrapped
@@ -171,7 +171,7 @@ def shaped(command: Any, c: Any) -> Any:  # noqa: ANN401 - numbers, and constant
 
 
 _HELD = {each.__name__: each for each in (part_of, piece_of, drive_at, exceeds_at)}
-_SHAPES = {"p4": 0.0, "delay": 0.0, "dead_zone": 0.0, "compression": 0.0}
+_SHAPES = dict.fromkeys((*OF_INPUT, *DRIVE), 0.0)
 _SHAPES |= {"limit": math.inf, "resolution": 0.0}
 """Parameters of the drive, and what each is where there is no such thing."""
 
@@ -262,7 +262,7 @@ def as_javascript(twin: Twin) -> str:
         functions=wrapped(language.text()),
         interval=language.call(moved, {"state": "state", "drives": "drive", "h": "h", "c": "c"}),
         shaped=language.call(drive, {"command": "command", "c": "c"}),
-        loaded=", ".join(f"p.{name}" for name in UNDER_LOAD),
+        loaded=", ".join(f"p.{name}" for name in UnderLoad._fields),
         under=language.call(loaded, {"p": "bare", "added": "added"}),
         names=", ".join(DERIVED),
         derived=language.call(own, {"p": "p"}),

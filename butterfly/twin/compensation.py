@@ -29,6 +29,7 @@ from butterfly.identification.sensor_errors import SensorErrors
 from butterfly.logs.log import InputKind
 from butterfly.model.kernel.equation import friction_level, pull
 from butterfly.model.parameters import JointKind, LumpedParameters
+from butterfly.model.terms import STATES
 from butterfly.twin.c import explained, fields_of, rendered
 from butterfly.twin.forms import Options
 from butterfly.twin.languages import C, Python
@@ -40,7 +41,6 @@ from butterfly.twin.twin import Twin, Written, unheard
 _ANGLES, _SPEEDS = 13, 5  # at which errors are computed
 _CREEPS = 0.05  # rad/s, the smoothing speed where no log tells it
 _ROUNDS = 30  # in a gear, whose friction grows with the torque that overcomes it
-_STATES = ("base_compliance", "bristle_stiffness", "time_constant")  # that add a state
 _SHARES = ("dry", "excess", "damping")
 """Shares that are compensated: of dry friction, of what it has more near rest, of damping."""
 
@@ -227,7 +227,7 @@ def _blur(run: FreeRun) -> float:
 def as_compensation(twin: Twin, options: Options) -> Written:
     """Return the compensation of a joint as a C header or a Python module."""
     made, python, missing = Compensation.of(twin), options.ending == ".py", [*unheard(twin)]
-    if names := [name for name in _STATES if getattr(twin.loaded, name)]:
+    if names := [name for name in STATES if getattr(twin.loaded, name)]:
         missing.insert(0, f"Holds in steady motion: {', '.join(names)} is not compensated.")
     numbers, steps, said = made.numbers, made.steps, tuple(_said(made))
     present = {name for each in (numbers, *steps) for name, value in each.items() if value}

@@ -25,15 +25,14 @@ from butterfly.identification.parameter import unit_of
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.servo import LawStructure, Output
-from butterfly.model.terms import LOOP_TERMS
+from butterfly.model.terms import LOOP_TERMS, held_by
 from butterfly.plant.robot import Shape
 from butterfly.twin.accuracy import Case, Yardstick
 from butterfly.twin.forms import Options, xml_comment
 from butterfly.twin.stand_alone import Form, mover
 from butterfly.twin.twin import Accuracy, Twin, Written, beyond, listed, told_of
 
-_OF_BODY = {"p1", "p3", "p3_offset", "tilt", "mass_inertia", "gravity", "carried_moment"}
-_HELD = {*_OF_BODY, "p2", "p4", "coulomb", "load", "delay"}
+_HELD = {*held_by("urdf"), "gravity", "carried_moment"}
 _OF_LOOP = ("law", "kp", "kd", "limit", "supply", "clock", "torque_constant")
 _BEYOND = 1e6  # of effort, velocity or way, where no limit is known and URDF wants one
 

@@ -132,8 +132,8 @@ def _root(twin: Twin, options: Options, form: Form) -> ElementTree.Element:
     (robot, added), step = twin.built, options.timestep
     friction, braking = robot.loaded(added), robot.friction
     if braking.sticks_harder:  # dry friction is at all velocities what it is at rest
-        always = {"coulomb": braking.holding, "stribeck": 0.0, **dict.fromkeys(BEYOND_MUJOCO, 0.0)}
-        braking = replace(braking, **always)
+        rigid = replace(braking, coulomb=braking.holding, stribeck=0.0)
+        braking = replace(rigid, **dict.fromkeys(BEYOND_MUJOCO, 0.0))
     root = built(replace(robot, friction=braking), added, scene=False)
     next(root.iter("option")).attrib |= {"timestep": repr(step), "integrator": options.integrator}
     joint = named(root, "hinge")

@@ -17,16 +17,10 @@ from butterfly.report.finding_texts import finding_text
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, SLOW, SWINGS, noisy, simulated, steady, wild
 
-SIZES = {"coulomb": 1.2e-3, "drag": 8e-4, "load": 1.5e-3, "coulomb_slope": 1e-3, "load_drag": 8e-3}
-SIZES |= {"bias": -2e-3, "p3_offset": -3e-3, "stribeck": 5e-4, "stribeck_velocity": 0.25}
-SIZES |= {"motor_friction": 0.15, "load_friction": 0.15, "motor_stribeck": 0.2}
-SIZES |= {"load_stribeck": 0.2, "lifting_stribeck": 10.0, "lowering_stribeck": 10.0, "tilt": -0.5}
-SIZES |= {"cogging": -2e-3, "cogging_cosine": 2e-3, "mass_inertia": 0.06, "spring": 4e-3}
-SIZES |= {"dead_zone": 2e-3, "compression": 4.0}
 BESIDE = {"coulomb_slope": {"coulomb": 2e-3}, "stribeck": {"coulomb": 2e-4}}
 BESIDE |= {"stribeck_velocity": {"stribeck": 5e-4, "coulomb": 2e-4}}
 BESIDE |= {key: {"cogging_periods": 3.0} for key in ("cogging", "cogging_cosine")}
-PRESENT = {name: {name: size} | BESIDE.get(name, {}) for name, size in SIZES.items()}
+PRESENT = {name: {name: row.size} | BESIDE.get(name, {}) for name, row in TERMS.items() if row.size}
 """What the robot has of each term: several per cent of the torque of its motor."""
 
 TOLERANCE = {"harmonic-balance": 0.06, "weak-form": 0.04, "output-error": 0.01}

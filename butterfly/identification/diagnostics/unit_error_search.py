@@ -43,7 +43,7 @@ from butterfly.identification.weak_regression import About
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR, Known, Prior
-from butterfly.model.terms import FrictionTerms, offered
+from butterfly.model.terms import OF_ANGLE, PARAMETERS, PLAIN, FrictionTerms, offered
 from butterfly.progress import out_of_time
 from butterfly.signals.spectrum import periodogram, white_variance
 from butterfly.verdict import Level
@@ -53,7 +53,7 @@ _FITS = 4  # that are made at most
 _SWINGS = (0.1, math.pi)  # rad, that the log of the largest swing may have
 _SLOW = 0.05  # s from stamp to stamp, above which they may be no seconds
 
-_NAMES = ("p1", "p2", "p3", "coulomb", "drag", "bias", "p4", "delay")
+_NAMES = (*PARAMETERS, *(name for name in PLAIN if name not in OF_ANGLE))
 _OF_ANGLE = {"angle", "columns", "input"}  # columns that are none of logs of velocities
 _NO_RIVALS = {Condition.WEIGHED, Condition.LOG}  # a mistake in one log differs from log to log
 _FAILURES = (ButterflyError, np.linalg.LinAlgError, ArithmeticError)

@@ -43,7 +43,7 @@ from butterfly.model.prior import NO_PRIOR, Penalty, Prior, require_usable
 from butterfly.model.terms import BASE_TERMS, PARAMETERS, TERMS, FrictionTerms, offered
 from butterfly.signals.frequency_response import ResponsePoint
 
-LINEAR = ("p1", "p2", "p3", "p4")
+LINEAR = PARAMETERS[:4]
 """Parameters in the limit of small swings without Coulomb friction and delay."""
 
 _EXACT = ROUNDING**3  # relative variance of a phasor that rounding leaves even to exact data

@@ -360,7 +360,6 @@ class OutputError(Estimator):
             horizon = first_horizon(logs, start, first.zeros)
         every = known.fitted((*PARAMETERS, *self._names(logs, known)))
         owned = {*self.fixed, *self.per_mass, *self.per_log}
-        settings = {"cogging_periods": self.cogging_periods, "slow_interval": slow_interval(logs)}
         options = ProblemOptions(
             per_mass=self.per_mass,
             per_log=self.per_log,
@@ -370,8 +369,9 @@ class OutputError(Estimator):
             loss=self.loss,
         )
         names = [name for name in every if name not in owned]
-        begun = Start(replace(start, **settings), first.zeros)
-        return Problem.of(logs, begun, names, options, known)
+        slow = slow_interval(logs)
+        begun = replace(start, cogging_periods=self.cogging_periods, slow_interval=slow)
+        return Problem.of(logs, Start(begun, first.zeros), names, options, known)
 
     def _rows(self, logs: Sequence[Log], known: Prior) -> tuple[tuple[str, ...], set[str]]:
         """Return the terms that are tried, and which of them are rare."""

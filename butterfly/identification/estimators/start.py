@@ -42,7 +42,16 @@ from butterfly.logs.log import Log
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Known, Prior, usable
-from butterfly.model.terms import COMMON, GEAR, GROWING, LOOP_TERMS, OF_ANGLE, OF_SERVO, offered
+from butterfly.model.terms import (
+    COMMON,
+    GEAR,
+    GROWING,
+    LOOP_TERMS,
+    OF_ANGLE,
+    OF_GRAVITY,
+    OF_SERVO,
+    offered,
+)
 from butterfly.progress import out_of_time
 
 _ELSEWHERE = 1.05  # ratio of costs, above which two ends are not the same
@@ -258,10 +267,10 @@ def hanging(every: Problem, fit: Fit) -> Fit:
     """
     problem, values = every.of_fit(fit), fit.values.copy()
     at = {name: k for k, (name, whose) in enumerate(problem.keys) if whose is None}
-    turns = {"p3", "zero"} <= at.keys() and not (OF_ANGLE - {"p3", "p3_offset"}) & at.keys()
+    turns = {"p3", "zero"} <= at.keys() and not (OF_ANGLE - {*OF_GRAVITY}) & at.keys()
     if any(log.added_mass.mass for log in problem.logs) or not turns or values[at["p3"]] >= 0:
         return fit
-    for name in {"p3", "p3_offset"} & at.keys():
+    for name in at.keys() & {*OF_GRAVITY}:
         values[at[name]] *= -1
     home = float(np.median(problem.logs[0].angle))
     values[at["zero"]] = near(values[at["zero"]] + math.pi, home)

@@ -50,7 +50,7 @@ from butterfly.identification.weak_regression import WeakFit, averaging_of
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters, require_periods
 from butterfly.model.prior import NO_PRIOR, Prior, require_usable
-from butterfly.model.terms import OF_ANGLE, PARAMETERS, offered
+from butterfly.model.terms import OF_ANGLE, OF_GRAVITY, PARAMETERS, offered
 
 _DIFFERENT = 0.05  # rad between rest angles, whose cosines then differ by a thousandth
 
@@ -235,7 +235,7 @@ def _through(
 def offset_covariance(fit: WeakFit, uncertain: Samples) -> Samples:
     """(n, n) covariance that (k, logs) errors of zeros add to the n values of a fit."""
     solved, masses = fit.solved, [each.added for each in fit.about.windows]
-    gravity = replace(fit.about, names=("p3", "p3_offset")).regression()
+    gravity = replace(fit.about, names=OF_GRAVITY).regression()
     moment = fit.values["p3"] + np.array([mass.gravity_moment for mass in masses])
     slopes = gravity.rows[:, 0] * fit.values.get("p3_offset", 0.0)
     slopes -= gravity.rows[:, 1] * moment[gravity.cluster]

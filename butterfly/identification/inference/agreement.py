@@ -43,7 +43,7 @@ from butterfly.identification.levels import (
 from butterfly.identification.linearisation import Linearisation
 from butterfly.logs.log import Log, slow_interval
 from butterfly.model.parameters import AddedMass
-from butterfly.model.terms import DISSIPATIVE, PARAMETERS
+from butterfly.model.terms import CHANGING, DISSIPATIVE, OF_SCALE, PARAMETERS
 from butterfly.signals.spectrum import white_variance
 
 
@@ -144,9 +144,6 @@ _LEAST_TORQUE = 1e-4
 _LIMITS = {Condition.DIRECTION: (-1.0, 1.0), Condition.WEIGHED: ()}
 """Values of conditions at which their disturbance vanishes, where these are not 0."""
 
-_SCATTERS = ("coulomb", "p2", "p4")
-
-_OF_SCALE = ("p1", "p4")
 _OF_FRICTION = tuple(row.name for row in DISSIPATIVE)
 _FRICTION_OF_ALL = tuple(name for name in _OF_FRICTION if name in PARAMETERS)
 
@@ -232,7 +229,7 @@ def disagreements_of(
     """
     fitted, equations = equations.values, _at_least_squares(equations)
     significant = _significant(equations, conditions)
-    found = [each for each in significant if each.matters(equations, _OF_SCALE)]
+    found = [each for each in significant if each.matters(equations, OF_SCALE)]
     found.sort(key=lambda each: -each.tried.share)
     rivals = [
         Rival(
@@ -379,13 +376,13 @@ def from_log_to_log(equations: Linearisation) -> Iterator[Contrast]:
     more = equations.log.size - 1
     if rows - more < 1 or not cost > 0:
         return
-    for place in np.flatnonzero(np.isin(equations.names, _SCATTERS) & ~equations.on_bound).tolist():
+    for place in np.flatnonzero(np.isin(equations.names, CHANGING) & ~equations.on_bound).tolist():
         change = _in_each_log(equations, place)
         if change is None:
             continue
         explained = -float(change @ equations.gradients[:, place])
         left = max((cost - explained) / (rows - more), ROUNDING * cost)
-        chance = float(fdtrc(more, rows - more, explained / more / left)) * len(_SCATTERS)
+        chance = float(fdtrc(more, rows - more, explained / more / left)) * len(CHANGING)
         scatter = float(np.std(change)) / (abs(float(equations.values[place])) or np.inf)
         share = 1 - left / (cost / rows)
         if chance < ACCUSED and scatter > MATTERS and _is_relevant(equations, share):

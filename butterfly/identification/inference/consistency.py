@@ -35,14 +35,22 @@ from butterfly.model.parameters import (
     value_if_absent,
 )
 from butterfly.model.prior import LAG, NO_PRIOR, Prior
-from butterfly.model.terms import FOLLOWERS, PARAMETERS, SHARES, TERMS, companions
+from butterfly.model.terms import FOLLOWERS, OF_INPUT, PARAMETERS, SHARES, TERMS, companions
 
 OF_SCALES: dict[str, dict[str, float]] = {
     "mass_scale": {},
     "gravity_scale": {},
-    "input_scale": {"p4": 1.0},
-    "angle_scale": {"p4": 1.0, "coulomb": 1.0, "stribeck": 1.0, "bias": 1.0},
-    "time_scale": {row.name: float(row.seconds) for row in TERMS.values() if row.seconds},
+    "input_scale": {
+        row.name: float(power) for row in TERMS.values() if (power := -row.power_of("unit"))
+    },
+    "angle_scale": {  # of torques that grow with another power of the angle than that of inertia
+        row.name: exponent
+        for row in TERMS.values()
+        if (row.basis or row.derivative) and (exponent := SHARES.get(row.name, 0.0) - row.angles)
+    },
+    "time_scale": {
+        row.name: float(power) for row in TERMS.values() if (power := row.power_of("s"))
+    },
 }
 """Exponents with which parameters grow with a scale of `butterfly.model.prior.SCALES`."""
 
@@ -308,7 +316,7 @@ def with_scale(masses: Iterable[AddedMass], known: Prior, *, driven: bool = True
 
     IdentifiabilityError without two different masses, or a torque that is known, not 0.
     """
-    if not driven and not {"p4", "delay"} <= known.fixed.keys():
+    if not driven and not {*OF_INPUT} <= known.fixed.keys():
         raise IdentifiabilityError(
             "the input is always zero, so p4 and delay are not identifiable: add logs of the "
             "driven joint, or give both (--known p4=...,delay=0)"

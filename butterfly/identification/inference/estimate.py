@@ -24,11 +24,8 @@ from butterfly.logs.log import InputKind, Log
 from butterfly.logs.units import taken_text
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
 from butterfly.model.prior import NO_PRIOR, Prior
-from butterfly.model.terms import PARAMETERS, TERMS, lower_bounds
+from butterfly.model.terms import OF_INPUT, OF_SCALE, PARAMETERS, TERMS, lower_bounds
 from butterfly.verdict import Level
-
-OF_VERDICT = ("p1", "p4")
-"""Parameters of the scale, whose half-widths decide the verdict; no joint has a 0 of either."""
 
 _OF_UNIT = {FindingKind.UNIT_ASSUMED, FindingKind.UNIT_UNREAD}
 _LARGEST = float(np.finfo(float).max) ** 0.25  # of any number: squares of such are numbers too
@@ -113,7 +110,7 @@ class Estimate:
         Their half-width is as large as they are, so that they might be 0, which no joint has.
         """
         widths = self.relative_half_widths
-        scale = (name for name in OF_VERDICT if name not in self.unestimated)
+        scale = (name for name in OF_SCALE if name not in self.unestimated)
         return tuple(name for name in scale if 1 <= widths.get(name, 0.0) < math.inf)
 
     @property
@@ -164,7 +161,7 @@ class Estimate:
         """The values that were given, without the 0 of p4 and delay where there is no input."""
         if self.input_kind is not InputKind.NONE:
             return self.known
-        absent = {name for name in ("p4", "delay") if self.known.fixed.get(name) == 0}
+        absent = {name for name in OF_INPUT if self.known.fixed.get(name) == 0}
         return self.known.within(self.known.values.keys() - absent)
 
     def _row(self, name: str, truth: Mapping[str, float] | None, **numbers: Any) -> Parameter:  # noqa: ANN401 - as of `Parameter`
@@ -310,7 +307,7 @@ class Estimate:
         if self.unsettled or any(each.forbids for each in self.findings):
             return Level.WARNING
         widths, trust = self.relative_half_widths, self.trust
-        deciding = [name for name in OF_VERDICT if name in widths]
+        deciding = [name for name in OF_SCALE if name in widths]
         if self.open:  # then all others that are not 0 decide
             deciding = [n for n in PARAMETERS if n != "delay" and widths.get(n, math.inf) < 1]
         near = all(trust[name].level is Level.GOOD for name in deciding)

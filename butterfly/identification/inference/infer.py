@@ -29,7 +29,7 @@ from butterfly.identification.inference.consistency import (
     scale_rivals,
     with_scale,
 )
-from butterfly.identification.inference.estimate import OF_VERDICT, Estimate
+from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.limits import (
     Evidence,
     Rival,
@@ -44,7 +44,7 @@ from butterfly.identification.linearisation import Linearisation, scaled_least_s
 from butterfly.identification.trust import Trust, trust_of
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR, Penalty, Prior
-from butterfly.model.terms import PARAMETERS, TERMS
+from butterfly.model.terms import OF_SCALE, PARAMETERS, TERMS
 
 Pair: TypeAlias = tuple[Samples, Samples]
 """An (n, n) covariance and its (n,) degrees of freedom."""
@@ -246,7 +246,7 @@ def bias_of(equations: Linearisation, evidence: Evidence) -> Samples:
     misfit = misfit_over_value(equations.rows, equations.residuals, equations.values)[: values.size]
     limits = zip(values.tolist(), (values - half).tolist(), (values + half).tolist(), strict=True)
     looks = [trust_of(*each) is Trust.PRECISE for each in limits]
-    doubted = np.isin(equations.names[: values.size], OF_VERDICT) | looks
+    doubted = np.isin(equations.names[: values.size], OF_SCALE) | looks
     return np.where(doubted & (misfit > LOST), misfit * np.abs(values), 0.0)
 
 

@@ -26,7 +26,7 @@ from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.levels import ACCUSED, CONFIDENCE, FEW, MATERIAL, MATTERS, PRECISE
 from butterfly.model.parameters import AddedMass, value_if_absent
 from butterfly.model.prior import NO_PRIOR, Prior
-from butterfly.model.terms import GEAR, companions, is_simulated_with
+from butterfly.model.terms import GEAR, OF_MASS, companions, is_simulated_with
 from butterfly.progress import out_of_time
 
 STRIBECK = "stribeck"
@@ -46,7 +46,7 @@ def candidates(names: Iterable[str], masses: Iterable[AddedMass], known: Prior) 
     effects = {mass.inertia_and_moment for mass in carried}
     lost = {*known.parameters, *companions(known.parameters)}
     if len(effects) < FEW:
-        lost |= {"load", "load_drag", "mass_inertia"}
+        lost |= OF_MASS
     if known.weightless(carried):
         lost |= {*GEAR}
     if known.weightless(carried) or any(mass.own_inertia for mass in carried):
