@@ -1,4 +1,4 @@
-"""Arguments of public functions: one that is nothing of the annotated kind is InputError."""
+"""Arguments of public functions: one of another kind than annotated is an InputError."""
 
 from __future__ import annotations
 
@@ -42,17 +42,17 @@ def _is_whole(value: object) -> bool:
 
 
 def _list_of(holds: Callable[[Any], bool]) -> Callable[[Any], bool]:
-    """Return whether a value is several of what ``holds``."""
+    """Return a check that a value is a collection whose entries all pass ``holds``."""
 
     def of_all(value: Any) -> bool:  # noqa: ANN401 - whatever was given
         several = isinstance(value, Collection) and not isinstance(value, str | bytes)
-        return several and all(holds(each) for each in value)
+        return several and all(holds(entry) for entry in value)
 
     return of_all
 
 
 _PATH = _Kind(_is_path, "a path: a text or a pathlib.Path")
-_TEXTS = _Kind(_list_of(lambda each: isinstance(each, str)), "a list of texts, such as ['a', 'b']")
+_TEXTS = _Kind(_list_of(lambda text: isinstance(text, str)), "a list of texts, such as ['a', 'b']")
 _KINDS = {
     "Named": _PATH,
     "str | PathLike[str]": _PATH,
@@ -66,7 +66,7 @@ _KINDS = {
     "Track": _Kind(callable, "a function of an iterable and a description, which returns it"),
     "Carry": _Kind(callable, "a function of an added mass"),
 }
-"""Annotations of arguments that are checked; others are by what they are for."""
+"""Annotations of arguments that are checked here; others are checked where they are used."""
 
 _OR_NONE = " | None"
 
@@ -76,8 +76,8 @@ def checked(function: Callable[_P, _R]) -> Callable[_P, _R]:
     asked = signature(function)
     kinds = {
         name: _KINDS[text]
-        for name, each in asked.parameters.items()
-        if (text := str(each.annotation).removesuffix(_OR_NONE)) in _KINDS
+        for name, parameter in asked.parameters.items()
+        if (text := str(parameter.annotation).removesuffix(_OR_NONE)) in _KINDS
     }
     absent = {n for n, p in asked.parameters.items() if str(p.annotation).endswith(_OR_NONE)}
 

@@ -32,12 +32,12 @@ def unit_diagonal(matrix: Samples) -> tuple[Samples, Samples]:
 
 
 def standard_error(values: Samples) -> float:
-    """Return that of the mean of (n,) independent values; infinite of one."""
+    """Return the standard error of the mean of (n,) independent values; infinite for one."""
     return float(np.std(values, ddof=1)) / values.size**0.5 if values.size > 1 else math.inf
 
 
 def blocks(count: int) -> Iterator[slice]:
-    """Yield the slices of so many rows, one after the other, that take little memory each."""
+    """Yield consecutive slices of at most `BLOCK` rows that cover ``count`` rows."""
     for begin in range(0, count, BLOCK):
         yield slice(begin, begin + BLOCK)
 

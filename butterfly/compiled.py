@@ -61,7 +61,7 @@ def inlined(function: Callable[..., Any]) -> Any:  # noqa: ANN401 - numba infers
 
 
 def pasted(function: Callable[..., Any]) -> Any:  # noqa: ANN401 - numba infers the types
-    """Compile a function as if its lines stood in its callers, which are few, or it is short.
+    """Compile a function as if its lines were in its callers: for short ones, or few callers.
 
     That spares a compilation of its own. In a hot loop it is slower where it takes arrays, whose
     references are counted.
@@ -163,8 +163,8 @@ class _InnerLibrary(JITCodeLibrary):
 
     def _optimize_final_module(self) -> None:
         """Inline only what has to be, and take out references that are counted in vain."""
-        found = self._codegen._module_pass_manager(opt=0)  # type: ignore[no-untyped-call]  # noqa: SLF001
-        passes, *builder = found if isinstance(found, tuple) else (found,)  # numba < 0.62
+        managers = self._codegen._module_pass_manager(opt=0)  # type: ignore[no-untyped-call]  # noqa: SLF001
+        passes, *builder = managers if isinstance(managers, tuple) else (managers,)  # numba < 0.62
         passes.run(self._final_module, *builder)
 
     def _finalize_final_module(self) -> None:

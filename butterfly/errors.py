@@ -51,15 +51,15 @@ class UnusableError(ButterflyError):
 
     Parameters
     ----------
-    said
+    verdict
         The verdict.
     reasons
         Its reasons.
     """
 
-    def __init__(self, said: str, reasons: tuple[str, ...] = ()) -> None:
+    def __init__(self, verdict: str, reasons: tuple[str, ...] = ()) -> None:
         self.reasons = reasons
-        super().__init__(said)
+        super().__init__(verdict)
 
 
 class StoppedError(ButterflyError):
@@ -71,18 +71,19 @@ _LONGEST = 300  # characters of a value in a message
 
 def shown(text: object, most: int = _LONGEST) -> str:
     """Return a text for a message: one line, shortened, without control characters."""
-    said = str(text)
-    if len(said) > most:
-        said = f"{said[:most]}... ({len(said)} characters)"
-    return visible(said, kept="")
+    line = str(text)
+    if len(line) > most:
+        line = f"{line[:most]}... ({len(line)} characters)"
+    return visible(line, allowed="")
 
 
-def visible(text: str, kept: str = "\n\t") -> str:
-    """Return a text for a terminal or XML: escapes in place of all that is not printable."""
+def visible(text: str, allowed: str = "\n\t") -> str:
+    """Return a text for a terminal or XML: escapes for unprintable characters not ``allowed``."""
     if text.isprintable():
         return text
     return "".join(
-        each if each.isprintable() or each in kept else repr(each)[1:-1] for each in text
+        character if character.isprintable() or character in allowed else repr(character)[1:-1]
+        for character in text
     )
 
 

@@ -70,8 +70,8 @@ def require_path(named: str, source: object, field: str) -> None:
     if "\0" in named:
         raise InputError(source, field, repr(named[:40]), "a path without null characters")
     if longest > _LONGEST or len(named) > _LONGEST_PATH:
-        found = f"{named[:40]}... ({len(named)} characters)"
-        raise InputError(source, field, found, f"a path with names of at most {_LONGEST} bytes")
+        excerpt = f"{named[:40]}... ({len(named)} characters)"
+        raise InputError(source, field, excerpt, f"a path with names of at most {_LONGEST} bytes")
 
 
 def most_in(packed: int) -> int:
@@ -80,15 +80,15 @@ def most_in(packed: int) -> int:
 
 
 @contextmanager
-def replacing(path: Path, mark: str = "", *, own: bool = False) -> Iterator[Path]:
+def replacing(path: Path, mark: str = "", *, internal: bool = False) -> Iterator[Path]:
     """Yield a temporary path beside ``path`` that takes its name when the block succeeds.
 
     The temporary name is unique, so several processes may write one path: the last one wins. It has
     the ending of ``path``, for writers that need it. The block creates the file, with the usual
     permissions, and with its ``mark`` if any (see `butterfly.outputs`). InputError if it cannot be
-    written or may not, unless the path is the program's ``own``.
+    written or may not, unless the path is the program's own (``internal``).
     """
-    if not own:
+    if not internal:
         outputs.require_free(path, mark)
     draft = path.with_name(f"{DRAFT}{secrets.token_hex(8)}{path.suffix}")
     try:
@@ -109,16 +109,16 @@ def require_file(path: Path, expected: str) -> int:
     """
     require_path(str(path), path, "path")
     try:
-        found = path.stat()
-        if stat.S_ISREG(found.st_mode):
+        status = path.stat()
+        if stat.S_ISREG(status.st_mode):
             path.open("rb").close()
             outputs.note_input(path)
-            return found.st_size
+            return status.st_size
     except FileNotFoundError:
         raise InputError(path, "path", "no such file", expected) from None
     except OSError as error:
         raise InputError(path, "path", error.strerror or error, "a readable file") from None
-    kind = "a folder" if stat.S_ISDIR(found.st_mode) else "a pipe or a device"
+    kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a pipe or a device"
     raise InputError(path, "path", kind, expected)
 
 
@@ -134,9 +134,9 @@ def read_file(path: Path, expected: str, most: float = math.inf) -> bytes:
         raise InputError(path, "path", error.strerror or error, "a readable file") from None
 
 
-def write_file(path: Path, content: str | bytes, mark: str = "", *, own: bool = False) -> None:
+def write_file(path: Path, content: str | bytes, mark: str = "", *, internal: bool = False) -> None:
     """Write a file whole or not at all, a text as UTF-8 (see `replacing`)."""
-    with replacing(path, mark, own=own) as draft:
+    with replacing(path, mark, internal=internal) as draft:
         draft.write_bytes(content.encode() if isinstance(content, str) else content)
 
 
@@ -183,7 +183,7 @@ def unpacked(path: Path, expected: str) -> Iterator[ZipFile]:
     """Yield a zip file of parts of a sane size; damage is InputError, with ``expected``."""
     most = most_in(require_file(path, expected))
     with whole(path, expected), ZipFile(path) as parts:
-        size = sum(max(each.file_size, each.compress_size) for each in parts.infolist())
+        size = sum(max(part.file_size, part.compress_size) for part in parts.infolist())
         if size > most:
             raise InputError(path, "content", f"parts of {size_text(size)}", expected)
         yield parts
@@ -200,16 +200,16 @@ def refuse_binary(path: Path, *, any_kind: bool = True) -> None:
         if head.startswith(beginning):
             raise InputError(path, "content", kind, instead)
     if any_kind and b"\0" in head:
-        found = f"binary data that begin with {head[:8].hex(' ')}"
-        raise InputError(path, "content", found, "CSV, exported by what wrote them")
+        data = f"binary data that begin with {head[:8].hex(' ')}"
+        raise InputError(path, "content", data, "CSV, exported by what wrote them")
 
 
 def finite(value: Any) -> Any:  # noqa: ANN401 - any JSON
     """Replace numbers that JSON cannot represent by null."""
     if isinstance(value, dict):
-        return {key: finite(each) for key, each in value.items()}
+        return {key: finite(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple):
-        return [finite(each) for each in value]
+        return [finite(entry) for entry in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 

@@ -110,7 +110,7 @@ def require_free(path: Path, *marks: str, option: str = "path") -> None:
 def require_endings(path: Path, endings: Sequence[str], option: str = "path") -> None:
     """Raise InputError unless a file name ends with one of the ``endings``, in any case."""
     if path.suffix.lower() not in endings:
-        known = [each or "no ending" for each in endings]
+        known = [ending or "no ending" for ending in endings]
         expected = " or ".join([", ".join(known[:-1]), known[-1]] if known[:-1] else known)
         raise InputError(path, option, path.suffix or "no ending", expected)
 
@@ -118,10 +118,10 @@ def require_endings(path: Path, endings: Sequence[str], option: str = "path") ->
 def _identity(path: Path) -> tuple[int, int] | None:
     """Return device and number of an existing file, which all of its names share."""
     try:
-        found = path.stat()
+        status = path.stat()
     except (OSError, ValueError):
         return None
-    return found.st_dev, found.st_ino
+    return status.st_dev, status.st_ino
 
 
 def _holds(path: Path, mark: str) -> bool:

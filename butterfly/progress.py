@@ -39,7 +39,7 @@ class Search:
 
     def skip(self, parts: Iterable[str]) -> None:
         """Say that some parts were skipped, each once."""
-        self.left_out += [each for each in parts if each not in self.left_out]
+        self.left_out += [part for part in parts if part not in self.left_out]
 
     @property
     def exhausted(self) -> bool:
@@ -80,7 +80,7 @@ def current_search() -> Search:
 
 @contextmanager
 def budget(seconds: float) -> Iterator[Search]:
-    """End all searches within after some seconds; their results say what they skipped."""
+    """Stop all searches within after so many seconds; their results say what they skipped."""
     token = _SEARCH.set(Search(seconds))
     try:
         yield _SEARCH.get()
@@ -129,8 +129,8 @@ def untracked(items: Iterable[_T], description: str) -> Iterable[_T]:  # noqa: A
 
 def tracked(track: Track, description: str, work: Callable[..., _R], *arguments: object) -> _R:
     """Return the result of one piece of work, with progress."""
-    (found,) = [work(*arguments) for _ in track([None], description)]
-    return found
+    (result,) = [work(*arguments) for _ in track([None], description)]
+    return result
 
 
 def threads(count: int | None) -> ThreadPoolExecutor:

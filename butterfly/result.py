@@ -68,7 +68,7 @@ def document(
     units: Mapping[str, str] | None = None,
 ) -> dict[str, Any]:
     """Return a result for JSON; ``units``: those that no key or column names, by dotted key."""
-    found: dict[str, Any] = finite(
+    values: dict[str, Any] = finite(
         {
             "schema": f"butterfly.{kind}",
             "schema_number": schema_number(kind),
@@ -80,7 +80,7 @@ def document(
             **content,
         }
     )
-    return found
+    return values
 
 
 class Result(ABC):
@@ -153,8 +153,8 @@ class Result(ABC):
         rows = self.shown_rows()
         lines = [tuple(row.values()) for row in rows]
         more = self.brief, self.caption
-        own = [PageTable(self.title, tuple(rows[0]), lines, *more)] if rows else []
-        return [*own, *self.further()]
+        tables = [PageTable(self.title, tuple(rows[0]), lines, *more)] if rows else []
+        return [*tables, *self.further()]
 
     def further(self) -> list[PageTable]:
         """Return the tables besides its rows."""
@@ -220,7 +220,7 @@ class Result(ABC):
         figures, numbers, tables = self.figures(), self.to_dict(), Result.tables(self)
         if self.rows():
             tables[0] = tables[0]._replace(title="In numbers")
-        sections = [Section(title=each.title, tables=(each.on_page(),)) for each in tables]
+        sections = [Section(title=table.title, tables=(table.on_page(),)) for table in tables]
         return Page(
             name=self.title,
             description=(numbers.get("data") or {}).get("description", ""),
@@ -291,8 +291,8 @@ class Answer(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the document with its content (see `Result`)."""
-        found = self.kind, self.title, self.content
-        return document(*found, verdict=self.judged, summary=self.summary, units=self.units)
+        parts = self.kind, self.title, self.content
+        return document(*parts, verdict=self.judged, summary=self.summary, units=self.units)
 
     def rows(self) -> list[dict[str, Any]]:
         """Return the rows of its table, with units in the column names."""

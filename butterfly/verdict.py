@@ -29,7 +29,7 @@ class Level(StrEnum):
     @classmethod
     def of_verdict(cls, text: str) -> Level:
         """Return the level of a verdict's text; KeyError for any other text."""
-        return {each.verdict: each for each in VERDICTS}[text]
+        return {level.verdict: level for level in VERDICTS}[text]
 
     @classmethod
     def worst(cls, levels: Iterable[Level]) -> Level:
@@ -60,9 +60,9 @@ class Verdict:
     def of_several(cls, verdicts: Mapping[str, Verdict]) -> Verdict:
         """Return the worst of several verdicts, by name; a line on each other one follows."""
         order = [*Level].index
-        (name, worst), *others = sorted(verdicts.items(), key=lambda each: -order(each[1].level))
+        (name, worst), *others = sorted(verdicts.items(), key=lambda pair: -order(pair[1].level))
         first, *model = worst.reasons
-        rest = (f"{name}: {' '.join(each.lines)}" for name, each in others)
+        rest = (f"{name}: {' '.join(verdict.lines)}" for name, verdict in others)
         return cls(worst.level, (f"{name}: {first}", *model, *rest))
 
     def numbers(self) -> dict[str, Any]:
@@ -75,6 +75,6 @@ class Verdict:
         if content.get("verdict") is None:
             return None
         reasons = content["reasons"]
-        if not (isinstance(reasons, list) and all(isinstance(each, str) for each in reasons)):
+        if not (isinstance(reasons, list) and all(isinstance(reason, str) for reason in reasons)):
             raise TypeError("reasons are not all texts")
         return cls(Level.of_verdict(content["verdict"]), tuple(reasons))

@@ -61,7 +61,7 @@ class OneOf(StrictModel):
     @model_validator(mode="after")
     def _one_of_them(self) -> OneOf:
         fields = type(self).model_fields.items()
-        names = [name for name, each in fields if each.default is None]
+        names = [name for name, field in fields if field.default is None]
         if sum(getattr(self, name) is not None for name in names) != 1:
             raise ValueError("exactly one of the keys " + ", ".join(names))
         return self
@@ -84,9 +84,9 @@ def validate(
     except ValidationError as error:
         slips = error.errors()
     except ArithmeticError as error:
-        found = f"numbers out of range ({error.args[-1]})"
+        problem = f"numbers out of range ({error.args[-1]})"
         raise InputError(
-            place_of(documents, [], source), "content", found, "usual numbers"
+            place_of(documents, [], source), "content", problem, "usual numbers"
         ) from None
     unknown = [slip for slip in slips if slip["type"] in _UNKNOWN_KEY]
     first = (unknown or slips)[0]  # a slip in a key is also a missing key, which says less
@@ -115,19 +115,19 @@ def validate(
 
 def _field(content: Any, location: Sequence[str], *, lacking: bool) -> str:  # noqa: ANN401 - whatever a file may say
     """Return pydantic's location of an error without the kinds that unions add."""
-    found = []
+    keys = []
     for part in location:
         below = _value(content, part)
         if below is not _NOWHERE:
             content = below
-            found.append(part)
+            keys.append(part)
     if lacking:
-        found.append(location[-1])
-    return ".".join(found) or "content"
+        keys.append(location[-1])
+    return ".".join(keys) or "content"
 
 
 def _value(content: Any, part: str) -> Any:  # noqa: ANN401 - whatever a file may say
-    """Return what stands in plain ``content`` at one part of a location, or `_NOWHERE`."""
+    """Return the value in plain ``content`` at one part of a location, or `_NOWHERE`."""
     if isinstance(content, dict):
         return next((value for key, value in content.items() if str(key) == part), _NOWHERE)
     if isinstance(content, list) and part.isdigit() and int(part) < len(content):
@@ -152,19 +152,19 @@ def _fields_at(schema: type[object], location: Sequence[str]) -> list[str]:
     for part in location:
         nested = [
             below
-            for each in schemas
-            if issubclass(each, BaseModel) and part in each.model_fields
-            for below in _nested_schemas(each.model_fields[part].annotation)
+            for model in schemas
+            if issubclass(model, BaseModel) and part in model.model_fields
+            for below in _nested_schemas(model.model_fields[part].annotation)
         ]
         kinds = [s for s in schemas if part == s.__name__ or part in _defaults(s).values()]
         schemas = nested or kinds or schemas  # a part may name a member of a union
-    return list(dict.fromkeys(name for each in schemas for name in _defaults(each)))
+    return list(dict.fromkeys(name for model in schemas for name in _defaults(model)))
 
 
 def _defaults(schema: type[object]) -> dict[str, Any]:
     """Return the fields of a model or dataclass, and their defaults."""
     if issubclass(schema, BaseModel):
-        return {each.alias or name: each.default for name, each in schema.model_fields.items()}
+        return {field.alias or name: field.default for name, field in schema.model_fields.items()}
     return {field.name: field.default for field in fields(schema)} if is_dataclass(schema) else {}
 
 
@@ -174,7 +174,7 @@ def _nested_schemas(annotation: Any) -> list[type[object]]:  # noqa: ANN401 - an
         issubclass(annotation, BaseModel) or is_dataclass(annotation)
     ):
         return [annotation]
-    return [found for argument in get_args(annotation) for found in _nested_schemas(argument)]
+    return [nested for argument in get_args(annotation) for nested in _nested_schemas(argument)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -187,12 +187,12 @@ class Document:
 
     def line(self, location: Sequence[str]) -> int | None:
         """Return the line, from 1, of a value by its keys and list indices; None if not here."""
-        node, found = self.root, None
+        node, line = self.root, None
         for part in location:  # parts that are not keys, such as members of a union, are skipped
             key, child = _child(node, part)
             if child is not None:
-                node, found = child, (key or child).start_mark.line + 1
-        return found
+                node, line = child, (key or child).start_mark.line + 1
+        return line
 
 
 def load_yaml(path: Path) -> Document:
@@ -285,16 +285,16 @@ def _extent(node: Node, known: dict[int, _Extent | None]) -> _Extent:
         return known[id(node)] or _refuse(node, "an alias that contains itself")
     known[id(node)] = None
     below = node.value if isinstance(node, MappingNode | SequenceNode) else []
-    parts = [part for each in below for part in (each if isinstance(each, tuple) else (each,))]
+    parts = [part for child in below for part in (child if isinstance(child, tuple) else (child,))]
     extents = [_extent(part, known) for part in parts]
-    size = 1 + sum(each.size for each in extents)
-    depth = 1 + max((each.depth for each in extents), default=0)
+    size = 1 + sum(extent.size for extent in extents)
+    depth = 1 + max((extent.depth for extent in extents), default=0)
     if size > _MOST:
         _refuse(node, f"more than {_MOST:,} values, with aliases expanded")
     if depth > _DEEPEST + 1:
         _refuse(node, f"aliases nested more than {_DEEPEST} deep")
-    found = known[id(node)] = _Extent(size, depth)
-    return found
+    whole = known[id(node)] = _Extent(size, depth)
+    return whole
 
 
 def _refuse(node: Node, problem: str) -> NoReturn:

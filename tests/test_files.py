@@ -32,7 +32,7 @@ def test_what_fails_halfway_leaves_the_old_file_and_no_litter(tmp_path):
     path.write_text("old")
 
     def fail_halfway():
-        with files.replacing(path, own=True) as draft:
+        with files.replacing(path, internal=True) as draft:
             draft.write_text("ne")
             raise RuntimeError
 
@@ -61,7 +61,7 @@ import sys
 from pathlib import Path
 from butterfly.files import replacing
 for _ in range(100):
-    with replacing(Path(sys.argv[1]), own=True) as draft:
+    with replacing(Path(sys.argv[1]), internal=True) as draft:
         draft.write_text(sys.argv[2] * 20_000)
 """
 

@@ -57,7 +57,7 @@ _UNITS = {"robot_time": "s"} | dict.fromkeys(
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Campaign(Answer):
-    """What a campaign came to."""
+    """Result of a campaign: parameters with intervals against the goal, and its runs."""
 
     kind: ClassVar[str] = "campaign"
 
@@ -68,13 +68,13 @@ class Campaign(Answer):
     """Of all its logs; None if they determine nothing, or for a result that was loaded."""
 
     @classmethod
-    def of(cls, ended: Ended, wish: Wish, folder: Path, kept: Sequence[str] = ()) -> Campaign:
-        """Tabulate parameters and runs; what the folder kept of an earlier campaign comes last."""
-        journal, found = ended.journal, ended.identified
+    def of(cls, ended: Ended, wish: Wish, folder: Path, remarks: Sequence[str] = ()) -> Campaign:
+        """Tabulate parameters and runs; ``remarks`` on an earlier campaign are last."""
+        journal, identified = ended.journal, ended.identified
         estimate = campaign_estimate(ended)
         verdict = None if estimate is None else estimate_verdict(estimate)
         goal, remedy = headline(ended, wish, folder)
-        steps, notes = journal.steps, (*campaign_notes(ended, remedy), *kept)
+        steps, notes = journal.steps, (*campaign_notes(ended, remedy), *remarks)
         return cls(
             title=f"Campaign {folder.name!r}",
             summary=(goal, remedy, *(verdict.lines if verdict else ()), *notes),
@@ -88,11 +88,11 @@ class Campaign(Answer):
                 **journal.contact._asdict(),
                 "ratios": estimate is not None and estimate.ratios,
                 "parameters": parameter_numbers(ended),
-                "held_out": {} if found is None else found.held_out,
+                "held_out": {} if identified is None else identified.held_out,
                 "rows": run_rows(journal, wish),
             },
             units=_UNITS | {"breakaway": InputKind(journal.input_kind).unit},
-            identification=None if found is None else Identification.of(found),
+            identification=None if identified is None else Identification.of(identified),
         )
 
     @property
@@ -109,18 +109,18 @@ class Campaign(Answer):
         """Return the runs, each with the widest interval after it."""
         columns = ("run", "played", "added mass", "robot time in s", "ended early", "verdict")
         rows = self.rows()
-        kept = [*columns, "the model misses"]
-        kept = [name for name in kept if any(row[name] != "" for row in rows)]
+        names = [*columns, "the model misses"]
+        names = [name for name in names if any(row[name] != "" for row in rows)]
         return [
-            {name: cell_text(row[name]) for name in kept} | {"widest interval": widest(row)}
+            {name: cell_text(row[name]) for name in names} | {"widest interval": widest(row)}
             for row in rows
         ]
 
     def tables(self) -> list[PageTable]:
         """Return the parameters beside the goal, then the runs."""
         numbers, ratios = self.content["parameters"], bool(self.content["ratios"])
-        own = [parameters_table("Parameters", numbers, ratios=ratios)] if numbers else []
-        return [*own, *(each._replace(title="Runs") for each in super().tables())]
+        parameters = [parameters_table("Parameters", numbers, ratios=ratios)] if numbers else []
+        return [*parameters, *(table._replace(title="Runs") for table in super().tables())]
 
     def figures(self) -> dict[str, Figure]:
         """Return how intervals shrank, and what was played."""
@@ -223,9 +223,9 @@ def campaign(
     _require_numbers(arm=arm, angle=angle, speed=speed, current=current, seconds=seconds)
     if not isinstance(callbacks, CampaignCallbacks | None):
         raise InputError("campaign", "callbacks", callbacks, "a CampaignCallbacks")
-    own: dict[str, Any] = {"masses": (NO_ADDED_MASS,), "known": {}, "step": 0.002}
+    defaults: dict[str, Any] = {"masses": (NO_ADDED_MASS,), "known": {}, "step": 0.002}
     if isinstance(robot, str | PathLike):
-        robot, own, change, limit = _named(str(robot), own, change)
+        robot, defaults, change, limit = _named(str(robot), defaults, change)
         command = limit if command is None else command
     if command is None:
         expected = "the largest command that the joint may get: --command"
@@ -234,26 +234,26 @@ def campaign(
     if masses is not None:
         if any(masses) and not arm:
             raise InputError("campaign", "arm", arm, "the masses' distance from the pivot in m")
-        given["masses"] = tuple(AddedMass(mass=each, arm=arm if each else 0.0) for each in masses)
+        given["masses"] = tuple(AddedMass(mass=mass, arm=arm if mass else 0.0) for mass in masses)
     limits = {"command": command, "angle": angle, "speed": speed, "current": current}
     wish = Wish(
         goal=share_of(goal),
         limits=Limits(seconds=seconds, **{k: v for k, v in limits.items() if v is not None}),
         price=price,
-        **own | {name: value for name, value in given.items() if value is not None},
+        **defaults | {name: value for name, value in given.items() if value is not None},
     )
     if change is None:
         wish = replace(wish, masses=wish.masses[:1])
     elif isinstance(robot, SimulatedMotor):
         change(wish.masses[0])
     folder = Path(out or "campaign")
-    with Folder(folder) as kept:
-        for note in kept.notes:
+    with Folder(folder) as store:
+        for note in store.notes:
             (callbacks or CampaignCallbacks()).phase(note)
-        ended = conduct(robot, wish, kept, change, callbacks)
-        found = Campaign.of(ended, wish, folder, kept.notes)
-        found.report(kept.path / PAGE)
-    return replace(found, page_path=folder / PAGE)
+        ended = conduct(robot, wish, store, change, callbacks)
+        answer = Campaign.of(ended, wish, folder, store.notes)
+        answer.report(store.path / PAGE)
+    return replace(answer, page_path=folder / PAGE)
 
 
 def _require_numbers(**given: float | None) -> None:
@@ -276,22 +276,23 @@ def _made(name: str) -> Motor:
     try:
         motor: Motor = getattr(import_module(module), factory)()
     except Exception as error:
-        found = f"{name} ({type(error).__name__}: {error})"
+        failure = f"{name} ({type(error).__name__}: {error})"
         expected = "MODULE:FACTORY, a function without arguments that returns a Motor"
-        raise InputError("campaign", "robot", found, expected) from error
+        raise InputError("campaign", "robot", failure, expected) from error
     finally:
         sys.path.remove("")
     return motor
 
 
 def _named(
-    name: str, own: dict[str, Any], change: Carry | None
+    name: str, defaults: dict[str, Any], change: Carry | None
 ) -> tuple[Motor, dict[str, Any], Carry | None, float | None]:
-    """Return the motor that a name stands for, what goes with it, and its largest command."""
+    """Return a named motor, its default settings, its change of masses, and its largest command."""
     if names_motor(name):
-        return _made(name), own, change, None
+        return _made(name), defaults, change, None
     experiment = read_experiment(locate(Path(name)))
-    rig = replace(experiment.plant.rig, fine=True)  # whose own error is none of the robot
+    # fine: the error of the integration is no property of the robot
+    rig = replace(experiment.plant.rig, fine=True)
     masses = tuple(experiment.added_masses)
     if rig.servo is not None:
         expected = "a plant without a loop: a campaign commands the drive directly"
@@ -302,5 +303,5 @@ def _named(
     sizes = [sine.amplitude for sine in experiment.excitations]
     limit = rig.path.limit if np.isfinite(rig.path.limit) else max(sizes, default=None)
     known = {name: plain(value) for name, value in Prior.of(experiment.known).parameters.items()}
-    own = {"masses": masses, "known": known, "step": rig.clock.step}
-    return motor, own, lambda mass: motor.mount(rig.joint(mass)), limit
+    defaults = {"masses": masses, "known": known, "step": rig.clock.step}
+    return motor, defaults, lambda mass: motor.mount(rig.joint(mass)), limit

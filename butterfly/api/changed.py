@@ -37,44 +37,47 @@ class Changed(Answer):
     def of(cls, one: Identification, other: Identification) -> Changed:
         """Compare two identifications; raise InputError if they are not comparable."""
         for name in ("input", "joint"):
-            first, second = (each.origin.get(name, JointKind.HINGE) for each in (one, other))
+            first, second = (result.origin.get(name, JointKind.HINGE) for result in (one, other))
             if first != second:
                 raise InputError("changed", name, second, f"{first}, as in the first result")
-        found = change(one.estimate, other.estimate)
+        comparison = change(one.estimate, other.estimate)
         kind = InputKind(one.origin["input"])
         joint = JointKind(one.origin.get("joint", JointKind.HINGE))
-        units = {each.name: unit_of(each.name, kind, joint) for each in found.parameters}
+        units = {
+            parameter.name: unit_of(parameter.name, kind, joint)
+            for parameter in comparison.parameters
+        }
         return cls(
             title=f"{other.origin['name']!r} after {one.origin['name']!r}",
             summary=(
-                _reserve(one, other) + _answer(found, units),
+                _reserve(one, other) + _answer(comparison, units),
                 *_warnings(one, other),
-                *_untested(found),
+                *_untested(comparison),
             ),
             content={
                 "identifications": [
                     {
-                        **{key: each.origin[key] for key in ("name", "input", "logs")},
-                        "estimator": each.estimator,
-                        **each.judged.numbers(),
+                        **{key: result.origin[key] for key in ("name", "input", "logs")},
+                        "estimator": result.estimator,
+                        **result.judged.numbers(),
                     }
-                    for each in (one, other)
+                    for result in (one, other)
                 ],
                 "rows": [
                     {
-                        "parameter": each.name,
-                        "before": each.before,
-                        "after": each.after,
-                        "change in %": 100 * each.relative,
-                        "lower": each.interval[0],
-                        "upper": each.interval[1],
-                        "standard_error": each.error,
-                        "probability": each.corrected,
-                        "detectable": each.detectable,
-                        "changed": each.changed,
-                        "unit": units[each.name],
+                        "parameter": parameter.name,
+                        "before": parameter.before,
+                        "after": parameter.after,
+                        "change in %": 100 * parameter.relative,
+                        "lower": parameter.interval[0],
+                        "upper": parameter.interval[1],
+                        "standard_error": parameter.error,
+                        "probability": parameter.corrected,
+                        "detectable": parameter.detectable,
+                        "changed": parameter.changed,
+                        "unit": units[parameter.name],
                     }
-                    for each in found.parameters
+                    for parameter in comparison.parameters
                 ],
             },
         )
@@ -94,7 +97,7 @@ class Changed(Answer):
         figure = rows_panel([row["parameter"] for row in rows], across, _ROW).add_scatter(
             x=moved,
             y=list(range(len(rows))),
-            error_x={"array": [most - own for most, own in zip(upper, moved, strict=True)]},
+            error_x={"array": [most - shift for most, shift in zip(upper, moved, strict=True)]},
             mode="markers",
             marker={"color": [PALETTE[5 if row["changed"] else 0] for row in rows], "size": 9},
         )
@@ -110,12 +113,12 @@ class Changed(Answer):
         least = min(seen, key=lambda name: seen[name], default="")
         moves = {name: abs(row["change in %"]) for name, row in sizes.items()}
         largest = max(moved, key=lambda name: moves.get(name, 0), default="")
-        found = [Fact("changed", f"{len(moved)} of {len(rows)}", ", ".join(moved) or "none")]
+        facts = [Fact("changed", f"{len(moved)} of {len(rows)}", ", ".join(moved) or "none")]
         if largest in sizes:
-            found.append(Fact("largest change", f"{sizes[largest]['change in %']:+.2g} %", largest))
+            facts.append(Fact("largest change", f"{sizes[largest]['change in %']:+.2g} %", largest))
         if least:
-            found.append(Fact("detectable change", percent(seen[least]), f"in {least}, the least"))
-        return found
+            facts.append(Fact("detectable change", percent(seen[least]), f"in {least}, the least"))
+        return facts
 
 
 def _is_relative(row: Mapping[str, Any]) -> bool:
@@ -141,45 +144,50 @@ def _shown(row: Mapping[str, Any]) -> dict[str, str]:
     }
 
 
-def _answer(found: Change, units: Mapping[str, str]) -> str:
+def _answer(comparison: Change, units: Mapping[str, str]) -> str:
     """State which parameters have changed."""
-    if found.changed:
-        moved = [_moved(each, units[each.name]) for each in found.changed]
-        if len(found.changed) < len(found.parameters):
+    if comparison.changed:
+        moved = [_moved(parameter, units[parameter.name]) for parameter in comparison.changed]
+        if len(comparison.changed) < len(comparison.parameters):
             moved.append("No other change is significant.")
         return " ".join(moved)
-    if not found.jointly_changed:
-        return f"No significant change.{_seen(found)}"
+    if not comparison.jointly_changed:
+        return f"No significant change.{_seen(comparison)}"
     together = (
         "The joint has changed: the parameters together differ significantly (p = "
-        f"{found.joint_probability:.1g}), though no single one does."
+        f"{comparison.joint_probability:.1g}), though no single one does."
     )
-    if found.ratio is None or not math.isfinite(found.ratio.relative):
+    if comparison.ratio is None or not math.isfinite(comparison.ratio.relative):
         return together
-    return f"{together} The clearest change: the ratio {found.ratio.name} {_by(found.ratio)}."
+    return (
+        f"{together} The clearest change: the ratio {comparison.ratio.name} "
+        f"{_by(comparison.ratio)}."
+    )
 
 
-def _moved(each: ParameterChange, unit: str) -> str:
+def _moved(parameter: ParameterChange, unit: str) -> str:
     """State the change of a parameter, and its values before and after."""
-    name = TERMS[each.name].called or each.name
-    one, other = (with_error(value, each.error) for value in (each.before, each.after))
-    return f"{name[0].upper()}{name[1:]} {_by(each)} (from {one} to {other} {unit})."
+    name = TERMS[parameter.name].called or parameter.name
+    one, other = (
+        with_error(value, parameter.error) for value in (parameter.before, parameter.after)
+    )
+    return f"{name[0].upper()}{name[1:]} {_by(parameter)} (from {one} to {other} {unit})."
 
 
-def _by(each: ParameterChange) -> str:
+def _by(parameter: ParameterChange) -> str:
     """State the change in per cent, if it is defined."""
-    if not math.isfinite(each.relative):
+    if not math.isfinite(parameter.relative):
         return "has changed"
-    grown = each.difference * each.before > 0
-    return f"has {'increased' if grown else 'decreased'} by {percent(abs(each.relative))}"
+    grown = parameter.difference * parameter.before > 0
+    return f"has {'increased' if grown else 'decreased'} by {percent(abs(parameter.relative))}"
 
 
-def _seen(found: Change) -> str:
+def _seen(comparison: Change) -> str:
     """State the smallest detectable changes."""
     sizes = sorted(
-        (each.detectable / abs(each.before), each.name)
-        for each in found.parameters
-        if math.isfinite(each.relative)
+        (parameter.detectable / abs(parameter.before), parameter.name)
+        for parameter in comparison.parameters
+        if math.isfinite(parameter.relative)
     )
     if not sizes:
         return ""
@@ -187,10 +195,10 @@ def _seen(found: Change) -> str:
     return f" Detectable with 80 % power: {listed(parts)}."
 
 
-def _untested(found: Change) -> list[str]:
+def _untested(comparison: Change) -> list[str]:
     """Name the parameters that were not compared, and why."""
-    sentences = [f"Not compared: {name} ({why})." for name, why in found.untested.items()]
-    if math.isnan(found.joint_probability) and len(found.parameters) > 1:
+    sentences = [f"Not compared: {name} ({why})." for name, why in comparison.untested.items()]
+    if math.isnan(comparison.joint_probability) and len(comparison.parameters) > 1:
         why = "too few logs to estimate the correlation of their errors"
         sentences.append(f"No joint test of all parameters: {why}.")
     return sentences
@@ -199,20 +207,20 @@ def _untested(found: Change) -> list[str]:
 def _reserve(*both: Identification) -> str:
     """Return a warning about results that must not be used; empty if there are none."""
     pairs = zip(_PLACES, both, strict=True)
-    places = [place for place, each in pairs if each.judged.level is Level.WARNING]
+    places = [place for place, result in pairs if result.judged.level is Level.WARNING]
     return f"Do not rely on this: do not use {listed(places)} result. " if places else ""
 
 
 def _warnings(*both: Identification) -> list[str]:
     """Name other possible causes of a difference."""
     sentences = [
-        f"Verdict on {place} result: {each.judged.lines[0]}"
-        for place, each in zip(_PLACES, both, strict=True)
-        if each.judged.level is not Level.GOOD
+        f"Verdict on {place} result: {result.judged.lines[0]}"
+        for place, result in zip(_PLACES, both, strict=True)
+        if result.judged.level is not Level.GOOD
     ]
-    one, other = (each.estimate for each in both)
+    one, other = (result.estimate for result in both)
     if both[0].estimator != both[1].estimator:
-        names = ", ".join(each.estimator for each in both)
+        names = ", ".join(result.estimator for result in both)
         sentences.append(f"Different estimators ({names}) may cause a difference.")
     terms = sorted(set(one.names) ^ set(other.names))
     if terms:
@@ -235,9 +243,9 @@ def _warnings(*both: Identification) -> list[str]:
     return sentences
 
 
-def _files(found: Identification) -> set[Path]:
+def _files(result: Identification) -> set[Path]:
     """Return the files of its logs, as far as they are known."""
-    manifest: dict[str, Any] | None = found.origin["manifest"]
+    manifest: dict[str, Any] | None = result.origin["manifest"]
     if manifest is None or manifest["root"] is None:
         return set()
     return {Path(manifest["root"]) / entry["file"] for entry in manifest["logs"]}

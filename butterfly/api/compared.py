@@ -48,39 +48,39 @@ class Compared(Tabulated):
         estimator: Estimator | None,
         compared: Sequence[ThreeWay],
         residuals: Residuals,
-        found: Estimate,
+        estimate: Estimate,
     ) -> Compared:
         """Tabulate logs, each simulated twice, and their residuals."""
         from butterfly.report.residual import residual_sentences  # noqa: PLC0415 - slow to import
         from butterfly.report.three_way_page import with_courses  # noqa: PLC0415 - slow to import
 
-        verdict, way = estimate_verdict(found), data.joint.way
+        verdict, way = estimate_verdict(estimate), data.joint.way
         judged = {log.name: log for log in residuals.logs}
-        own = tuple(judged[each.log.name] for each in compared)
+        log_residuals = tuple(judged[comparison.log.name] for comparison in compared)
         return cls(
             title=f"MuJoCo, grey-box model and logs of {data.name!r}",
             summary=(
                 *verdict.lines,
                 *_comparison_sentences(compared),
-                *residual_sentences(replace(residuals, logs=own)),
+                *residual_sentences(replace(residuals, logs=log_residuals)),
             ),
             judged=verdict,
             content={
-                **rests_on(data, found, estimator),
+                **rests_on(data, estimate, estimator),
                 "rows": [
                     {
-                        **about_log(each.log),
-                        **{f"FIT {name} in %": fit for name, fit in each.fits.items()},
-                        f"simulators apart in {way}": each.difference,
-                        **_responses(each),
+                        **about_log(comparison.log),
+                        **{f"FIT {name} in %": fit for name, fit in comparison.fits.items()},
+                        f"simulators apart in {way}": comparison.difference,
+                        **_responses(comparison),
                         **residual_row(log),
                     }
-                    for each, log in zip(compared, own, strict=True)
+                    for comparison, log in zip(compared, log_residuals, strict=True)
                 ],
-                "residuals": residual_numbers(residuals, found),
+                "residuals": residual_numbers(residuals, estimate),
             },
             units=residual_units(data.joint),
-            live=partial(with_courses, compared, own),
+            live=partial(with_courses, compared, log_residuals),
         )
 
     def shown_rows(self) -> list[dict[str, str]]:
@@ -103,20 +103,20 @@ class Compared(Tabulated):
     def facts(self) -> list[Fact]:
         """Return the numbers that matter most."""
         rows, way = self.rows(), JointKind(self.content["data"]["joint"]).way
-        apart = max(or_nan(row[f"simulators apart in {way}"]) for row in rows)
+        difference = max(or_nan(row[f"simulators apart in {way}"]) for row in rows)
         return [
             *self.fit_facts("FIT MuJoCo in %", "of MuJoCo"),
             *self.fit_facts("FIT grey box in %", "of the grey box"),
-            Fact("MuJoCo − grey box", f"{apart:.2g} {way}", "largest difference"),
+            Fact("MuJoCo − grey box", f"{difference:.2g} {way}", "largest difference"),
             Fact("logs compared", str(len(rows)), f"of {self.content['data']['logs']}"),
         ]
 
 
-def _responses(each: ThreeWay) -> dict[str, float]:
+def _responses(comparison: ThreeWay) -> dict[str, float]:
     """Return how the steady responses of the simulators differ from that of the log."""
     cells = {}
-    for name in each.fits:
-        gain = each.gains.get(name, complex(np.nan, np.nan))
+    for name in comparison.fits:
+        gain = comparison.gains.get(name, complex(np.nan, np.nan))
         cells[f"amplitude error {name} in %"] = float(100 * (np.abs(gain) - 1))
         cells[f"phase error {name} in °"] = float(np.degrees(np.angle(gain)))
     return cells
@@ -124,16 +124,19 @@ def _responses(each: ThreeWay) -> dict[str, float]:
 
 def _comparison_sentences(compared: Sequence[ThreeWay]) -> list[str]:
     """State the fit of both simulators, and the difference between them."""
-    apart = max(each.difference for each in compared)
+    difference = max(comparison.difference for comparison in compared)
     way = compared[0].log.added_mass.joint.way
-    fits = {key: np.array([each.fits[key] for each in compared]) for key in compared[0].fits}
-    said = ", ".join(
+    fits = {
+        key: np.array([comparison.fits[key] for comparison in compared]) for key in compared[0].fits
+    }
+    medians = ", ".join(
         f"{key} {np.median(fit):.2f} % (worst {fit.min():.2f} %)" for key, fit in fits.items()
     )
     return [
-        f"{counted(len(compared), 'log')}, same parameters and recorded input. Median FIT: {said}.",
-        f"Largest difference between the simulators: {apart:.2g} {way}, with MuJoCo as `run` steps "
-        "it; `export` measures its file in its own steps.",
+        f"{counted(len(compared), 'log')}, same parameters and recorded input. Median FIT: "
+        f"{medians}.",
+        f"Largest difference between the simulators: {difference:.2g} {way}, with MuJoCo as `run` "
+        "steps it; `export` measures its file in its own steps.",
     ]
 
 
@@ -150,13 +153,15 @@ class Leaderboard(Tabulated):
         sets = {entry.data: [e for e in entries if e.data == entry.data] for entry in entries}
         verdict = Verdict.of_several(
             {
-                f"{name}, {each.method}": estimate_verdict(each.estimate)
-                if each.estimate
-                else Verdict(Level.WARNING, (each.error,))
-                for name, (each, *_) in sets.items()
+                f"{name}, {entry.method}": estimate_verdict(entry.estimate)
+                if entry.estimate
+                else Verdict(Level.WARNING, (entry.error,))
+                for name, (entry, *_) in sets.items()
             }
         )
-        winners = {name: [each.method for each in equals(own)] for name, own in sets.items()}
+        winners = {
+            name: [entry.method for entry in equals(ranked)] for name, ranked in sets.items()
+        }
         return cls(
             title="Ranking of methods: " + ", ".join(sets),
             summary=(*verdict.lines, *map(_best_sentence, sets.values())),
@@ -169,7 +174,7 @@ class Leaderboard(Tabulated):
         """Return a row for each method on each data set, the best of each first."""
         rows = []
         for row in self.rows():
-            found = row.get("parameters") or {}
+            parameters = row.get("parameters") or {}
             fits = {
                 f"FIT {name.replace('_', ' ')}, {which} in %": fit_text(row[name][which])
                 if row[name]
@@ -177,7 +182,10 @@ class Leaderboard(Tabulated):
                 for name in ("held_out", "in_sample")
                 for which in ("median", "worst")
             }
-            values = {n: f"{found[n]['value']:#.4g}" if n in found else "–" for n in PARAMETERS[:5]}
+            values = {
+                n: f"{parameters[n]['value']:#.4g}" if n in parameters else "–"
+                for n in PARAMETERS[:5]
+            }
             rows.append(
                 {"estimator": row["method"], "data": row["data"], "verdict": row["verdict"] or "–"}
                 | fits
@@ -207,16 +215,16 @@ def _best_sentence(entries: Sequence[Entry]) -> str:
     how = f"{fit} ({best.left_out} at a time)"
     if len(equal) == 1:
         return f"{best.data}: {best.method} predicts held-out logs best, {how}."
-    names = " and ".join(each.method for each in equal)
+    names = " and ".join(entry.method for entry in equal)
     return f"{best.data}: no clear winner; {names} do not differ significantly, {how}."
 
 
 def _entry(entry: Entry) -> dict[str, Any]:
-    found: dict[str, Any] = {"verdict": None, "reasons": []}
+    numbers: dict[str, Any] = {"verdict": None, "reasons": []}
     if entry.estimate is not None:
-        found = estimate_verdict(entry.estimate).numbers() | estimate_numbers(entry.estimate)
+        numbers = estimate_verdict(entry.estimate).numbers() | estimate_numbers(entry.estimate)
     return {
-        **found,
+        **numbers,
         "data": entry.data,
         "method": entry.method,
         "left_out_together": entry.left_out or None,

@@ -75,7 +75,7 @@ class Run(_Done):
     table: ClassVar[str] = "estimates"
 
     identifications: Mapping[str, Identification]
-    """By estimator, of a single run; of one of a sweep only the estimates are kept."""
+    """By estimator, of a single run; empty for a run of a sweep, which saves estimates only."""
 
     @classmethod
     def of(
@@ -87,19 +87,19 @@ class Run(_Done):
         orbit: Mapping[str, Any] | None = None,
         **about: Any,  # noqa: ANN401 - of the experiment
     ) -> Run:
-        """Tell a record; ``identifications`` and the numbers of an ``orbit`` if they are there."""
+        """Tabulate the record of a run, with its ``identifications`` and ``orbit`` if known."""
         content = json.loads(record.to_json())
         for unsaid in ("schema", "digest", "versions"):
             del content[unsaid]
         notes, estimates = dict[str, Sequence[str]](), list[dict[str, Any]]()
-        for each in record.estimates:
-            found = identifications.get(each.estimator)
-            if found is not None:
-                estimates.append(found.to_dict())
-                notes[each.estimator] = found.paragraphs()[len(found.verdict) :]
-            elif each.estimate is not None:
-                estimates.append(_numbers(each, each.estimate))
-                notes[each.estimator] = estimate_notes(each.estimate)
+        for entry in record.estimates:
+            identification = identifications.get(entry.estimator)
+            if identification is not None:
+                estimates.append(identification.to_dict())
+                notes[entry.estimator] = identification.paragraphs()[len(identification.verdict) :]
+            elif entry.estimate is not None:
+                estimates.append(_numbers(entry, entry.estimate))
+                notes[entry.estimator] = estimate_notes(entry.estimate)
         orbit = content["orbit"] if orbit is None else orbit
         notes[_NEAR_ORBIT] = (orbit or {}).get("summary", ())
         alone = Verdict.of_numbers(orbit) if orbit and not estimates else None
@@ -109,13 +109,17 @@ class Run(_Done):
             judged=judged,
             summary=(
                 *(judged.lines if judged else ()),
-                *(f"{each.estimator}: {each.error}" for each in record.estimates if each.error),
-                *(f"{name}: " * several + text for name, own in notes.items() for text in own),
+                *(f"{entry.estimator}: {entry.error}" for entry in record.estimates if entry.error),
                 *(
-                    f"{each.estimator}: held-out logs, median FIT{fit.over} "
+                    f"{name}: " * several + text
+                    for name, sentences in notes.items()
+                    for text in sentences
+                ),
+                *(
+                    f"{entry.estimator}: held-out logs, median FIT{fit.over} "
                     f"{fit_text(fit.median)} % (worst {fit_text(fit.worst)} %)."
-                    for each in record.estimates
-                    if (fit := each.held_out) is not None
+                    for entry in record.estimates
+                    if (fit := entry.held_out) is not None
                 ),
             ),
             content={
@@ -124,9 +128,9 @@ class Run(_Done):
                 "made_with": record.versions,
                 "estimates": estimates,
                 "refused": [
-                    {"estimator": each.estimator, "error": each.error}
-                    for each in record.estimates
-                    if each.estimate is None
+                    {"estimator": entry.estimator, "error": entry.error}
+                    for entry in record.estimates
+                    if entry.estimate is None
                 ],
                 "orbit": orbit,
             },
@@ -137,17 +141,22 @@ class Run(_Done):
     @classmethod
     def from_dict(cls, content: Mapping[str, Any], **more: Any) -> Self:  # noqa: ANN401 - own fields
         """Return the result of `to_dict`'s values (see `Answer.from_dict` for what is raised)."""
-        found = [Identification.from_dict(each) for each in content["estimates"] if "fits" in each]
-        named = {each.estimator: each for each in found}
+        results = [
+            Identification.from_dict(estimate)
+            for estimate in content["estimates"]
+            if "fits" in estimate
+        ]
+        named = {result.estimator: result for result in results}
         return super().from_dict(content, identifications=named, **more)
 
     def rows(self) -> list[dict[str, Any]]:
         """Return the parameters of each estimate."""
         columns = ("value", "standard_error", "lower", "upper", "unit")
         return [
-            {"estimator": each["estimator"], "parameter": name} | {key: row[key] for key in columns}
-            for each in self.content["estimates"]
-            for name, row in each["parameters"].items()
+            {"estimator": estimate["estimator"], "parameter": name}
+            | {key: row[key] for key in columns}
+            for estimate in self.content["estimates"]
+            for name, row in estimate["parameters"].items()
         ]
 
     def further(self) -> list[PageTable]:
@@ -159,12 +168,15 @@ class Run(_Done):
         settings |= {f"seconds, {name}": f"{s:.3g}" for name, s in about["seconds"].items()}
         settings |= {f"version, {name}": text for name, text in about["made_with"].items()}
         tables = [PageTable("", (), [*settings.items()], detail=bool(self.identifications))]
-        for each in about["estimates"]:
-            name, rows = each["estimator"], each["parameters"].values()
-            found = self.identifications.get(name)
-            own = [values_table(name, [Parameter(**row) for row in rows])]
-            tables += own if found is None else found.tables()
-        return [*tables, *(PageTable(**each) for each in (about["orbit"] or {}).get("tables", []))]
+        for estimate in about["estimates"]:
+            name, rows = estimate["estimator"], estimate["parameters"].values()
+            identification = self.identifications.get(name)
+            values = [values_table(name, [Parameter(**row) for row in rows])]
+            tables += values if identification is None else identification.tables()
+        return [
+            *tables,
+            *(PageTable(**table) for table in (about["orbit"] or {}).get("tables", [])),
+        ]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -177,8 +189,8 @@ class Sweep(_Done):
     @classmethod
     def from_dict(cls, content: Mapping[str, Any], **more: Any) -> Self:  # noqa: ANN401 - own fields
         """Return the result of `to_dict`'s values (see `Answer.from_dict`)."""
-        said = f"{content['ok']} runs done, {content['unsuccessful']} failed."
-        return super().from_dict(content, **{"note": said, **more})
+        note = f"{content['ok']} runs done, {content['unsuccessful']} failed."
+        return super().from_dict(content, **{"note": note, **more})
 
     @property
     def unsuccessful(self) -> int:
@@ -187,7 +199,7 @@ class Sweep(_Done):
 
     def further(self) -> list[PageTable]:
         """Return the tables of its report."""
-        return [PageTable(**each) for each in self.content["tables"]]
+        return [PageTable(**table) for table in self.content["tables"]]
 
 
 @checked
@@ -276,13 +288,13 @@ def run(
     tasks = chosen_of(plan.tasks, only)  # what cannot be done leaves nothing behind
     ResultStore(folder).require_own()
     if plan.experiment.sweep is None and engine == "local":
-        kept = None if force else ResultStore(folder).latest(tasks[0].key)
-        if kept is not None and kept.status == REFUSED:
-            raise ButterflyError(kept.reason)
-        if kept is not None and kept.status == OK:
+        record = None if force else ResultStore(folder).latest(tasks[0].key)
+        if record is not None and record.status == REFUSED:
+            raise ButterflyError(record.reason)
+        if record is not None and record.status == OK:
             content = read_saved(folder / RESULT)
             note = "This run was already done; --force repeats it."
-            return Run.from_dict(content, note=note, reports=_reports(folder, kept))
+            return Run.from_dict(content, note=note, reports=_reports(folder, record))
         with call(folder=folder):
             return _run_once(plan, source, folder, jobs=jobs, figures=figures, track=track)
     workers: Engine = LocalEngine(jobs) if engine == "local" else DaskEngine(scheduler, jobs)
@@ -307,7 +319,7 @@ def _run_once(
 ) -> Run:
     """Do a single run in this process, on all cores, and write its results."""
     store, experiment, (task,) = ResultStore(folder), plan.experiment, plan.tasks
-    kept = keep_experiment(source, folder)
+    names = keep_experiment(source, folder)
     store.begin_sweep(sweep_record(plan))
     result = perform(experiment, threads=jobs, track=track)
     written = _write_logs(experiment, result, folder)
@@ -315,9 +327,11 @@ def _run_once(
     store.write(outcome)
     record, identified = outcome.record, result.identifications
     truth, reports = experiment.plant.robot.lumped, _reports(folder, record)
-    answers = {name: Identification.of(found) for name, found in identified.items()}
-    for path, found in zip(reports, answers.values(), strict=False):
-        found.report(path, figures=figures)
+    answers = {
+        name: Identification.of(identification) for name, identification in identified.items()
+    }
+    for path, answer in zip(reports, answers.values(), strict=False):
+        answer.report(path, figures=figures)
     orbit = None
     if result.orbit is not None:
         carried = result.orbit.calibration.rounds[0].logs[0].added_mass
@@ -339,8 +353,8 @@ def _run_once(
         truth=lumped_numbers(truth, experiment.input_kind),
     )
     done.save(folder / RESULT)
-    beside = digests(folder, [*kept, RESULT, *written, *(path.name for path in reports)])
-    store.end_sweep(replace(sweep_record(plan), beside=beside))
+    hashes = digests(folder, [*names, RESULT, *written, *(path.name for path in reports)])
+    store.end_sweep(replace(sweep_record(plan), beside=hashes))
     if result.error is not None:
         raise result.error
     return replace(done, reports=reports)
@@ -355,8 +369,8 @@ def _write_logs(experiment: Experiment, result: RunResult, folder: Path) -> list
     study = result.orbit
     held = {} if study is None else {"": study.calibration, "also_": study.also}
     for prefix, calibration in held.items():
-        for number, each in enumerate(calibration.rounds if calibration else ()):
-            for part, log in enumerate(each.logs):
+        for number, iteration in enumerate(calibration.rounds if calibration else ()):
+            for part, log in enumerate(iteration.logs):
                 written.append(f"{prefix}round{number}_run{part}.mat")
                 write_mat(log, folder / written[-1])
     return written
@@ -372,13 +386,13 @@ def _reports(folder: Path, record: RunRecord) -> tuple[Path, ...]:
 
 def _verdict(record: RunRecord) -> Verdict | None:
     """Return the worst verdict on the estimates of a run; None if there is none."""
-    found = {e.estimator: estimate_verdict(e.estimate) for e in record.estimates if e.estimate}
+    verdicts = {e.estimator: estimate_verdict(e.estimate) for e in record.estimates if e.estimate}
     if record.orbit is not None and record.orbit.verdict is not None:
         level = Level.of_verdict(record.orbit.verdict)
-        found[_NEAR_ORBIT] = Verdict(level, ("see the orbit's findings.",))
-    if len(found) == 1:
-        return next(iter(found.values()))
-    return Verdict.of_several(found) if found else None
+        verdicts[_NEAR_ORBIT] = Verdict(level, ("see the orbit's findings.",))
+    if len(verdicts) == 1:
+        return next(iter(verdicts.values()))
+    return Verdict.of_several(verdicts) if verdicts else None
 
 
 def _numbers(record: EstimateRecord, estimate: Estimate) -> dict[str, Any]:

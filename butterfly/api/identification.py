@@ -78,13 +78,15 @@ class Identification(Identified, Result):
     """What a file said that needs the logs: summary, options, other parameters, residuals."""
 
     @classmethod
-    def of(cls, found: Identified) -> Identification:
-        """Return what was learnt as a result."""
-        return cls(**{each.name: getattr(found, each.name) for each in fields(Identified)})
+    def of(cls, identified: Identified) -> Identification:
+        """Return the result of an identification."""
+        return cls(
+            **{member.name: getattr(identified, member.name) for member in fields(Identified)}
+        )
 
     @classmethod
     def from_dict(cls, content: dict[str, Any]) -> Identification:
-        """Return what `to_dict` gave (see `Estimate.from_dict` for what is raised)."""
+        """Return the result of `to_dict`'s values (see `Estimate.from_dict` for what is raised)."""
         origin = dict(content["data"])
         InputKind(origin["input"])
         JointKind(origin.get("joint", JointKind.HINGE))
@@ -97,8 +99,8 @@ class Identification(Identified, Result):
         if not content["fits"]:
             raise ValueError("no logs")
         of_logs: dict[str, Any] = {name: _fits(content.get(name, {})) for name in _OF_LOGS}
-        true = {name: each["value"] for name, each in content.get("truth", {}).items()}
-        found = cls(
+        true = {name: parameter["value"] for name, parameter in content.get("truth", {}).items()}
+        result = cls(
             estimate=Estimate.from_dict(content).usable,
             estimator=text(content["estimator"]),
             origin=origin | {"name": text(origin["name"])},
@@ -107,18 +109,18 @@ class Identification(Identified, Result):
             truth=LumpedParameters(**true) if true else None,
             saved={key: content[key] for key in _SAVED if key in content},
         )
-        found.separated()  # these fail where something names what there is not
-        finding_numbers(found.estimate.findings, found.estimate)
-        estimate_sentences(found.estimate)
-        return found
+        result.separated()  # these three raise where a file names something that it does not hold
+        finding_numbers(result.estimate.findings, result.estimate)
+        estimate_sentences(result.estimate)
+        return result
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as JSON can hold it, beside the truth if that is known (see `Result`)."""
+        """Return the result as a JSON document, with the true values if known (see `Result`)."""
         estimate, basis = self.estimate, self.basis()
-        of_logs = {key: each for key, each in self.saved.items() if key != "summary"}
+        of_logs = {key: value for key, value in self.saved.items() if key != "summary"}
         if self.logs is not None:
             of_logs = {
-                "against": [each.numbers(estimate) for each in self.comparisons],
+                "against": [comparison.numbers(estimate) for comparison in self.comparisons],
                 "residuals": residual_numbers(self.residuals, estimate),
             }
         return document(
@@ -141,9 +143,9 @@ class Identification(Identified, Result):
 
     @checked
     def save(self, path: str | PathLike[str]) -> None:
-        """Write the result as JSON, which `butterfly.load` reads, with the place of its logs.
+        """Write the result as JSON for `butterfly.load`, with the folder of its logs.
 
-        That is relative to the folder of the file, if they lie below.
+        The folder is written relative to that of the file if it lies below.
         """
         content, manifest = self.to_dict(), self.origin["manifest"]
         folder = Path(path).resolve().parent
@@ -178,8 +180,8 @@ class Identification(Identified, Result):
         """Return a row for each parameter: value, standard error, 95 % interval, unit."""
         columns = ("value", "standard_error", "lower", "upper", "unit")
         return [
-            {"parameter": each.name, **{name: getattr(each, name) for name in columns}}
-            for each in self.estimate.table()
+            {"parameter": parameter.name, **{name: getattr(parameter, name) for name in columns}}
+            for parameter in self.estimate.table()
         ]
 
     def shown_rows(self) -> list[dict[str, str]]:
@@ -202,9 +204,9 @@ class Identification(Identified, Result):
 
     def __repr__(self) -> str:
         estimate = self.estimate
-        said = {n: f"{value:.4g}" for n, value in estimate.named.items()}
-        said |= dict.fromkeys(estimate.open, "open")
-        values = ", ".join(f"{n} {value}" for n, value in said.items())
+        entries = {n: f"{value:.4g}" for n, value in estimate.named.items()}
+        entries |= dict.fromkeys(estimate.open, "open")
+        values = ", ".join(f"{n} {value}" for n, value in entries.items())
         return visible(f"<Identification: {self.title}{self._unless_good()}: {values}>")
 
     @property
@@ -214,7 +216,7 @@ class Identification(Identified, Result):
 
     @property
     def model(self) -> IdentifiedModel:
-        """The robot that they make."""
+        """The joint with the identified parameters."""
         require_values(self.estimate, "a model of the joint")
         return IdentifiedModel(self.parameters, self.estimate.joint, self)
 
@@ -266,12 +268,12 @@ class Identification(Identified, Result):
         try:
             _ = self.data
         except InputError as error:
-            said = f"Without figures: the logs cannot be read ({error})."
+            note = f"Without figures: the logs cannot be read ({error})."
         else:
             return identification_page(self, self.notes, facts, numbers)
         sections = [Section(title=t.title, tables=(t.on_page(),)) for t in self.tables()[1:]]
         first = first_screen(self, facts)
-        return replace(first, summary=[said, *self.notes], sections=sections, numbers=numbers)
+        return replace(first, summary=[note, *self.notes], sections=sections, numbers=numbers)
 
 
 @dataclass(frozen=True)

@@ -60,13 +60,13 @@ class RobotModel(Answer):
     @classmethod
     def from_dict(cls, content: Mapping[str, Any], **more: Any) -> Self:  # noqa: ANN401 - own fields
         """Return the result of `to_dict`'s values (see `Answer.from_dict`)."""
-        for name, said in content["listed"]:
-            text(name), text(said)
+        for name, value in content["listed"]:
+            text(name), text(value)
         return super().from_dict(content, **more)
 
     def tables(self) -> list[PageTable]:
         """Return its parts, and its lumped parameters with the added mass."""
-        return [PageTable("", (), tuple((name, said) for name, said in self.content["listed"]))]
+        return [PageTable("", (), tuple((name, value) for name, value in self.content["listed"]))]
 
     @classmethod
     def of(
@@ -83,7 +83,7 @@ class RobotModel(Answer):
         resonance, numbers = resonance_frequency(loaded), lumped_numbers(loaded, kind)
         parts = {part: getattr(robot, part) for part in PARTS}
         pairs = [
-            *((part, _numbers_of(each)) for part, each in parts.items()),
+            *((part, _numbers_of(component)) for part, component in parts.items()),
             ("added mass", str(carried) if carried.mass else "none"),
             *((name, "{value:.6g} {unit}".format(**numbers[name])) for name in PARAMETERS[:4]),
             ("resonance", f"{resonance:.5g} rad/s"),
@@ -97,15 +97,15 @@ class RobotModel(Answer):
                 **besides,
                 "carried": {"mass": carried.mass, "arm": carried.arm},
                 **{
-                    part: each
+                    part: component
                     and {
                         name: {
                             "value": value,
                             "unit": "Ohm" if name == "resistance" else field_unit(f"robot.{name}"),
                         }
-                        for name, value in asdict(each).items()
+                        for name, value in asdict(component).items()
                     }
-                    for part, each in parts.items()
+                    for part, component in parts.items()
                 },
                 "loaded": numbers,
                 "rows": [
@@ -126,9 +126,11 @@ def _numbers_of(part: Any) -> str:  # noqa: ANN401 - any part of a robot
     if part is None:
         return "rigid"
     named = (
-        f"{each.name} {getattr(part, each.name):.6g} {field_unit(f'part.{each.name}')}".rstrip(" –")
-        for each in fields(part)
-        if getattr(part, each.name) != each.default
+        f"{field.name} {getattr(part, field.name):.6g} {field_unit(f'part.{field.name}')}".rstrip(
+            " –"
+        )
+        for field in fields(part)
+        if getattr(part, field.name) != field.default
     )
     return ", ".join(named) or "none"
 
@@ -182,7 +184,7 @@ def inspect(
     if len(seen) == 1 and seen[0].log is None:
         ((_, recorded),) = read_pieces(part, part.logs[0])
         examine(recorded, part.repair)  # raises with the reason
-    usable = [each.log for each in seen if each.log is not None]
+    usable = [inspected.log for inspected in seen if inspected.log is not None]
     held = set[int]()
     for pattern in part.holdout:
         with suppress(InputError):  # it names no usable log

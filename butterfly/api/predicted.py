@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     import control
     import mujoco
 
-_DEFAULTS = {each.name: each.default for each in fields(LumpedParameters)}
+_DEFAULTS = {field.name: field.default for field in fields(LumpedParameters)}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -48,9 +48,11 @@ class Drawn(Tabulated):
     """The identification; None for loaded draws."""
 
     @classmethod
-    def of(cls, draws: ParameterDraws, found: Identification, more: Sequence[str]) -> Drawn:
+    def of(
+        cls, draws: ParameterDraws, identification: Identification, more: Sequence[str]
+    ) -> Drawn:
         """Tabulate draws from an identification; ``more`` goes to the summary."""
-        estimate, kind = draws.estimate, InputKind(found.origin["input"])
+        estimate, kind = draws.estimate, InputKind(identification.origin["input"])
         fixed = [
             key
             for key, value in estimate.fixed.items()
@@ -61,14 +63,14 @@ class Drawn(Tabulated):
         columns = [*estimate.names, *(key for key in fixed if key not in estimate.names)]
         units = {key: unit_of(key, kind, estimate.joint) for key in columns}
         return cls(
-            found=found,
-            title=f"{len(draws.values)} parameter draws from {found.title}",
-            summary=(*found.judged.lines, *more, *estimate_notes(estimate)),
-            judged=found.judged,
+            found=identification,
+            title=f"{len(draws.values)} parameter draws from {identification.title}",
+            summary=(*identification.judged.lines, *more, *estimate_notes(estimate)),
+            judged=identification.judged,
             units={f"rows.{name}": unit for name, unit in units.items()},
             content={
                 "joint": str(estimate.joint),
-                "rows": [{key: getattr(each, key) for key in columns} for each in draws.parameters],
+                "rows": [{key: getattr(draw, key) for key in columns} for draw in draws.parameters],
             },
         )
 
@@ -150,8 +152,8 @@ class Drawn(Tabulated):
         from butterfly.model.control_bridge import discretised, linearised  # noqa: PLC0415 - slow to import
 
         if step is None:
-            return [linearised(each, added_mass, angle=angle) for each in self.parameters]
-        return [discretised(each, step, added_mass, angle=angle) for each in self.parameters]
+            return [linearised(draw, added_mass, angle=angle) for draw in self.parameters]
+        return [discretised(draw, step, added_mass, angle=angle) for draw in self.parameters]
 
     def batch(self, added_mass: AddedMass = NO_ADDED_MASS, **how: Any) -> list[mujoco.MjModel]:  # noqa: ANN401 - see `models`
         """Return compiled `models` for ``mujoco.rollout.rollout(batch, data, states)``.
@@ -203,7 +205,7 @@ class Predicted(Tabulated):
             content={
                 "data": {"name": name, "input": str(log.input_kind), "logs": len(predictions)},
                 **estimate_numbers(estimate),
-                "rows": [_row(each, measured=measured) for each in predictions],
+                "rows": [_row(prediction, measured=measured) for prediction in predictions],
             },
             predictions=tuple(predictions),
             drawn=drawn,
@@ -250,20 +252,22 @@ def _followed(
         within = over_segments(horizon)
         longer = f" The logs were followed{within}: a longer run may drift away." if within else ""
         return [f"{count} simulated from rest; there is no measurement to compare with.{longer}"]
-    fits = np.array([each.run.fit for each in predictions])
-    whole = WholeRuns.of([(each.run.log, each.setting) for each in predictions])
+    fits = np.array([prediction.run.fit for prediction in predictions])
+    whole = WholeRuns.of([(prediction.run.log, prediction.setting) for prediction in predictions])
     fit = FitSummary.of(fits, predictions[0].run.horizon, whole)
     start = "in segments, each from a fitted start" if fit.over else "from the initial angle"
     sentences = [
         f"{count} predicted {start}: median FIT{fit.over} {fit_text(fit.median)} % (mean "
         f"{fit_text(fit.mean)} %, worst {fit_text(fit.worst)} %). {fit.holds}".rstrip()
     ]
-    sizes = [each.samples.size for each in predictions]
+    sizes = [prediction.samples.size for prediction in predictions]
     shares = {
-        name: [each.bands[name].share(each.measured) for each in predictions]
+        name: [prediction.bands[name].share(prediction.measured) for prediction in predictions]
         for name in predictions[0].bands
     }
-    inside = {name: 100 * np.average(each, weights=sizes) for name, each in shares.items()}
+    inside = {
+        name: 100 * np.average(fractions, weights=sizes) for name, fractions in shares.items()
+    }
     if OF_NEW_LOG in inside:
         share, worst = min(zip(shares[OF_NEW_LOG], predictions, strict=True), key=itemgetter(0))
         least = (

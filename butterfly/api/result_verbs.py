@@ -110,22 +110,22 @@ def predict(
             raise IdentifiabilityError(why)
         sentences = _of_gain(given, estimate, whole)
     else:
-        found = _identified(result)
-        require_values(found.estimate, "a prediction")
-        own = found.origin["input"]
-        if source.input_kind not in {own, InputKind.NONE}:
-            expected = f"{own}, the input kind of the identification"
+        identification = _identified(result)
+        require_values(identification.estimate, "a prediction")
+        kind = identification.origin["input"]
+        if source.input_kind not in {kind, InputKind.NONE}:
+            expected = f"{kind}, the input kind of the identification"
             raise InputError("predict", "input", str(source.input_kind), expected)
-        estimate = found.estimate
+        estimate = identification.estimate
         if bands is not False:
-            open_draws, seen, said = _left_open(found, masses, draws, seed)
-            sentences = (f"{draws} parameter draws, all with the same weight.", *said)
+            open_draws, seen, remarks = _left_open(identification, masses, draws, seed)
+            sentences = (f"{draws} parameter draws, all with the same weight.", *remarks)
             if seen is None:
                 sentences = (*sentences, _NO_ERRORS)
             else:
                 errors = expected_errors(seen, estimate)
                 sentences = (*sentences, _of_errors(errors), *_beyond(seen.masses, logs))
-            drawn = Drawn.of(open_draws, found, sentences)
+            drawn = Drawn.of(open_draws, identification, sentences)
     predictions = predict_logs(
         logs, estimate, setting, draws=open_draws, errors=errors, track=track
     )
@@ -152,12 +152,12 @@ def draws(result: Identification | Named, n: int = BAND_DRAWS, seed: int = 0) ->
     seed
         Random seed.
     """
-    found = _identified(result)
-    require_values(found.estimate, "a draw")
+    identification = _identified(result)
+    require_values(identification.estimate, "a draw")
     if n < 1:
         raise InputError("draws", "n", n, "1 or more")
-    drawn, _, said = _left_open(found, (), max(n, LEAST), seed)
-    return Drawn.of(replace(drawn, values=drawn.values[:n]), found, said)
+    drawn, _, remarks = _left_open(identification, (), max(n, LEAST), seed)
+    return Drawn.of(replace(drawn, values=drawn.values[:n]), identification, remarks)
 
 
 @checked
@@ -169,22 +169,22 @@ def changed(before: Identification | Named, after: Identification | Named) -> Ch
     before, after
         Each an `Identification` or its saved file.
     """
-    one, other = (_identified(each, "changed") for each in (before, after))
+    one, other = (_identified(result, "changed") for result in (before, after))
     return Changed.of(one, other)
 
 
 def _left_open(
-    found: Identification, masses: Iterable[AddedMass], count: int, seed: int
+    identification: Identification, masses: Iterable[AddedMass], count: int, seed: int
 ) -> tuple[ParameterDraws, DataSet | None, list[str]]:
     """Return draws that make a joint with all masses, the logs, and what to say."""
-    data, said = None, []
+    data, remarks = None, []
     try:
-        data = found.data
+        data = identification.data
     except InputError as error:
-        said = [f"The logs cannot be read ({error}): their added masses do not limit the draws."]
-    own = data.masses if data else []
-    drawn = draw_parameters(found.estimate, count, masses=[*masses, *own], seed=seed)
-    return drawn, data, said
+        remarks = [f"The logs cannot be read ({error}): their added masses do not limit the draws."]
+    logged = data.masses if data else []
+    drawn = draw_parameters(identification.estimate, count, masses=[*masses, *logged], seed=seed)
+    return drawn, data, remarks
 
 
 def _of_gain(
@@ -199,12 +199,12 @@ def _of_gain(
 
 
 def _of_errors(errors: Sequence[ExpectedErrors]) -> str:
-    unseen, count = sum(each.held_out for each in errors), len(errors)
-    said = f"The band of a new log comes from the errors of {count} logs"
+    unseen, count = sum(error.held_out for error in errors), len(errors)
+    clause = f"The band of a new log comes from the errors of {count} logs"
     if unseen == count:
-        return f"{said}, each predicted with its added mass held out."
+        return f"{clause}, each predicted with its added mass held out."
     fitted = "each" if not unseen else f"{count - unseen} of them"
-    return f"{said}, {fitted} fitted with its added mass: it may be too narrow for another mass."
+    return f"{clause}, {fitted} fitted with its added mass: it may be too narrow for another mass."
 
 
 def _beyond(seen: Sequence[AddedMass], logs: Iterable[Log]) -> list[str]:
@@ -224,11 +224,11 @@ def _beyond(seen: Sequence[AddedMass], logs: Iterable[Log]) -> list[str]:
 
 
 def _identified(result: Identification | Named, verb: str = "predict") -> Identification:
-    found = load(result) if isinstance(result, str | PathLike) else result
-    if not isinstance(found, Identification):
+    identification = load(result) if isinstance(result, str | PathLike) else result
+    if not isinstance(identification, Identification):
         expected = "an identification or its saved file"
-        raise InputError(verb, "result", type(found).__name__, expected)
-    return found
+        raise InputError(verb, "result", type(identification).__name__, expected)
+    return identification
 
 
 def _source(data: Any) -> DataSet | Experiment:  # noqa: ANN401 - whatever was given

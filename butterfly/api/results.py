@@ -121,8 +121,8 @@ class Validated(Tabulated):
                 "left_out_together": held.division.left_out,
                 "left_out": [
                     part
-                    for name, found in held.estimates.items()
-                    for part in left_out_content(found.names, {name: found.values})
+                    for name, estimate in held.estimates.items()
+                    for part in left_out_content(estimate.names, {name: estimate.values})
                 ],
                 "fit": {"seen": within.numbers(), "left_out": without.numbers()},
                 "held_out": unused,
@@ -147,16 +147,18 @@ class Validated(Tabulated):
             content["left_out_together"]: [row[_HELD_OUT] for row in rows],
             "held out by name": [*content["held_out"].values()],
         }
-        lines = [(name, *_fit_cells(each)) for name, each in fits.items() if each]
-        found = {name: row["value"] for name, row in content["parameters"].items()}
-        found |= content["unestimated"]
-        whole = {name: found[name] for name in content["covariance"]["names"]}
+        lines = [(name, *_fit_cells(column)) for name, column in fits.items() if column]
+        values = {name: row["value"] for name, row in content["parameters"].items()}
+        values |= content["unestimated"]
+        whole = {name: values[name] for name in content["covariance"]["names"]}
         left_out = {part["without"]: part["values"] for part in content["left_out"]}
         parts = {"nothing": whole, **left_out}
         kind, joint = InputKind(about["input"]), JointKind(about["joint"])
-        units = {name: unit_of(name, kind, joint) for each in parts.values() for name in each}
+        units = {
+            name: unit_of(name, kind, joint) for estimate in parts.values() for name in estimate
+        }
         estimates = [
-            (name, *(cell_text(own.get(name)) for own in parts.values()), unit)
+            (name, *(cell_text(estimate.get(name)) for estimate in parts.values()), unit)
             for name, unit in units.items()
         ]
         title = f"{about['name']}: FIT in %{FitSummary(**content['fit']['seen']).over}"
@@ -167,8 +169,8 @@ class Validated(Tabulated):
         ]
         if content["bootstrap"]:
             drawn = [
-                (name, *_in_interval(whole[name], own["lower"], own["upper"]), units[name])
-                for name, own in content["bootstrap"].items()
+                (name, *_in_interval(whole[name], bounds["lower"], bounds["upper"]), units[name])
+                for name, bounds in content["bootstrap"].items()
             ]
             headers = ("", "estimate", "lower", "upper", "unit")
             tables.append(PageTable("95 % intervals by bootstrap over logs", headers, drawn))
@@ -194,10 +196,10 @@ def _fit_cells(fits: Sequence[float | None]) -> tuple[str, ...]:
     return (*map(fit_text, numbers), f"{sum(fit > _WELL for fit in known)} of {len(known)}")
 
 
-def _in_interval(*found: float | None) -> list[str]:
+def _in_interval(*numbers: float | None) -> list[str]:
     """Return a value, and the limits of its interval, to the digits that tell them apart."""
-    value, lower, upper = map(or_nan, found)
-    return [with_error(each, (upper - lower) / 4) for each in (value, lower, upper)]
+    value, lower, upper = map(or_nan, numbers)
+    return [with_error(number, (upper - lower) / 4) for number in (value, lower, upper)]
 
 
 class Designed(Tabulated):
@@ -211,38 +213,38 @@ class Designed(Tabulated):
         cls,
         data: DataSet,
         estimator: Estimator | None,
-        found: Estimate,
+        estimate: Estimate,
         ranked: Sequence[Plan[Candidate]],
         *,
         goal: float,
         now: float,
     ) -> Designed:
         """Tabulate candidates; ``goal``: share asked for, ``now``: the largest half-width's."""
-        verdict = estimate_verdict(found)
+        verdict = estimate_verdict(estimate)
         rows = [
             {
-                "added mass": str(each.recipe.log.added_mass),
-                "input": each.recipe.what,
-                f"swing in {data.joint.way}": each.recipe.swing,
-                "runs": each.runs,
-                "robot time in s": round(each.seconds),
-                "reached in %": 100 * goal * each.expected[1],
-                **dict(zip(found.names, map(float, each.errors), strict=True)),
-                "warning": each.recipe.warning,
+                "added mass": str(plan.recipe.log.added_mass),
+                "input": plan.recipe.what,
+                f"swing in {data.joint.way}": plan.recipe.swing,
+                "runs": plan.runs,
+                "robot time in s": round(plan.seconds),
+                "reached in %": 100 * goal * plan.expected[1],
+                **dict(zip(estimate.names, map(float, plan.errors), strict=True)),
+                "warning": plan.recipe.warning,
             }
-            for each in ranked
+            for plan in ranked
         ]
         return cls(
             title=f"Next runs for {data.name!r}: standard errors after one over the present ones",
-            summary=(*verdict.lines, next_run_text(ranked[0], found.names, goal, now)),
+            summary=(*verdict.lines, next_run_text(ranked[0], estimate.names, goal, now)),
             judged=verdict,
             content={
-                **rests_on(data, found, estimator),
+                **rests_on(data, estimate, estimator),
                 "goal": goal,
                 "half_width": now,
                 "rows": rows,
             },
-            units={f"rows.{name}": "1" for name in found.names},
+            units={f"rows.{name}": "1" for name in estimate.names},
         )
 
     def shown_rows(self) -> list[dict[str, str]]:
@@ -280,26 +282,28 @@ class Selection(Tabulated):
         candidates: Sequence[str],
         passed: Sequence[Structure],
         *,
-        found: Estimate,
+        estimate: Estimate,
         nested: CrossValidation | None = None,
     ) -> Selection:
         """Tabulate the sets of terms tried; the last one is chosen."""
-        verdict = estimate_verdict(found)
+        verdict = estimate_verdict(estimate)
         return cls(
             title=f"Terms chosen for {data.name!r} by {estimator.method}",
             summary=(*verdict.lines, *selection_texts(passed, nested)),
             judged=verdict,
             content={
-                **rests_on(data, found, estimator),
+                **rests_on(data, estimate, estimator),
                 "candidates": list(candidates),
                 "rows": [
                     {
-                        "terms": list(each.terms),
-                        "in_sample": each.in_sample.numbers(),
-                        "left_out": {str(k): fit.numbers() for k, fit in each.held_out.items()},
-                        "gain": None if each.gain is None else each.gain._asdict(),
+                        "terms": list(structure.terms),
+                        "in_sample": structure.in_sample.numbers(),
+                        "left_out": {
+                            str(k): fit.numbers() for k, fit in structure.held_out.items()
+                        },
+                        "gain": None if structure.gain is None else structure.gain._asdict(),
                     }
-                    for each in passed
+                    for structure in passed
                 ],
                 "nested": None if nested is None else nested.mean._asdict(),
             },
@@ -338,24 +342,24 @@ class Residual(Tabulated):
 
     @classmethod
     def of(
-        cls, data: DataSet, estimator: Estimator | None, found: Estimate, chosen: Sequence[int]
+        cls, data: DataSet, estimator: Estimator | None, estimate: Estimate, chosen: Sequence[int]
     ) -> Residual:
         """Analyse the residuals of an estimate, and tabulate those of the chosen logs."""
         from butterfly.report.residual import residual_sentences, with_residual_figures  # noqa: PLC0415 - slow to import
 
-        verdict, residuals = estimate_verdict(found), residuals_of(data, found)
+        verdict, residuals = estimate_verdict(estimate), residuals_of(data, estimate)
         worst = max(chosen, key=lambda k: residuals.logs[k].relative)
         return cls(
-            title=f"Residuals of {found.method} on {data.name!r}",
+            title=f"Residuals of {estimate.method} on {data.name!r}",
             summary=(*verdict.lines, *residual_sentences(residuals)),
             judged=verdict,
             content={
-                **rests_on(data, found, estimator),
+                **rests_on(data, estimate, estimator),
                 "rows": [about_log(data.logs[k]) | residual_row(residuals.logs[k]) for k in chosen],
-                "residuals": residual_numbers(residuals, found),
+                "residuals": residual_numbers(residuals, estimate),
             },
             units=residual_units(data.joint),
-            live=partial(with_residual_figures, data, found, worst, residuals.logs[worst]),
+            live=partial(with_residual_figures, data, estimate, worst, residuals.logs[worst]),
         )
 
     def facts(self) -> list[Fact]:

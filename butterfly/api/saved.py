@@ -61,17 +61,17 @@ def load(path: str | PathLike[str], *, root: str | PathLike[str] | None = None) 
         raise InputError(file, "schema", schema, expected)
     module, name = _KINDS[schema]
     kind: Any = getattr(import_module(f"butterfly.{module}"), name)
-    number, own = content.get("schema_number"), schema_number(kind.kind)
-    if number != own:
-        newer = isinstance(number, int) and number > own
+    number, current = content.get("schema_number"), schema_number(kind.kind)
+    if number != current:
+        newer = isinstance(number, int) and number > current
         remedy = "update butterfly" if newer else "identify and save again with this butterfly"
-        raise InputError(file, "schema_number", number, f"{own}: {remedy}")
+        raise InputError(file, "schema_number", number, f"{current}: {remedy}")
     try:
         manifest = content.get("data", {}).get("manifest")
         moved = None if root is None else Path(root)
         if manifest is not None and (moved or manifest["root"]) is not None:
             manifest["root"] = str(root_of(file, manifest["root"], moved))
-        with budget(math.inf):  # whatever else is searched for now, nothing of it is left out here
+        with budget(math.inf):  # loading is complete, even while a search has a time limit
             result: Result = kind.from_dict(content)
         columns = {tuple(row) for row in result.shown_rows()}
         if len(columns) > 1 or content.get("rows") == []:

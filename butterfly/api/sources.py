@@ -91,16 +91,16 @@ def read(
     holdout = given.pop("holdout", [])
     several = isinstance(source, Sequence) and not isinstance(source, str)
     sources: Sequence[Any] = source if several else [source]  # type: ignore[assignment]
-    if all(isinstance(each, str | PathLike) for each in sources):
+    if all(isinstance(origin, str | PathLike) for origin in sources):
         return _of_files(sources, folder, given, track).holding_out(holdout)
-    if all(isinstance(each, _READ) for each in sources):
+    if all(isinstance(origin, _READ) for origin in sources):
         for name, value in {"root": folder, **given}.items():
             if value is not None and name not in _OF_READ_LOGS:
                 raise InputError("read", name, value, "no such option: these logs are already read")
-    first, *others = parts = [_part(each, folder, given, track) for each in sources]
+    first, *others = parts = [_part(origin, folder, given, track) for origin in sources]
     if others or isinstance(first, Log):
-        own = first.name if isinstance(first, Log) and not several else ""
-        data = _union(parts, {"name": own or "logs", **given})
+        label = first.name if isinstance(first, Log) and not several else ""
+        data = _union(parts, {"name": label or "logs", **given})
     else:
         if isinstance(sources[0], _READ) and given.get("repair"):
             listed = ", ".join(sorted(given["repair"]))
@@ -127,11 +127,11 @@ def manifest_of(
 
 
 def require_said(path: Path, manifest: Manifest) -> None:
-    """Refuse the manifest of a path if a file leaves a column of it to be said."""
-    beside = (path if path.is_dir() else path.parent) / MANIFEST_NAME
-    own = path if path.suffix.lower() in _YAML else beside
-    if own.exists():
-        require_columns(own, manifest)
+    """Raise InputError if a written manifest of a path leaves a column unspecified."""
+    neighbour = (path if path.is_dir() else path.parent) / MANIFEST_NAME
+    file = path if path.suffix.lower() in _YAML else neighbour
+    if file.exists():
+        require_columns(file, manifest)
 
 
 def _given(description: Mapping[str, Any]) -> dict[str, Any]:
@@ -225,7 +225,7 @@ def _joined(manifests: Sequence[Manifest], given: Mapping[str, Any]) -> Manifest
     if len(manifests) == 1:
         return first
     facts = [manifest.model_dump(exclude={*_OF_FOLDERS}) for manifest in manifests]
-    if any(each != facts[0] for each in facts):
+    if any(fact != facts[0] for fact in facts):
         return None
     root = Path(os.path.commonpath([manifest.root for manifest in manifests]))
     entries = [
@@ -235,28 +235,28 @@ def _joined(manifests: Sequence[Manifest], given: Mapping[str, Any]) -> Manifest
         for manifest in manifests
         for entry in manifest.logs
     ]
-    own = {"name": given.get("name", "logs"), "description": ""}
-    return first.model_copy(update={**own, "root": str(root), "logs": entries})
+    header = {"name": given.get("name", "logs"), "description": ""}
+    return first.model_copy(update={**header, "root": str(root), "logs": entries})
 
 
 def _paths(sources: Sequence[Named]) -> list[Path]:
     """Return the given paths, with glob patterns expanded."""
-    found: list[Path] = []
-    for each in sources:
-        if not str(each):
+    paths: list[Path] = []
+    for source in sources:
+        if not str(source):
             raise InputError("read", "source", "empty", "a path or a name")
-        path = Path(each)
-        if path.exists() or not _PATTERN & set(str(each)):
-            found.append(locate(path))
+        path = Path(source)
+        if path.exists() or not _PATTERN & set(str(source)):
+            paths.append(locate(path))
             continue
         base = Path(path.anchor) if path.is_absolute() else Path()
         matching = sorted(base.glob(str(path.relative_to(base))))
         if not matching:
-            raise InputError("read", "source", each, "a pattern that matches at least one file")
-        found += matching
-    if not found:
+            raise InputError("read", "source", source, "a pattern that matches at least one file")
+        paths += matching
+    if not paths:
         raise InputError("read", "source", "none", "at least one path")
-    return found
+    return paths
 
 
 def _manifests(
@@ -266,15 +266,15 @@ def _manifests(
     try:
         manifests = [_described(path, root, given, massless=massless) for path in _paths(sources)]
     except OSError as error:  # of a folder that may not be looked into
-        found = error.strerror or str(error)
-        raise InputError(error.filename, "path", found, "a readable file or folder") from None
-    return [each.piece(given.get("from"), given.get("to")) for each in manifests]
+        reason = error.strerror or str(error)
+        raise InputError(error.filename, "path", reason, "a readable file or folder") from None
+    return [manifest.piece(given.get("from"), given.get("to")) for manifest in manifests]
 
 
 def _described(
     path: Path, root: Path | None, given: Mapping[str, Any], *, massless: bool
 ) -> Manifest:
-    suffix, beside = path.suffix.lower(), path.parent / MANIFEST_NAME
+    suffix, neighbour = path.suffix.lower(), path.parent / MANIFEST_NAME
     if path.is_dir():
         if (path / MANIFEST_NAME).exists():
             return read_manifest(path / MANIFEST_NAME, root, given)
@@ -283,7 +283,7 @@ def _described(
     if names_result(path):
         return _saved_manifest(path, root, given)
     if suffix in FORMATS:
-        listed = _entry_of(path, beside, root, given) if beside.exists() else None
+        listed = _entry_of(path, neighbour, root, given) if neighbour.exists() else None
         return listed or draft(path, given)
     if suffix not in _YAML:
         refuse_binary(path)
@@ -300,15 +300,15 @@ def _described(
 
 
 def _entry_of(
-    path: Path, beside: Path, root: Path | None, given: Mapping[str, Any]
+    path: Path, neighbour: Path, root: Path | None, given: Mapping[str, Any]
 ) -> Manifest | None:
     """Return the manifest reduced to one of its files; None if it does not list that file."""
-    manifest = read_manifest(beside, root, given)
+    manifest = read_manifest(neighbour, root, given)
     folder, wanted = Path(manifest.root), path.resolve()
-    own = [entry for entry in manifest.logs if (folder / entry.file).resolve() == wanted]
-    part = {"logs": own, "name": given.get("name", path.name)}
+    entries = [entry for entry in manifest.logs if (folder / entry.file).resolve() == wanted]
+    part = {"logs": entries, "name": given.get("name", path.name)}
     held = {"holdout": given.get("holdout", [])}  # what was asked for is used
-    return manifest.model_copy(update=part | held) if own else None
+    return manifest.model_copy(update=part | held) if entries else None
 
 
 def _refuse_sweep(folder: Path) -> None:
@@ -326,16 +326,16 @@ def _saved_manifest(path: Path, root: Path | None, given: Mapping[str, Any]) -> 
     try:
         text = path.read_text(encoding="utf-8")
         document = json.loads(text)
-        found = document["data"]["manifest"]
-        own = found and found["root"]
-        manifest = found and described({**found, "root": own or "."}, given, source=path)
+        record = document["data"]["manifest"]
+        place = record and record["root"]
+        manifest = record and described({**record, "root": place or "."}, given, source=path)
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         raise InputError(path, "data.manifest", "missing or damaged", expected) from None
     require_as_signed(path, text, document, "an undamaged saved result")
     if manifest is None:
         expected = "a result identified from files of one manifest, to read its logs again"
         raise InputError(path, "data.manifest", "missing", expected)
-    if own is None and root is None:
+    if place is None and root is None:
         expected = "--root FOLDER, where the logs are"
         raise InputError(path, "data.manifest.root", "missing", expected)
     folder = root_of(path, manifest.root, root)
@@ -345,9 +345,9 @@ def _saved_manifest(path: Path, root: Path | None, given: Mapping[str, Any]) -> 
     return manifest.model_copy(update={"root": str(folder)})
 
 
-def root_of(path: Path, own: str, root: Path | None = None) -> Path:
+def root_of(path: Path, place: str, root: Path | None = None) -> Path:
     """Return a saved result's folder of logs; ``root`` if they were moved."""
-    return (path.parent / own).resolve() if root is None else root.absolute()
+    return (path.parent / place).resolve() if root is None else root.absolute()
 
 
 def names_result(source: object) -> TypeGuard[Named]:

@@ -114,9 +114,9 @@ def select(
         wanted = tuple(name for name in wanted if name in able and name not in unable)
     passed = select_terms(logs, estimator, wanted, track=track)
     chosen = estimator.with_terms(passed[-1].terms)
-    _, found = judged(logs, chosen)
+    _, estimate = judged(logs, chosen)
     anew = cross_validate_choice(logs, estimator, wanted, track=track) if nested else None
-    return Selection.of(logs, chosen, wanted, passed, found=found, nested=anew)
+    return Selection.of(logs, chosen, wanted, passed, estimate=estimate, nested=anew)
 
 
 @checked
@@ -170,10 +170,10 @@ def validate(
         from butterfly.comparison.leaderboard import leaderboard  # noqa: PLC0415 - slow to import
 
         methods = [method] if isinstance(method, str | Estimator) else method
-        estimators = [make_estimator(each, {}) for each in methods]
+        estimators = [make_estimator(candidate, {}) for candidate in methods]
         if not estimators:
             raise InputError("validate", "method", "none", "at least one method")
-        sets = [read(each).holding_out(holdout) for each in (data, *others)]
+        sets = [read(source).holding_out(holdout) for source in (data, *others)]
         return Leaderboard.of(leaderboard(sets, estimators, split=Split(split), track=track))
     logs, estimator = _prepared(data, method, options, holdout)
     (logs, whole), drawn = judged(logs, estimator), None
@@ -206,8 +206,10 @@ def residual(
     logs
         Numbers of the logs to show, from 0. Default: all.
     """
-    whole, estimator, found = _estimated(data, method, options, holdout)
-    return Residual.of(whole, estimator, found, numbers_of_logs("residual", logs, len(whole.logs)))
+    whole, estimator, estimate = _estimated(data, method, options, holdout)
+    return Residual.of(
+        whole, estimator, estimate, numbers_of_logs("residual", logs, len(whole.logs))
+    )
 
 
 @checked
@@ -236,11 +238,11 @@ def compare(
 
     if not isinstance(hand_mass, Real | None):
         raise InputError("compare", "hand_mass", hand_mass, "a number in kg")
-    whole, estimator, found = _estimated(data, method, options, holdout)
-    require_values(found, "a simulation in MuJoCo")
+    whole, estimator, estimate = _estimated(data, method, options, holdout)
+    require_values(estimate, "a simulation in MuJoCo")
     numbers = numbers_of_logs("compare", logs, len(whole.logs))
-    compared = compare_three(whole, found, numbers, mass=hand_mass, track=track)
-    return Compared.of(whole, estimator, compared, residuals_of(whole, found), found)
+    compared = compare_three(whole, estimate, numbers, mass=hand_mass, track=track)
+    return Compared.of(whole, estimator, compared, residuals_of(whole, estimate), estimate)
 
 
 @checked
@@ -276,13 +278,13 @@ def design(
         Progress callback.
     """
     share = share_of(goal)
-    logs, estimator, found = _estimated(data, None, {}, ())
-    require_possible(found)
-    aim = wanted(found.at_limit, logs.logs, share)
-    told: dict[str, Any] = {"duration": duration, "command": command, "swing": swing}
-    ranked = next_experiments(logs, found, aim, **told, price=price, track=track)
-    now = float(np.max(found.farther / aim))
-    return Designed.of(logs, estimator, found, ranked, goal=share, now=share * now)
+    logs, estimator, estimate = _estimated(data, None, {}, ())
+    require_possible(estimate)
+    aim = wanted(estimate.at_limit, logs.logs, share)
+    limits: dict[str, Any] = {"duration": duration, "command": command, "swing": swing}
+    ranked = next_experiments(logs, estimate, aim, **limits, price=price, track=track)
+    now = float(np.max(estimate.farther / aim))
+    return Designed.of(logs, estimator, estimate, ranked, goal=share, now=share * now)
 
 
 def share_of(goal: float | str) -> float:
@@ -304,10 +306,10 @@ def saved_identification(data: Data) -> Identification | None:
     if isinstance(data, Identification):
         return data
     if names_result(data):
-        found = load(data)
-        if isinstance(found, Identification):
-            return found
-        raise InputError(data, "schema", found.kind, "a saved identification")
+        result = load(data)
+        if isinstance(result, Identification):
+            return result
+        raise InputError(data, "schema", result.kind, "a saved identification")
     return None
 
 
@@ -323,14 +325,14 @@ def _estimated(
     data: Data, method: Method | None, options: Mapping[str, Any], holdout: Sequence[str]
 ) -> tuple[DataSet, Estimator | None, Estimate]:
     """Return logs, estimator and estimate: of a result, or identified now."""
-    found = saved_identification(data)
-    if found is not None:
+    result = saved_identification(data)
+    if result is not None:
         if method is not None or options or holdout:
             others = {"method": method is not None, "holdout": holdout}
-            names = [*(name for name, each in others.items() if each), *options]
+            names = [*(name for name, value in others.items() if value), *options]
             expected = "no such option with a saved result, which already has an estimate"
             raise InputError("butterfly", "option", options_text(names), expected)
-        return found.data, found.made_by, found.estimate
+        return result.data, result.made_by, result.estimate
     logs, estimator = _prepared(data, method or DEFAULT_METHOD, options, holdout)
     logs, fitted = judged(logs, estimator)
     return logs, estimator, fitted

@@ -50,18 +50,18 @@ def announcement(
     steps = () if journal is None else journal.steps
     if journal is not None:
         begins = f"goes on after {len(steps)} run{'s' if len(steps) != 1 else ''}: it plays"
-    left = limits.seconds - (steps[-1].seconds if steps else 0.0)
+    budget = limits.seconds - (steps[-1].seconds if steps else 0.0)
     with_masses = f", with {' and '.join(map(str, masses))}" if len(masses) > 1 else ""
     return [
         f"Goal: parameters known to {100 * goal:.3g} %{with_masses}; runs are kept in {folder}.",
         f"The campaign {begins} swings of at most {RESERVE * limits.angle:.2g} rad, each followed "
-        f"by a pause with the drive off; {left:.0f} s of robot time at most.",
+        f"by a pause with the drive off; {budget:.0f} s of robot time at most.",
         f"Limits: {', '.join(within)}. Beyond one the joint is braked, then switched off.",
     ]
 
 
-def time_left(left: float, remaining: float) -> str:
+def time_left(budget: float, remaining: float) -> str:
     """Return how much of the robot time is left in s, and what the plan still needs, if known."""
     if math.isnan(remaining):
-        return f"{left:.0f} s of robot time left."
-    return f"About {remaining:.0f} s of robot time to the goal; {left:.0f} s left."
+        return f"{budget:.0f} s of robot time left."
+    return f"About {remaining:.0f} s of robot time to the goal; {budget:.0f} s left."

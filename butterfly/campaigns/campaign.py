@@ -159,11 +159,11 @@ class _Campaign:
                 except TimeUsed as error:
                     ending = str(error)
         self._callbacks.phase(f"The campaign ends: {ending}.")
-        found = self._sound
-        if found is not None and self._folder.journal.steps[-1].held_out is False:
+        model = self._sound
+        if model is not None and self._folder.journal.steps[-1].held_out is False:
             least = self._folder.journal.contact.breakaway
             kind, mass = self._bench.input_kind, self._mounted
-            unseen = validation(found.estimate, mass, self._wish.limits, kind, least)
+            unseen = validation(model.estimate, mass, self._wish.limits, kind, least)
             try:
                 self._play(_Next("to be predicted, not fitted", unseen), held_out=True)
             except TimeUsed as error:
@@ -180,8 +180,8 @@ class _Campaign:
         self._require_mass_at_hand(before)
         wish, kind = self._wish, self._bench.input_kind
         masses, place = wish.masses, self._folder.path
-        said = announcement(wish.limits, kind, before, goal=wish.goal, masses=masses, folder=place)
-        self._callbacks.begin(said)
+        lines = announcement(wish.limits, kind, before, goal=wish.goal, masses=masses, folder=place)
+        self._callbacks.begin(lines)
         if self._folder.is_begun:
             journal = self._folder.journal
             journal = replace(journal, known=journal.known | self._wish.known)
@@ -244,10 +244,10 @@ class _Campaign:
         assert recipe is not None  # noqa: S101 - see `run`
         number = len(self._folder.journal.steps)
         self._mount(recipe.added_mass)
-        left = time_left(self._wish.limits.seconds - bench.used, following.remaining)
+        budget = time_left(self._wish.limits.seconds - bench.used, following.remaining)
         self._callbacks.phase(
             f"Run {number}, {recipe.added_mass}: {recipe.what} ({recipe.duration:.3g} s): "
-            f"{following.why}. {left}"
+            f"{following.why}. {budget}"
         )
         about = {"why": following.why, "expected": following.expected, "held_out": held_out}
         self._record(recipe, about)
@@ -365,9 +365,9 @@ class _Campaign:
             delay=max(loaded.delay, 0.0),
         )
 
-    def _damping(self, found: Identified, mass: AddedMass) -> tuple[float, float]:
+    def _damping(self, model: Identified, mass: AddedMass) -> tuple[float, float]:
         """Return speed in rad/s and angle in rad from which a critically damped brake is full."""
-        loaded, near = found.parameters.with_added_mass(mass), self._bench.near
+        loaded, near = model.parameters.with_added_mass(mass), self._bench.near
         torque = self._size * loaded.p4
         damping = 2 * math.sqrt(loaded.p1 * max(loaded.p3 + torque / near, 0.0))
         return torque / (damping + LAG * torque / near), near
@@ -377,9 +377,9 @@ class _Campaign:
         return not self._open or any(e.added_mass == mass for e in self._folder.journal.steps)
 
     def _resonance(self, mass: AddedMass) -> float:
-        """Return the least resonance in rad/s with a mass; of a heavier one than known the most.
+        """Return the least resonance in rad/s with a mass; with one not used yet an upper bound.
 
-        It lies between that of the last one and that of what is added, by itself.
+        It lies between that with the last mass and that of what is added, by itself.
         """
         assert self._sound is not None  # noqa: S101 - see `_expected`
         last = self._folder.journal.steps[-1].added_mass
@@ -401,17 +401,17 @@ class _Campaign:
         if self._leaves_open(steps if runs is None else steps[runs]):
             data = data.knowing(Prior.of({"p1": 1.0}))
         try:
-            found = identify(data)
+            identified = identify(data)
         except ButterflyError:
             return None
-        return found if min(found.parameters.p1, found.parameters.p4) > 0 else None
+        return identified if min(identified.parameters.p1, identified.parameters.p4) > 0 else None
 
     @property
     def _sound(self) -> Identified | None:
         """What was identified, if it may be used."""
-        found = self._found
-        used = found is not None and found.estimate.level is not Level.WARNING
-        return found if used else None
+        model = self._found
+        used = model is not None and model.estimate.level is not Level.WARNING
+        return model if used else None
 
     @property
     def _open(self) -> bool:
@@ -426,35 +426,35 @@ class _Campaign:
             return True
         return False
 
-    def _wanted(self, found: Identified) -> Samples:
+    def _wanted(self, model: Identified) -> Samples:
         """Return (n,) half-widths that the goal asks for."""
         open_ = self._open and len(self._wish.masses) > 1
-        return wanted(found.estimate, found.data.logs, self._wish.goal, scale_open=open_)
+        return wanted(model.estimate, model.data.logs, self._wish.goal, scale_open=open_)
 
     @property
     def _shares(self) -> dict[str, float]:
         """Half-widths over those that are wanted, by name."""
-        found = self._found
-        if found is None:
+        model = self._found
+        if model is None:
             return {}
-        widths = np.minimum(found.estimate.farther, 1e300)
-        shares = widths / np.maximum(self._wanted(found), _LEAST * widths)
-        pairs = zip(found.estimate.names, shares.tolist(), strict=True)
+        widths = np.minimum(model.estimate.farther, 1e300)
+        shares = widths / np.maximum(self._wanted(model), _LEAST * widths)
+        pairs = zip(model.estimate.names, shares.tolist(), strict=True)
         return {name: share for name, share in pairs if name in OF_GOAL}
 
     @property
     def _reached(self) -> bool:
         """Whether all half-widths are as wanted, under a verdict *good*."""
-        found = self._found
-        good = found is not None and found.estimate.level is Level.GOOD
+        model = self._found
+        good = model is not None and model.estimate.level is Level.GOOD
         return good and max(self._shares.values(), default=0.0) <= 1
 
     def _next(self) -> _Next:
         """Return what to play next, or why nothing."""
-        wish, limits, found = self._wish, self._wish.limits, self._sound
+        wish, limits, model = self._wish, self._wish.limits, self._sound
         vain = self._folder.journal.in_vain
         given_up = len(vain) >= _IN_VAIN
-        if found is None:
+        if model is None:
             first = probe(self._mounted, self._size, limits, PROBE)
             failed = f"the model does not follow these runs; {_TOUCHED}"
             return _Next(failed) if given_up else _Next("to see how it moves", first)
@@ -464,10 +464,10 @@ class _Campaign:
             return _Next(_RATIOS if self._open else _REACHED)
         plan = None
         if not (self._reached or given_up):
-            plan = self._plan(found, [] if self._open else others, vain)
+            plan = self._plan(model, [] if self._open else others, vain)
         if changes and (plan is None or plan.cost > (limits.seconds - self._bench.used) / 2):
             heaviest = max(others, key=lambda mass: mass.inertia_and_moment)
-            seconds = max(PROBE, duration_of(found.parameters, self._mounted, limits))
+            seconds = max(PROBE, duration_of(model.parameters, self._mounted, limits))
             mount = probe(heaviest, self._size, limits, seconds)
             return _Next("another mass gives the scale", mount)
         stays = _widest(self._shares)
@@ -484,10 +484,10 @@ class _Campaign:
         return _Next(stays + runs, plan.recipe, plan.expected[0], seconds)
 
     def _plan(
-        self, found: Identified, others: list[AddedMass], vain: list[Step]
+        self, model: Identified, others: list[AddedMass], vain: list[Step]
     ) -> Plan[Recipe] | None:
         """Return the best plan with the mounted mass, or others, unlike what was in vain."""
-        estimate, limits, kind = found.estimate, self._wish.limits, self._bench.input_kind
+        estimate, limits, kind = model.estimate, self._wish.limits, self._bench.input_kind
         least = self._folder.journal.contact.breakaway
         unlike = {(step.kind, step.added_mass) for step in vain}
         logs = [
@@ -496,14 +496,14 @@ class _Campaign:
             if (expected := self._expected(mass))
             for recipe in candidates(estimate, mass, limits, kind, least)
             if (recipe.kind, mass) not in unlike
-            and (log := played(found.data, estimate, recipe, limits, expected))
+            and (log := played(model.data, estimate, recipe, limits, expected))
         ]
-        aim, mounted, price = self._wanted(found), self._mounted, self._wish.price
-        every = plans(found.data, estimate, logs, aim, mounted=mounted, price=price)
-        left = limits.seconds - self._bench.used
+        aim, mounted, price = self._wanted(model), self._mounted, self._wish.price
+        every = plans(model.data, estimate, logs, aim, mounted=mounted, price=price)
+        budget = limits.seconds - self._bench.used
 
         def rank(plan: Plan[Recipe]) -> tuple[bool, float]:
-            falls_short = plan.expected[1] > 1 or plan.seconds - plan.change > left
+            falls_short = plan.expected[1] > 1 or plan.seconds - plan.change > budget
             return falls_short, plan.cost
 
         return min(every, key=rank, default=None)
@@ -535,8 +535,8 @@ def _widest(shares: dict[str, float]) -> str:
 
 def _missed(estimate: Estimate) -> str:
     """Say what the model misses, by the engine's tests; empty if nothing."""
-    found = {each.kind: each for each in estimate.findings}
-    missing, beyond = found.get(FindingKind.MISSING_TERM), found.get(FindingKind.MISFIT)
-    said = [missing.parameters[0]] if missing else []
-    said += [f"error {beyond.number:.2g} times the noise"] if beyond and beyond.number else []
-    return ", ".join(said)
+    findings = {finding.kind: finding for finding in estimate.findings}
+    missing, beyond = findings.get(FindingKind.MISSING_TERM), findings.get(FindingKind.MISFIT)
+    misses = [missing.parameters[0]] if missing else []
+    misses += [f"error {beyond.number:.2g} times the noise"] if beyond and beyond.number else []
+    return ", ".join(misses)

@@ -90,8 +90,9 @@ class Journal:
     def in_vain(self) -> list[Step]:
         """The last runs in a row that brought less than half of what was expected of them.
 
-        That is of the way, in logarithms, from the smallest of the largest shares so far. The first
-        with which the scale is no longer open is compared to nothing.
+        A run is judged by its largest share: on a logarithmic scale, it went less than half of the
+        way from the smallest so far to the expected one. The first run after the scale is known is
+        compared to nothing.
         """
         vain, least, scaled = list[Step](), math.inf, False
         for step in (step for step in self.steps if not step.held_out):
@@ -246,7 +247,7 @@ class Folder:
     def _require_manifest(self, journal: Journal) -> None:
         """Raise InputError if the manifest is not that of the journal, or of the one before it.
 
-        A kill may leave it one run, and known values that were given later, behind.
+        After a kill it may lack the last run, and known values that were given later.
         """
         file, steps = self.path / MANIFEST_NAME, journal.steps
         if not file.exists():
@@ -254,9 +255,11 @@ class Folder:
         expected = f"what {JOURNAL} lists; remove {MANIFEST_NAME}, and it is written again"
         if not steps:
             raise InputError(file, "path", "a manifest", f"none: {JOURNAL} lists no run")
-        found = read_manifest(file)
+        manifest = read_manifest(file)
         behind = [some for some in (steps, steps[:-1]) if some]
-        differing = [_differing(found, self._manifest(replace(journal, steps=s))) for s in behind]
+        differing = [
+            _differing(manifest, self._manifest(replace(journal, steps=s))) for s in behind
+        ]
         if all(differing):
             field = differing[0][0]
             raise InputError(file, field, "another content", expected)
@@ -267,14 +270,14 @@ class Folder:
         for path in sorted(self.path.glob("run_*.parquet")):
             number = path.stem.removeprefix("run_")
             if number.isdecimal() and int(number) >= begun and path.name == log_name(int(number)):
-                kept = _unlisted_path(path)
+                target = _unlisted_path(path)
                 try:
-                    path.rename(kept)
+                    path.rename(target)
                 except OSError as error:
                     expected = f"a file that can be renamed, as {JOURNAL} does not list it"
                     raise InputError(path, "path", error.strerror, expected) from None
                 self.notes.append(
-                    f"{path.name} is not in {JOURNAL}: it is kept as {kept.name}, and not used."
+                    f"{path.name} is not in {JOURNAL}: it is kept as {target.name}, and not used."
                 )
 
     def _manifest(self, journal: Journal) -> Manifest:
@@ -296,17 +299,17 @@ class Folder:
     def _write_manifest(self) -> None:
         if self.journal.steps:
             manifest = self._manifest(self.journal).model_copy(update={"root": "."})
-            write_file(self.path / MANIFEST_NAME, manifest_text(manifest), own=True)
+            write_file(self.path / MANIFEST_NAME, manifest_text(manifest), internal=True)
 
     def _write_journal(self, journal: Journal) -> None:
         head = {"schema": _KIND, "schema_number": _VERSION}
         content = finite(head | _JOURNAL.dump_python(journal, mode="json"))
-        write_file(self.path / JOURNAL, signed(json_text(content | {SIGNATURE: ""})), own=True)
+        write_file(self.path / JOURNAL, signed(json_text(content | {SIGNATURE: ""})), internal=True)
         self._journal = journal
 
 
 def _resolved(path: Path) -> Path:
-    """Return the folder that a path stands for, links followed."""
+    """Return the folder of a path, links followed."""
     try:
         return path.resolve()
     except (OSError, RuntimeError):  # links in a circle, of which Python 3.13 says nothing
@@ -351,29 +354,29 @@ def _read_journal(file: Path) -> Journal:
         raise InputError(file, field, slip["msg"], expected) from None
     Prior.of(journal.known, file)
     if len(journal.logs) != len(journal.steps):
-        found = f"{len(journal.logs)} for {len(journal.steps)} runs"
-        raise InputError(file, "logs", found, expected)
+        counts = f"{len(journal.logs)} for {len(journal.steps)} runs"
+        raise InputError(file, "logs", counts, expected)
     content.setdefault(SIGNATURE, "")  # which no journal is without
     require_as_signed(file, text.decode(), content, expected)
     return journal
 
 
-def _differing(found: Manifest, ours: Manifest) -> list[str]:
+def _differing(manifest: Manifest, ours: Manifest) -> list[str]:
     """Return the fields in which a manifest differs from one that is written here.
 
     A folder may be renamed, and known values may have been added since.
     """
-    theirs, own = found.model_dump(), ours.model_dump()
-    known = theirs["known"].items() <= own["known"].items()
+    theirs, written = manifest.model_dump(), ours.model_dump()
+    known = theirs["known"].items() <= written["known"].items()
     free = {"name", "description"} | ({"known"} if known else set())
-    return [name for name in own if name not in free and theirs[name] != own[name]]
+    return [name for name in written if name not in free and theirs[name] != written[name]]
 
 
 def _unlisted_path(path: Path) -> Path:
     """Return a free path beside a log, for one that no journal lists."""
-    there = {each.name for each in path.parent.iterdir()}
+    there = {file.name for file in path.parent.iterdir()}
     stems = (f"{path.stem}.unlisted{f'_{n}' if n > 1 else ''}" for n in itertools.count(1))
-    return next(each for each in map(path.with_stem, stems) if each.name not in there)
+    return next(place for place in map(path.with_stem, stems) if place.name not in there)
 
 
 def log_name(number: int) -> str:

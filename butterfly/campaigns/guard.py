@@ -62,7 +62,7 @@ class Limits:
 
     def __post_init__(self) -> None:
         require_number("Limits", positive=True, command=self.command, angle=self.angle)
-        speed, current = (min(each, 1e9) for each in (self.speed, self.current))
+        speed, current = (min(limit, 1e9) for limit in (self.speed, self.current))
         require_number("Limits", positive=True, seconds=self.seconds, speed=speed, current=current)
 
 
@@ -187,7 +187,7 @@ class MotionGuard:
     def exceeded(self, reach: float) -> str:
         """Say which limit a run is about to leave, if any; the joint has to be saved then.
 
-        ``reach`` is that of its swing in rad.
+        ``reach`` is the largest swing in rad from home that it allows.
         """
         assert self._last is not None  # noqa: S101 - asked after a reading
         limits, current = self.limits, abs(self._last.current)
@@ -284,7 +284,7 @@ class MotionGuard:
         assert self._clocks is not None  # noqa: S101 - set with the first reading
         if self._waited >= _CLOCKS:
             of_drive, of_computer = time - self._clocks[0], computer.monotonic() - self._clocks[1]
-            errors = [abs(of_drive / each - 1) for each in (self._waited, of_computer)]
+            errors = [abs(of_drive / duration - 1) for duration in (self._waited, of_computer)]
             if min(errors) > _CLOCK_ERROR:  # a simulated motor's is that of its waits alone
                 raise SafetyStop(
                     f"the drive's clock went on by {of_drive:.3g} s while {self._waited:.3g} s "
@@ -342,7 +342,7 @@ class MotionGuard:
     def _require_help(self, time: float, away: float) -> None:
         """Raise `SafetyStop` if a joint that is saved speeds up, away from home.
 
-        Whatever holds it, gravity or friction, slows it down there; so do a brake, and nothing.
+        Gravity, friction and a brake only slow it down there.
         """
         assert self._saved is not None  # noqa: S101 - asked only then
         slope, doubt = self._slope()
@@ -390,8 +390,8 @@ class MotionGuard:
     def _require_live(self, time: float, angle: float) -> None:
         """Raise `SafetyStop` if the encoder stands while the command has to move the joint.
 
-        A joint that stands is held by friction. It breaks away at the latest where the command has
-        changed by what friction holds both ways together, wherever gravity is in between.
+        A joint that stands is held by friction. It breaks away at the latest after the command has
+        changed by twice what moves it from rest, whatever part of that gravity takes.
         """
         if self._stand is None or abs(angle - self._stand.angle) > self.motion:
             if self._stand is not None and self._stand.since is not None:

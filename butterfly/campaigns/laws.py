@@ -134,7 +134,7 @@ class Brake:
 
 
 class LetGo:
-    """No command, until the joint has moved by ``far`` rad: then it does not rest."""
+    """Command 0, until the joint has moved by ``far`` rad and so does not rest."""
 
     def __init__(self, far: float) -> None:
         self._far, self._from = far, math.nan

@@ -113,7 +113,7 @@ def _pace(loaded: LumpedParameters, limits: Limits) -> float:
 
 
 def least_friction(estimate: Estimate, mass: AddedMass) -> float:
-    """Return the friction in rad/s^2 that stops a joint for certain: half of what is certain."""
+    """Return half the lower limit of Coulomb friction over the inertia, in rad/s^2."""
     lower, _ = estimate.limits_of("coulomb", 0.0)
     return float(max(lower, 0.0) / 2 / estimate.parameters.with_added_mass(mass).p1)
 
@@ -141,7 +141,7 @@ def candidates(
     pace = _pace(loaded, limits)
     reaches = [limits.angle * RESERVE * share for share in _REACHES]
     dry = loaded.coulomb / abs(loaded.p4)
-    found = [
+    recipes = [
         _relay(mass, reach, 2 * dry + _static(loaded, reach / 4, limits), limits, duration)
         for reach in reaches
     ]
@@ -154,8 +154,8 @@ def candidates(
                 kind = f"sine at {tone:g} of the resonance, of {reach:.2g} rad"
                 what = f"sine of {omega:.3g} rad/s, amplitude {amplitude:.2g} {input_kind.unit}"
                 sine = Sine(omega=omega, amplitude=amplitude)
-                found.append(_signal(kind, what, mass, duration, sine))
-    return found
+                recipes.append(_signal(kind, what, mass, duration, sine))
+    return recipes
 
 
 def _static(loaded: LumpedParameters, angle: float, limits: Limits) -> float:

@@ -33,7 +33,7 @@ class Rests:
     def require_no_slip(self, rest: float, mass: AddedMass, model: Identified | None) -> None:
         """Raise `SafetyStop` if the joint rests where gravity and friction do not let it.
 
-        ``rest`` in rad; without a model that may be used, any rest may be.
+        ``rest`` in rad; without a usable model, any rest is accepted.
         """
         first = self._first.setdefault(mass, rest)
         if model is None:
@@ -56,17 +56,17 @@ def require_changed(
 ) -> None:
     """Raise `SafetyStop` if the first run after a change of mass shows the joint as it was.
 
-    ``before``: what was identified before the ``new`` run; ``alone``: identifies from that run. It
-    gives ratios to the inertia. Where the scale is known, and so what they should have become, a
-    change too small to be seen is none.
+    ``before``: what was identified before the ``new`` run; ``alone``: identifies from that run.
+    Ratios to the inertia are compared. Where the scale is known, a mass that should change them by
+    too little to be seen passes.
     """
     if before is None or old.added_mass == new.added_mass:
         return
     was = _ratios(before, old)
     expected = _ratios(before, new) if "p1" in before.estimate.names else math.inf
-    if np.max(np.abs(expected / was - 1)) < 2 * MATTERS or (found := alone()) is None:
+    if np.max(np.abs(expected / was - 1)) < 2 * MATTERS or (model := alone()) is None:
         return
-    if np.max(np.abs(_ratios(found, new) / was - 1)) <= MATTERS:
+    if np.max(np.abs(_ratios(model, new) / was - 1)) <= MATTERS:
         raise SafetyStop(
             f"the joint moves as it did with {old.added_mass}: {new.added_mass}, which was "
             "asked for, is not mounted, or too small beside the joint to tell anything"
@@ -79,7 +79,7 @@ def require_repeated(contradiction: Contradiction | None) -> None:
         raise SafetyStop(contradiction_text(contradiction.finding))
 
 
-def _ratios(found: Identified, step: Step) -> Samples:
+def _ratios(model: Identified, step: Step) -> Samples:
     """Return (2,) gravity moment and gain over the inertia, with the mass of a run."""
-    loaded = found.parameters.with_added_mass(step.added_mass)
+    loaded = model.parameters.with_added_mass(step.added_mass)
     return np.array([loaded.p3, loaded.p4]) / loaded.p1

@@ -53,9 +53,9 @@ class Command(NamedTuple):
         first = re.compile(
             rf'^def _?{name}\((?:(?!^def ).)*?:\n    """(.+?)(?:"""|\n)', re.DOTALL | re.M
         )
-        own = Path(__file__).with_name(f"{module}.py").read_text(encoding="utf-8")
-        texts = (own, source_of(name))
-        return next(found[1] for found in map(first.search, texts) if found)
+        source = Path(__file__).with_name(f"{module}.py").read_text(encoding="utf-8")
+        texts = (source, source_of(name))
+        return next(match[1] for match in map(first.search, texts) if match)
 
 
 COMMANDS = {
@@ -324,8 +324,8 @@ def _said(error: CycloptsError, tokens: Sequence[str]) -> str:
 
 
 def _end(why: str, code: ExitCode) -> NoReturn:
-    said = visible(f"error: {' '.join(why.split())}")
-    print(f"\033[31m{said}\033[0m" if sys.stderr.isatty() else said, file=sys.stderr)
+    line = visible(f"error: {' '.join(why.split())}")
+    print(f"\033[31m{line}\033[0m" if sys.stderr.isatty() else line, file=sys.stderr)
     sys.exit(code)
 
 

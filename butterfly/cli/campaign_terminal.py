@@ -62,7 +62,7 @@ class CampaignTerminal(CampaignCallbacks):
             return
         self._shown = now
         line = f"{reading.time:8.1f} s   angle {reading.angle:+8.3f} rad   command {command:+12.5f}"
-        with suppress(OSError, ValueError):  # a terminal that is gone, or stands, stops no motor
+        with suppress(OSError, ValueError):  # a lost or stopped terminal must not stop the motor
             if select.select([], [sys.stderr], [], 0)[1]:
                 sys.stderr.write(_EMPTY + line[: shutil.get_terminal_size().columns - 1])
                 sys.stderr.flush()

@@ -68,14 +68,14 @@ _AS_IN = re.compile(r"As in `(\w+)`")
 def verb_named(name: str) -> Callable[..., Any]:
     """Return a verb, or without a slow import its signature and docstring, types as paths."""
     source = ast.parse(source_of(name)).body
-    (verb,) = [each for each in source if isinstance(each, ast.FunctionDef) and each.name == name]
-    if "method" in {each.arg for each in ast.walk(verb.args) if isinstance(each, ast.arg)}:
+    (verb,) = [node for node in source if isinstance(node, ast.FunctionDef) and node.name == name]
+    if "method" in {node.arg for node in ast.walk(verb.args) if isinstance(node, ast.arg)}:
         return cast(Callable[..., Any], getattr(bf, name))
-    defaults = {each.id for each in verb.args.kw_defaults if isinstance(each, ast.Name)}
-    imports = [each for each in source if isinstance(each, ast.ImportFrom)]
-    imports = [each for each in imports if defaults & {one.name for one in each.names}]
+    defaults = {default.id for default in verb.args.kw_defaults if isinstance(default, ast.Name)}
+    imports = [node for node in source if isinstance(node, ast.ImportFrom)]
+    imports = [node for node in imports if defaults & {one.name for one in node.names}]
     verb.body, verb.returns, verb.decorator_list = verb.body[:1], None, []
-    types = {each.id for each in ast.walk(verb.args) if isinstance(each, ast.Name)}
+    types = {node.id for node in ast.walk(verb.args) if isinstance(node, ast.Name)}
     space: dict[str, Any] = dict.fromkeys(types - vars(builtins).keys(), PathLike[str])
     space |= {**vars(abc), "Any": Any, "Literal": Literal}
     flags = __future__.annotations.compiler_flag
@@ -84,36 +84,36 @@ def verb_named(name: str) -> Callable[..., Any]:
 
 
 def command(
-    verb: Callable[..., Any], own: Callable[..., ExitCode], without: Collection[str] = ()
+    verb: Callable[..., Any], handler: Callable[..., ExitCode], without: Collection[str] = ()
 ) -> Callable[..., ExitCode]:
-    """Return the command of a verb: it calls ``own`` with an `Ask`, to show the answer.
+    """Return the command of a verb: it calls ``handler`` with an `Ask`, to show the answer.
 
-    What else ``own`` takes are options that only the command has, or in place of the verb's; where
-    it has a docstring, that is the command's. Options that it is ``without`` are left out.
+    What else ``handler`` takes are options that only the command has, or in place of the verb's;
+    where it has a docstring, that is the command's. Options that it is ``without`` are left out.
     """
     of_verb, hints = signature(verb).parameters, get_type_hints(verb)
-    said = texts_of(verb) | texts_of(own)
+    texts = texts_of(verb) | texts_of(handler)
     options = {
-        name: _option(each.replace(annotation=hints[name]), said.get(name, ""))
-        for name, each in of_verb.items()
-        if each.kind is not Argument.VAR_KEYWORD and name not in {*_UNSAID, *without}
+        name: _option(argument.replace(annotation=hints[name]), texts.get(name, ""))
+        for name, argument in of_verb.items()
+        if argument.kind is not Argument.VAR_KEYWORD and name not in {*_UNSAID, *without}
     }
-    _, *others = signature(own, eval_str=True).parameters.values()
-    for each in others:
-        hint = each.annotation
-        if each.name in said and not any(getattr(part, "help", "") for part in get_args(hint)):
+    _, *others = signature(handler, eval_str=True).parameters.values()
+    for argument in others:
+        hint = argument.annotation
+        if argument.name in texts and not any(getattr(part, "help", "") for part in get_args(hint)):
             more = " Repeatable." if get_origin(hint) is tuple else ""
-            hint = Annotated[(hint, Parameter(help=said[each.name] + more))]
-        options[each.name] = each.replace(annotation=hint)
+            hint = Annotated[(hint, Parameter(help=texts[argument.name] + more))]
+        options[argument.name] = argument.replace(annotation=hint)
     if "method" in of_verb:
         options["fit"] = _fit(hints["method"], of_verb["method"].default, without)
-    whole = Signature(sorted(options.values(), key=lambda each: each.kind))
+    whole = Signature(sorted(options.values(), key=lambda option: option.kind))
 
     def call(*given: Any, **named: Any) -> ExitCode:  # noqa: ANN401 - values of its options
         bound = whole.bind(*given, **named)
         bound.apply_defaults()
         values = bound.arguments
-        mine = {each.name: values[each.name] for each in others}
+        mine = {argument.name: values[argument.name] for argument in others}
         keywords = {name: values[name] for name in of_verb if name in options}
         for name in keywords.keys() - mine.keys():
             if hints[name] in _LISTS:
@@ -123,37 +123,37 @@ def command(
         if "track" in of_verb:
             keywords["track"] = show_progress
         asked = partial(getattr(bf, verb.__name__), **keywords)
-        passed = BoundArguments(signature(own), {"ask": asked, **mine})
-        return own(*passed.args, **passed.kwargs)
+        passed = BoundArguments(signature(handler), {"ask": asked, **mine})
+        return handler(*passed.args, **passed.kwargs)
 
-    call.__doc__ = description_of(own) or description_of(verb)
-    call.__module__, call.__dict__["__signature__"] = own.__module__, whole
-    call.__annotations__ = {each.name: each.annotation for each in options.values()}
+    call.__doc__ = description_of(handler) or description_of(verb)
+    call.__module__, call.__dict__["__signature__"] = handler.__module__, whole
+    call.__annotations__ = {option.name: option.annotation for option in options.values()}
     return call
 
 
 def texts_of(function: Callable[..., Any]) -> dict[str, str]:
     """Return what a docstring says of each parameter, without what is said of Python alone."""
     texts: dict[str, str] = {}
-    for each in parse(function.__doc__ or "").params:
-        whole = " ".join((each.description or "").split())
+    for parameter in parse(function.__doc__ or "").params:
+        whole = " ".join((parameter.description or "").split())
         like = _AS_IN.match(whole)
         there = texts_of(getattr(bf, like[1])) if like else {}
         plain = _without_python(whole)
-        texts |= {name: there.get(name, plain) for name in each.arg_name.split(", ")}
+        texts |= {name: there.get(name, plain) for name in parameter.arg_name.split(", ")}
     return texts
 
 
 def description_of(function: Callable[..., Any]) -> str:
     """Return what a docstring says before its parameters, without what is said of Python alone."""
-    said = parse(function.__doc__ or "")
-    long = _without_python(" ".join((said.long_description or "").split()))
-    return "\n\n".join(filter(None, (said.short_description, long)))
+    docstring = parse(function.__doc__ or "")
+    long = _without_python(" ".join((docstring.long_description or "").split()))
+    return "\n\n".join(filter(None, (docstring.short_description, long)))
 
 
 def _without_python(text: str) -> str:
     sentences = re.split(r"(?<=[.]) (?=[A-Z])", text)
-    return " ".join(each for each in sentences if not _OF_PYTHON.search(each)).replace("``", "")
+    return " ".join(part for part in sentences if not _OF_PYTHON.search(part)).replace("``", "")
 
 
 def _option(option: Argument, text: str) -> Argument:
@@ -163,11 +163,11 @@ def _option(option: Argument, text: str) -> Argument:
     if default is Argument.empty:
         hint = Path
     elif isinstance(default, Enum):
-        hint, default = Literal[tuple(each.value for each in type(default))], default.value
+        hint, default = Literal[tuple(member.value for member in type(default))], default.value
     elif hint in _LISTS:
         hint, default, word = str | None, ",".join(default or ()) or None, _LISTS[hint][0]
-        said, *rest = text.partition(" Default:")
-        text = "".join([said, " Separated by commas.", *rest])
+        description, *rest = text.partition(" Default:")
+        text = "".join([description, " Separated by commas.", *rest])
     elif PathLike[str] in get_args(hint):
         hint = Path | None
     elif int in {hint, *get_args(hint)}:
@@ -182,6 +182,6 @@ def _fit(hint: Any, default: str | None, without: Collection[str]) -> Argument: 
     """Return the option of a method, of several if the verb takes them, and their own options."""
     from butterfly.cli.estimator_options import fit_options  # noqa: PLC0415 - slow to import
 
-    several = any(get_origin(each) is Sequence for each in get_args(hint))
+    several = any(get_origin(alternative) is Sequence for alternative in get_args(hint))
     kind = fit_options(default, tuple(without), several=several)
     return Argument("fit", Argument.KEYWORD_ONLY, default=kind(), annotation=kind)

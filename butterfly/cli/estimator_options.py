@@ -39,7 +39,7 @@ class FitOptions:
     @property
     def given(self) -> dict[str, Any]:
         """The given options, with lists of names split at commas."""
-        values = {each.name: getattr(self, each.name) for each in fields(self)[1:]}
+        values = {option.name: getattr(self, option.name) for option in fields(self)[1:]}
         return {
             name: parse_names(value.replace(" ", "")) if _WORDS.get(name) == "NAMES" else value
             for name, value in values.items()
@@ -57,8 +57,8 @@ class FitOptions:
         if len(several) > 1:
             return {"method": several, **self.given}
         self.estimator()
-        own = self.method == type(self)().method
-        return self.given if own else {"method": self.method, **self.given}
+        default = self.method == type(self)().method
+        return self.given if default else {"method": self.method, **self.given}
 
 
 @cache
@@ -66,7 +66,9 @@ def fit_options(
     default: str | None = None, without: tuple[str, ...] = (), *, several: bool = False
 ) -> type[FitOptions]:
     """Return a dataclass of the options of all estimators, ``without`` some, and of a method."""
-    listing = "; ".join(f"{method}: {each.summary}" for method, each in ESTIMATORS.items())
+    listing = "; ".join(
+        f"{method}: {estimator.summary}" for method, estimator in ESTIMATORS.items()
+    )
     listing += f"; {DEFAULT_METHOD}: the same as {kind_of(DEFAULT_METHOD).method}"
     rank = "To rank several, separate them by commas. " if several else ""
     names = Parameter(
@@ -79,10 +81,12 @@ def fit_options(
     kind: Any = str if several else Literal[METHODS]
     method = ("method", Annotated[kind, names], field(default=default or DEFAULT_METHOD))
     owners: dict[str, list[str]] = {}
-    for each, own in ESTIMATORS.items():
-        for option in options_of(own):
-            owners.setdefault(option, []).append(each)
-    options = [_option(option, own) for option, own in owners.items() if option not in without]
+    for name, estimator in ESTIMATORS.items():
+        for option in options_of(estimator):
+            owners.setdefault(option, []).append(name)
+    options = [
+        _option(option, methods) for option, methods in owners.items() if option not in without
+    ]
     made = make_dataclass(
         "Fit",
         [method, *options],
@@ -96,7 +100,9 @@ def fit_options(
 
 def _option(name: str, owners: list[str]) -> tuple[str, Any, None]:
     kind = ESTIMATORS[owners[0]]
-    (described,) = [each for each in parse(kind.__doc__ or "").params if each.arg_name == name]
+    (described,) = [
+        parameter for parameter in parse(kind.__doc__ or "").params if parameter.arg_name == name
+    ]
     text, _, _ = " ".join((described.description or "").split()).partition(". ")
     text = text.rstrip(".") + "."
     if len(owners) <= _FEW:
@@ -114,7 +120,7 @@ def _option(name: str, owners: list[str]) -> tuple[str, Any, None]:
     )
     hint = get_type_hints(kind)[name]
     if isinstance(hint, type) and issubclass(hint, Enum):
-        hint = Literal[tuple(each.value for each in hint)]
+        hint = Literal[tuple(member.value for member in hint)]
     elif _WORDS.get(name) == "NAMES":
         hint = str
     return name, Annotated[hint | None, declared], None
@@ -122,8 +128,8 @@ def _option(name: str, owners: list[str]) -> tuple[str, Any, None]:
 
 def _offers(methods: list[str]) -> str:
     """List the terms that all methods offer, and count the others."""
-    told = [set(offered(method)) for method in methods if offered(method)]
-    shared, some = set.intersection(*told), set.union(*told)
+    offers = [set(offered(method)) for method in methods if offered(method)]
+    shared, some = set.intersection(*offers), set.union(*offers)
     names = [name for name in offered(methods[0]) if name in shared]
     return f"{', '.join(names)}; {len(some - shared)} more, see docs/methods.md"
 
@@ -132,7 +138,7 @@ def _default_text(name: str, owners: list[str]) -> str:
     """Return the default, of each estimator if they differ."""
     defaults = {}
     for method in owners:
-        value = getattr(ESTIMATORS[method], name)  # a field's default stands on the class
+        value = getattr(ESTIMATORS[method], name)  # a field's default is an attribute of the class
         if isinstance(value, tuple):
             value = ",".join(value) or "none"
         defaults[method] = "chosen from the data" if value is None else str(value)

@@ -82,8 +82,8 @@ def fetch(
     folder = out or thesis_logs.own_folder()
     fetched = thesis_logs.fetch(folder, source or thesis_logs.PUBLISHED, show_progress)
     say(f"{len(thesis_logs.pins())} logs, {fetched} downloaded: {folder}")
-    found = thesis_logs.found_folder()
-    same = found is not None and found.resolve() == folder.resolve()
+    location = thesis_logs.found_folder()
+    same = location is not None and location.resolve() == folder.resolve()
     root = "" if same else f' --root "{folder}"'
     say(f"Next: butterfly identify real-logs{root}")
 
@@ -146,8 +146,10 @@ def thesis_robot() -> Synthetic:
     from butterfly.experiment.source import read_experiment  # noqa: PLC0415
     from butterfly.thesis.tables import Synthetic  # noqa: PLC0415
 
-    found = read_experiment(shipped("experiments/thesis/synthetic.yaml"))
-    return Synthetic(found.plant.rig, found.added_masses, found.excitations, found.duration)
+    experiment = read_experiment(shipped("experiments/thesis/synthetic.yaml"))
+    return Synthetic(
+        experiment.plant.rig, experiment.added_masses, experiment.excitations, experiment.duration
+    )
 
 
 def schema(

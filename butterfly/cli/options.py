@@ -57,8 +57,10 @@ _DETAIL: Any = {"group": DATA_IN_DETAIL}
 
 def _fact(field: str, more: str = "", **how: Any) -> Parameter:  # noqa: ANN401 - of a parameter
     """Declare the option of a manifest's field: its first sentence there, read without import."""
-    said = re.findall(rf'^    {field}: .+?^    """(.+?)"""', _MANIFEST, re.DOTALL | re.MULTILINE)
-    first, _, _ = " ".join(said[-1].replace("``", "").split()).partition(". ")
+    docstrings = re.findall(
+        rf'^    {field}: .+?^    """(.+?)"""', _MANIFEST, re.DOTALL | re.MULTILINE
+    )
+    first, _, _ = " ".join(docstrings[-1].replace("``", "").split()).partition(". ")
     return Parameter(help=f"{first.rstrip('.')}. {more}".strip(), **how)
 
 
@@ -99,29 +101,29 @@ class Facts:
 
     def description(self) -> dict[str, Any]:
         """Return the given options as fields of a manifest."""
-        said = {each.name: getattr(self, each.name) for each in fields(self)}
-        said |= {
-            name: parse_pairs(said[name], f"--{name}")
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        values |= {
+            name: parse_pairs(values[name], f"--{name}")
             for name in ("columns", "units", "known", "loop")
-            if said[name] is not None
+            if values[name] is not None
         }
-        said["repair"] = said["repair"] or None
-        said["split"] = "restarts" if said.pop("restarts") else None
-        del said["root"]
-        said |= {"from": said.pop("begin", None), "to": said.pop("end", None)}
-        return {name: value for name, value in said.items() if value is not None}
+        values["repair"] = values["repair"] or None
+        values["split"] = "restarts" if values.pop("restarts") else None
+        del values["root"]
+        values |= {"from": values.pop("begin", None), "to": values.pop("end", None)}
+        return {name: value for name, value in values.items() if value is not None}
 
     def words(self) -> list[str]:
         """Return the given options as words of a command line."""
-        names, found = {"begin": "from", "end": "to"}, list[str]()
-        for each in fields(self):
-            value, option = getattr(self, each.name), f"--{names.get(each.name, each.name)}"
+        names, words = {"begin": "from", "end": "to"}, list[str]()
+        for field in fields(self):
+            value, option = getattr(self, field.name), f"--{names.get(field.name, field.name)}"
             if value is True:
-                found.append(option)
-            elif value != each.default:
+                words.append(option)
+            elif value != field.default:
                 several = value if isinstance(value, tuple) else (value,)
-                found += [word for one in several for word in (option, str(one))]
-        return found
+                words += [word for one in several for word in (option, str(one))]
+        return words
 
 
 @Parameter(name="*", group=THE_DATA)
@@ -139,8 +141,8 @@ SILENT = DataOptions()
 def source_of(verb: str) -> str:
     """Return the source of the module of a verb of the face; "" for another name."""
     face = (_PACKAGE / "__init__.pyi").read_text(encoding="utf-8")
-    found = re.search(rf"from \.(\S+) import {verb} as", face)
-    place = _PACKAGE / f"{found[1].replace('.', '/')}.py" if found else None
+    match = re.search(rf"from \.(\S+) import {verb} as", face)
+    place = _PACKAGE / f"{match[1].replace('.', '/')}.py" if match else None
     return place.read_text(encoding="utf-8") if place else ""
 
 

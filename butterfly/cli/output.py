@@ -54,7 +54,7 @@ class ExitCode(IntEnum):
 
     @classmethod
     def of(cls, verdict: Verdict | None) -> ExitCode:
-        """Return how an answer ends that rests on an estimate of this verdict, or on none."""
+        """Return the exit code for an estimate's verdict; DONE if there is no estimate."""
         return cls.DONE if verdict is None or verdict.level.usable else cls.NOT_TO_BE_USED
 
 
@@ -147,7 +147,7 @@ def show(
     verdict = result.judged.lines[:_VERDICT] if result.judged else ()
     answer = (*result.headline, *verdict)
     _say_answer(answer)
-    sentences = [each for each in result.paragraphs() if each not in answer]
+    sentences = [sentence for sentence in result.paragraphs() if sentence not in answer]
     shown = len(sentences) if asked.verbose else _FEW + (not verdict)
     for sentence in sentences[:shown]:
         say(sentence)
@@ -155,7 +155,7 @@ def show(
         say(f"--verbose adds {more} more sentence{'s' * (more > 1)}.")
     if after and not asked.silent:  # whole, however long: to be pasted
         put(f"Next: {after}")
-    tables = [each for each in result.tables() if asked.verbose or not each.detail]
+    tables = [table for table in result.tables() if asked.verbose or not table.detail]
     for table in () if asked.silent else tables:
         show_table(table.title, [*map(str, table.headers)], table.rows[:rows])
     if report is not None:
@@ -191,10 +191,10 @@ def show_table(
         if title:
             put()
         table = Table(box=None, show_header=bool(headers), padding=(0, _GAP, 0, 0), pad_edge=False)
-        for each in block:
-            side: Literal["left", "right"] = "left" if each.words else "right"
-            table.add_column(_glued(each.header), width=each.width, justify=side)
-        for cells in zip(*(each.cells for each in block), strict=True):
+        for column in block:
+            side: Literal["left", "right"] = "left" if column.words else "right"
+            table.add_column(_glued(column.header), width=column.width, justify=side)
+        for cells in zip(*(column.cells for column in block), strict=True):
             table.add_row(*map(_glued, cells))
         with out.capture() as captured:
             out.print(table)
@@ -237,8 +237,8 @@ def _longest_word(texts: Sequence[str]) -> int:
 
 
 def _blocks(columns: Sequence[_Column], lead: int, width: int) -> list[list[_Column]]:
-    """Return the columns that stand side by side, each as wide as there is room."""
-    first, rest = [*columns[:lead]], [each for each in columns[lead:] if each.says]
+    """Return blocks of columns that fit side by side, with their widths set."""
+    first, rest = [*columns[:lead]], [column for column in columns[lead:] if column.says]
     blocks = [[*first]]
     for column in rest:
         if len(blocks[-1]) > lead and _total([*blocks[-1], column], "least") > width:
@@ -246,7 +246,7 @@ def _blocks(columns: Sequence[_Column], lead: int, width: int) -> list[list[_Col
         blocks[-1].append(column)
     for block in blocks:
         while _total(block, "width") > width:
-            wide = max(block, key=lambda each: each.width - each.least)
+            wide = max(block, key=lambda column: column.width - column.least)
             if wide.width == wide.least:
                 break
             wide.width -= 1
@@ -254,7 +254,7 @@ def _blocks(columns: Sequence[_Column], lead: int, width: int) -> list[list[_Col
 
 
 def _total(columns: Sequence[_Column], what: str) -> int:
-    widths: list[int] = [getattr(each, what) for each in columns]
+    widths: list[int] = [getattr(column, what) for column in columns]
     return _INDENT + sum(widths) + _GAP * (len(columns) - 1)
 
 
@@ -277,13 +277,13 @@ _T = TypeVar("_T")
 
 
 def note(sentence: str) -> None:
-    """Tell on standard error what is done meanwhile."""
+    """Print on standard error what the program is doing."""
     if not asked.quiet:
         put(sentence, file=sys.stderr)
 
 
 def show_progress(items: Iterable[_T], description: str) -> Iterable[_T]:
-    """Show a bar, what is done and since when, on a terminal; nothing where nobody looks."""
+    """Show a progress bar with count and elapsed time; none if standard error is no terminal."""
     if asked.quiet or not sys.stderr.isatty():
         return items
     return _bar(items, description)

@@ -46,7 +46,7 @@ _NOTHING = {"", "–"}
 
 def list_sweeps(folder: Folders = Path("results"), /) -> None:
     """List sweeps, and how many of their runs are done."""
-    said: list[dict[str, Any]] = []
+    sweeps: list[dict[str, Any]] = []
     rows: list[tuple[str, ...]] = []
     for path in sorted(folder.glob(f"*/{SWEEP}")) or sorted(folder.glob(SWEEP)):
         store = ResultStore(path.parent)
@@ -54,7 +54,7 @@ def list_sweeps(folder: Folders = Path("results"), /) -> None:
             sweep = store.sweep()
         except InputError:
             rows.append((str(path.parent), "–", "–", "–", "another version's"))
-            said.append({"sweep": path.parent.name, "runs": None})
+            sweeps.append({"sweep": path.parent.name, "runs": None})
             continue
         records = (store.read(run.key) for run in show_progress(sweep.runs, "Reading"))
         states = Counter(record and record.status for record in records)
@@ -62,12 +62,12 @@ def list_sweeps(folder: Folders = Path("results"), /) -> None:
         counts = (len(sweep.runs), done, states.total() - states[None] - done)
         rows.append((str(path.parent), *map(str, counts), ", ".join(map(field_name, sweep.fields))))
         numbers = dict(zip(("runs", "done", "failed"), counts, strict=True))
-        said.append({"sweep": path.parent.name, **numbers, "varied": list(sweep.fields)})
+        sweeps.append({"sweep": path.parent.name, **numbers, "varied": list(sweep.fields)})
     if rows:
         show_table(f"Results in {folder}", ("sweep", "runs", "done", "failed", "varied"), rows)
     else:
         say(f"No results in {folder}. To make some: butterfly run EXPERIMENT.")
-    write_json(document("results", "Results", {"count": len(said), "rows": said}))
+    write_json(document("results", "Results", {"count": len(sweeps), "rows": sweeps}))
 
 
 def show_run(folder: Folder, run: Run, /) -> None:
@@ -104,17 +104,19 @@ def table(
         Write all rows to this file: .csv or .parquet.
     """
     name = table or (RUNS if out is None else ESTIMATES)
-    found = chosen_columns(ResultStore(folder).table(name), columns)
+    selection = chosen_columns(ResultStore(folder).table(name), columns)
     if out is None:
-        if found.num_rows > _MOST:
-            say(f"The first {_MOST} of {found.num_rows} rows; --out FILE writes all.")
-        show_rows(f"{folder}: {name}", found, asked=columns is not None)
+        if selection.num_rows > _MOST:
+            say(f"The first {_MOST} of {selection.num_rows} rows; --out FILE writes all.")
+        show_rows(f"{folder}: {name}", selection, asked=columns is not None)
     else:
-        write_columns(out, "table", dict(zip(found.column_names, found.columns, strict=True)))
-        say(f"{found.num_rows} rows: {out}")
+        write_columns(
+            out, "table", dict(zip(selection.column_names, selection.columns, strict=True))
+        )
+        say(f"{selection.num_rows} rows: {out}")
     plan = folder / EXPERIMENT
     kind = read_experiment(plan).input_kind if plan.exists() else InputKind.TORQUE
-    write_json(rows_document(name, found, kind))
+    write_json(rows_document(name, selection, kind))
 
 
 def clean(folder: Folder, /, *, failed: Failed = False) -> None:
@@ -135,25 +137,25 @@ def show_rows(title: str, table: pa.Table, *, asked: bool) -> None:
     cells = {name: [shown_text(row[name]) for row in rows] for name in shown}
     if len(rows) == 1:
         pairs = [(field_label(name), text) for name, (text,) in cells.items()]
-        show_table("", (), [each for each in pairs if each[1] not in _NOTHING], lead=2)
+        show_table("", (), [pair for pair in pairs if pair[1] not in _NOTHING], lead=2)
         return
     same = [] if asked else [name for name in shown if len({*cells[name]}) == 1]
     named = [name for name in _NAMES if name in cells and name not in same]
     others = [name for name in shown if name not in {*same, *named}]
-    told = [
+    constants = [
         f"{field_name(name)} {cells[name][0]} {field_unit(name)}".rstrip()
         for name in same
         if cells[name][0] not in _NOTHING
     ]
-    if told:
-        say(f"Same in all rows: {', '.join(told)}.")
+    if constants:
+        say(f"Same in all rows: {', '.join(constants)}.")
     if not asked:
-        left = [
+        omitted = [
             name
             for name in table.column_names
             if name in _ASKED and table[name].null_count < table.num_rows
         ]
-        say(f"Not shown: {', '.join(left)}. To show columns: --columns NAME,NAME.")
+        say(f"Not shown: {', '.join(omitted)}. To show columns: --columns NAME,NAME.")
     columns = [*named, *others]
     show_table(
         title,
@@ -178,7 +180,9 @@ def chosen_columns(table: pa.Table, columns: str | None) -> pa.Table:
         return table
     names, chosen = table.column_names, []
     for name in [part.strip() for part in columns.split(",")]:
-        meant = [each for each in names if each.endswith(f".{name}") or field_name(each) == name]
+        meant = [
+            column for column in names if column.endswith(f".{name}") or field_name(column) == name
+        ]
         meant = [name] if name in names else meant  # or last part, or header
         if len(meant) != 1:
             expected = ", or ".join(meant) or nearest(name, names)
@@ -196,8 +200,8 @@ def run_record(folder: Path, run: str) -> RunRecord:
     """Return the record of a run of a sweep, by its number or the start of its key."""
     store = ResultStore(folder)
     runs = store.sweep().runs
-    keys = [each.key for each in runs if str(each.number) == run] or [
-        each.key for each in runs if each.key.startswith(run)
+    keys = [planned.key for planned in runs if str(planned.number) == run] or [
+        planned.key for planned in runs if planned.key.startswith(run)
     ]
     if len(set(keys)) != 1:
         expected = f"a number from 0 to {len(runs) - 1}, or the start of exactly one run's key"
@@ -214,40 +218,45 @@ def compare_runs(one: Path, other: Path) -> ExitCode:
 
     runs = [run_record(path.parent, path.name) for path in (one, other)]
     names = [path.name if one.parent == other.parent else str(path) for path in (one, other)]
-    others = {each.estimator: each for each in runs[1].estimates}
-    for each in runs[0].estimates:
-        for name, of in zip(names, (each, others.get(each.estimator)), strict=True):
+    others = {entry.estimator: entry for entry in runs[1].estimates}
+    for entry in runs[0].estimates:
+        for name, of in zip(names, (entry, others.get(entry.estimator)), strict=True):
             if of is not None and of.estimate is not None:
-                say(f"{each.estimator}, {name}: {estimate_verdict(of.estimate).lines[0]}")
-    said = [run.overrides | {"seed": run.seed, "status": run.status} for run in runs]
-    both = {name: [each.get(name) for each in said] for name in dict.fromkeys(chain(*said))}
+                say(f"{entry.estimator}, {name}: {estimate_verdict(of.estimate).lines[0]}")
+    settings = [run.overrides | {"seed": run.seed, "status": run.status} for run in runs]
+    both = {
+        name: [setting.get(name) for setting in settings]
+        for name in dict.fromkeys(chain(*settings))
+    }
     pairs = [(field_label(name), *pair) for name, pair in both.items() if pair[0] != pair[1]]
     if unlike := [(name, *map(shown_text, pair)) for name, *pair in pairs]:
         show_table("Settings that differ", ("", *names), unlike)
     else:
         say("The settings are the same.")
-    for each in [found for found in runs[0].estimates if found.estimator in others]:
-        twins = {row.name: row for row in others[each.estimator].parameters}
+    for entry in [record for record in runs[0].estimates if record.estimator in others]:
+        twins = {row.name: row for row in others[entry.estimator].parameters}
         show_table(
-            each.estimator,
+            entry.estimator,
             ("parameter", *names, "difference", "standard errors"),
             [
                 (row.name, *_difference(row, twins[row.name]))
-                for row in each.parameters
+                for row in entry.parameters
                 if row.name in twins
             ],
         )
-    answers = [Answer.of(each, f"Run {each.key}").to_dict() for each in runs]
-    title = " beside ".join(each["title"] for each in answers)
-    first = [f"{each['title']}: {each['summary'][0]}" for each in answers if each["summary"]]
+    answers = [Answer.of(run, f"Run {run.key}").to_dict() for run in runs]
+    title = " beside ".join(answer["title"] for answer in answers)
+    first = [
+        f"{answer['title']}: {answer['summary'][0]}" for answer in answers if answer["summary"]
+    ]
     write_json(document("runs", title, {"runs": answers}, summary=first))
     return ExitCode.DONE
 
 
 def _difference(row: Parameter, twin: Parameter) -> tuple[str, ...]:
     if row.value is None or twin.value is None:
-        return *(parameter_texts(each)["value"] for each in (row, twin)), "–", "–"
-    change, errors = twin.value - row.value, [or_nan(each.standard_error) for each in (row, twin)]
+        return *(parameter_texts(entry)["value"] for entry in (row, twin)), "–", "–"
+    change, errors = twin.value - row.value, [or_nan(entry.standard_error) for entry in (row, twin)]
     spread = math.hypot(*errors)
     values = map(with_error, (row.value, twin.value), errors)
     return *values, f"{change:.3g}", f"{change / spread:.2g}" if spread > 0 else "–"

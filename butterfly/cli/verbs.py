@@ -40,7 +40,7 @@ _WITHOUT = {
 
 
 def __getattr__(name: str) -> Callable[..., ExitCode]:
-    """Return the command of a verb, of which alone the module is imported then."""
+    """Return the command of a verb; only the module of that verb is imported."""
     if name not in dir(bf):
         raise AttributeError(name)
     return command(verb_named(name), globals().get(f"_{name}", _shown), _WITHOUT.get(name, ()))
@@ -59,15 +59,16 @@ def _validate(ask: Ask, /, *more: _More, page: Report = NO_REPORT) -> ExitCode:
 
 
 def _inspect(ask: Ask, *, page: Report = NO_REPORT, facts: DataOptions = SILENT) -> ExitCode:
-    found = ask(root=facts.root, **facts.description())
-    if not isinstance(found, bf.Inspection):
-        return show(found, **vars(page))
-    told = any(each.half_width is not None for each in found.before_fit)
-    plain = told and not found.unusable and page.report is None  # options that `identify` has too
+    answer = ask(root=facts.root, **facts.description())
+    if not isinstance(answer, bf.Inspection):
+        return show(answer, **vars(page))
+    identifiable = any(forecast.half_width is not None for forecast in answer.before_fit)
+    # options that `identify` has too
+    plain = identifiable and not answer.unusable and page.report is None
     words = [*asked.words]
     words[words.index("inspect")] = "identify"
-    ended = show(found, **vars(page), after=f"butterfly {shlex.join(words)}" if plain else "")
-    found.require_usable()
+    ended = show(answer, **vars(page), after=f"butterfly {shlex.join(words)}" if plain else "")
+    answer.require_usable()
     return ended
 
 
@@ -86,10 +87,10 @@ def _identify(
     others = {text: parse_pairs(text, "--against") for text in against}
     paths = [data, *more]
     logs = bf.read(paths, root=facts.root, track=show_progress, **facts.description())
-    found = ask(data=logs, against=others)
-    ended = show(found, **vars(page), save=save)
+    answer = ask(data=logs, against=others)
+    ended = show(answer, **vars(page), save=save)
     if not asked.silent:  # whole, however long: to be pasted
-        put(f"Next: {next_step(found, asked.words, [*paths, *facts.words()], save)}")
+        put(f"Next: {next_step(answer, asked.words, [*paths, *facts.words()], save)}")
     return ended
 
 
@@ -108,10 +109,10 @@ def _predict(
     banded = bands or (page.report is not None and not pairs)
     chosen = ask.keywords["draws"], ask.keywords["seed"]
     drawn = bf.draws(result, *chosen) if out is not None and not banded else None
-    found = ask(result=given, bands=banded)
-    ended = show(found, **vars(page))
+    answer = ask(result=given, bands=banded)
+    ended = show(answer, **vars(page))
     if out is not None:
-        (drawn or found.drawn).write(out)
+        (drawn or answer.drawn).write(out)
         say(f"Draws: {out}")
     return ended
 
@@ -180,19 +181,19 @@ def _campaign(
     terminal = CampaignTerminal(asks=moves and not yes, moves=moves)
     change = terminal.mount if keyboard else None
     folder = shlex.quote(str(ask.keywords["out"] or "campaign"))
-    kept = f"the drive is off; finished runs are kept in {folder}, and the same command goes on"
+    state = f"the drive is off; finished runs are kept in {folder}, and the same command goes on"
     try:
-        found = ask(known=pairs, change=change, callbacks=terminal)
+        answer = ask(known=pairs, change=change, callbacks=terminal)
     except KeyboardInterrupt:
-        raise StoppedError(f"stopped: {kept}") from None
+        raise StoppedError(f"stopped: {state}") from None
     except LeftOnError:
         raise
     except SafetyStop as stop:
-        raise SafetyStop(f"{stop}; {kept}") from stop
+        raise SafetyStop(f"{stop}; {state}") from stop
     finally:
         terminal.clear()
-    ended = show(found)
-    say(f"Report: {found.page_path}")
+    ended = show(answer)
+    say(f"Report: {answer.page_path}")
     return ended
 
 
@@ -204,11 +205,11 @@ def _run(ask: Ask) -> ExitCode:
     code 1: some runs of a sweep failed; 3: do not use the estimate.
     """
     _warn_of_wide_swings(ask)
-    found = ask()
-    ended = show(found)
-    for page in found.reports:
+    answer = ask()
+    ended = show(answer)
+    for page in answer.reports:
         say(f"Report: {page}")
-    return ExitCode.NO_RESULT if isinstance(found, bf.Sweep) and found.unsuccessful else ended
+    return ExitCode.NO_RESULT if isinstance(answer, bf.Sweep) and answer.unsuccessful else ended
 
 
 def _simulate(ask: Ask, *, out: Annotated[Path, OUT, FOLDER]) -> ExitCode:

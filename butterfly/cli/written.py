@@ -30,24 +30,28 @@ FOLDER = OutputFile()
 
 
 def options_of(command: object) -> dict[tuple[str, ...], tuple[str, OutputFile]]:
-    """Return name and files of each option that writes, by its way from the arguments."""
-    found: dict[tuple[str, ...], tuple[str, OutputFile]] = {}
+    """Return name and files of each option that writes, by the path of its argument."""
+    options: dict[tuple[str, ...], tuple[str, OutputFile]] = {}
     for name, hint in get_type_hints(command, include_extras=True).items():
         kind, *metadata = get_args(hint) if get_origin(hint) is Annotated else (hint,)
         if is_dataclass(kind):
-            found.update({(name, *way): each for way, each in options_of(kind).items()})
-        names = [each.name for each in metadata if isinstance(each, Parameter) and each.name]
+            options.update({(name, *way): entry for way, entry in options_of(kind).items()})
+        names = [
+            parameter.name
+            for parameter in metadata
+            if isinstance(parameter, Parameter) and parameter.name
+        ]
         option = next(iter(names[0])) if names else f"--{name}"
-        for each in metadata:
-            if isinstance(each, OutputFile):
-                found[name,] = option, each
-    return found
+        for annotation in metadata:
+            if isinstance(annotation, OutputFile):
+                options[name,] = option, annotation
+    return options
 
 
 def check(
     command: object, arguments: Mapping[str, Any], json: Path | None, kinds: Sequence[str]
 ) -> None:
-    """Note the inputs of a command, refuse outputs that may not be; ``json`` has these kinds."""
+    """Note a command's inputs and refuse forbidden outputs; ``kinds``: documents of ``json``."""
     writing = options_of(command)
     files = {}
     if json is not None and json != _STDOUT:
@@ -85,7 +89,7 @@ def _require_kind(path: Path, written: OutputFile, option: str) -> None:
 
 
 def _values(values: object, way: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
-    """Yield the paths and texts among the values of arguments, and the way to each."""
+    """Yield each path or text among the values of arguments, after its path of names."""
     if isinstance(values, Path | str):
         yield way, values
     elif isinstance(values, Mapping):
@@ -95,4 +99,6 @@ def _values(values: object, way: tuple[str, ...] = ()) -> Iterator[tuple[tuple[s
         for value in values:
             yield from _values(value, way)
     elif is_dataclass(values):
-        yield from _values({each.name: getattr(values, each.name) for each in fields(values)}, way)
+        yield from _values(
+            {field.name: getattr(values, field.name) for field in fields(values)}, way
+        )

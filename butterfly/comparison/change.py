@@ -83,8 +83,8 @@ class Change:
     @property
     def changed(self) -> tuple[ParameterChange, ...]:
         """The significantly changed parameters, the clearest first."""
-        found = (each for each in self.parameters if each.changed)
-        return tuple(sorted(found, key=lambda each: each.probability))
+        parameters = (parameter for parameter in self.parameters if parameter.changed)
+        return tuple(sorted(parameters, key=lambda parameter: parameter.probability))
 
     @property
     def jointly_changed(self) -> bool:
@@ -103,9 +103,9 @@ def change(before: Estimate, after: Estimate) -> Change:
     untested = _untested(before, after)
     names = [name for name in before.names if name in after.names and name not in untested]
     if not names:
-        found = "no common parameter with a standard error"
+        problem = "no common parameter with a standard error"
         expected = "two identifications with methods that estimate standard errors"
-        raise InputError("changed", "estimates", found, expected)
+        raise InputError("changed", "estimates", problem, expected)
     sides = [_Side.of(estimate, names) for estimate in (before, after)]
     difference = sides[1].values - sides[0].values
     (one, of_one), (other, of_other) = ((side.errors**2, side.freedom) for side in sides)
@@ -118,9 +118,9 @@ def change(before: Estimate, after: Estimate) -> Change:
         ParameterChange(name, first, second, error, degrees, len(names))
         for name, first, second, error, degrees in rows
     ]
-    corrected = _holm(np.array([each.probability for each in alone])).tolist()
+    corrected = _holm(np.array([parameter.probability for parameter in alone])).tolist()
     parameters = tuple(
-        replace(each, corrected=holm) for each, holm in zip(alone, corrected, strict=True)
+        replace(parameter, corrected=holm) for parameter, holm in zip(alone, corrected, strict=True)
     )
     covariance = sides[0].covariance + sides[1].covariance
     return Change(
@@ -150,9 +150,9 @@ class _Side:
         half = np.max(np.abs(limits - values), axis=0)  # a side that a bound cuts is the narrower
         spread = np.sqrt(np.diag(covariance))
         errors = np.maximum(spread, half / _quantile(freedom, 0.5 + CONFIDENCE / 2))
-        apart = [each[rows] for each in estimate.left_out.values()]
-        likely = [each.values[rows] for each in estimate.rivals if each.predicts]
-        wide = widened(values, covariance, apart, likely)
+        left_out = [refit[rows] for refit in estimate.left_out.values()]
+        likely = [rival.values[rows] for rival in estimate.rivals if rival.predicts]
+        wide = widened(values, covariance, left_out, likely)
         scale = errors / np.sqrt(np.diag(wide))
         unsigned = [k for k, name in enumerate(names) if not TERMS[name].sign_observable]
         values[unsigned] = np.abs(values[unsigned])
@@ -167,19 +167,21 @@ class _Side:
 def _untested(before: Estimate, after: Estimate) -> dict[str, str]:
     """Return by name why a parameter cannot be compared."""
     both = (before, after)
-    names = [name for each in both for name in (*each.names, *each.known.parameters)]
+    names = [name for estimate in both for name in (*estimate.names, *estimate.known.parameters)]
     why: dict[str, str] = {}
     for name in dict.fromkeys(names):
-        known = [name in each.known.parameters and not _informed(each, name) for each in both]
-        fixed = [name in each.fixed or name in each.known.fixed for each in both]
-        fitted = [name in each.names for each in both]
+        known = [
+            name in estimate.known.parameters and not _informed(estimate, name) for estimate in both
+        ]
+        fixed = [name in estimate.fixed or name in estimate.known.fixed for estimate in both]
+        fitted = [name in estimate.names for estimate in both]
         if all(known):
             why[name] = "given in both"
         elif any(fixed):
             why[name] = f"fixed in {'both' if all(fixed) else _which(fixed)}"
         elif not all(fitted):
             why[name] = f"fitted only in {_which(fitted)}"
-        elif not all(_uncertain(each, name) for each in both):
+        elif not all(_uncertain(estimate, name) for estimate in both):
             why[name] = "without standard error"
     return why
 
@@ -229,10 +231,10 @@ def _clearest_ratio(
     parameters: Sequence[ParameterChange], sides: Sequence[_Side]
 ) -> ParameterChange | None:
     """Return the ratio of a torque to p1 whose logarithm changed by most standard errors."""
-    names = [each.name for each in parameters]
+    names = [parameter.name for parameter in parameters]
     if "p1" not in names or any(np.any(side.values == 0) for side in sides):
         return None
-    base, found = names.index("p1"), []
+    base, candidates = names.index("p1"), []
     for row, name in enumerate(names):
         if name not in GROWING.intersection(PARAMETERS) or row == base:
             continue
@@ -243,8 +245,8 @@ def _clearest_ratio(
             pair = side.covariance[np.ix_([row, base], [row, base])]
             errors.append(abs(ratio) * math.sqrt(max(float(slope @ pair @ slope), 0.0)))
         moved = replace(parameters[row], before=ratios[0], after=ratios[1], corrected=math.nan)
-        found.append(replace(moved, name=f"{name}/p1", error=math.hypot(*errors)))
-    return min(found, key=lambda each: each.probability, default=None)
+        candidates.append(replace(moved, name=f"{name}/p1", error=math.hypot(*errors)))
+    return min(candidates, key=lambda candidate: candidate.probability, default=None)
 
 
 def _quantile(freedom: Samples | float, level: float) -> Samples:

@@ -45,7 +45,7 @@ def leaderboard(
     named: dict[str, DataSet] = {}
     for data in sets:
         names = (f"{data.name} ({k})" if k > 1 else data.name for k in count(1))
-        name = next(each for each in names if each not in named)
+        name = next(candidate for candidate in names if candidate not in named)
         named[name] = replace(data, name=name)
     pairs = [(data, estimator) for data in named.values() for estimator in estimators]
     entries: list[Entry] = []
@@ -53,7 +53,7 @@ def leaderboard(
         if entries and out_of_time("some of the estimators"):
             break
         entries.append(_entry(data, estimator, split))
-    return sorted(entries, key=lambda each: ([*named].index(each.data), -_score(each)))
+    return sorted(entries, key=lambda entry: ([*named].index(entry.data), -_score(entry)))
 
 
 def equals(entries: Sequence[Entry]) -> list[Entry]:
@@ -61,8 +61,8 @@ def equals(entries: Sequence[Entry]) -> list[Entry]:
     best, *others = entries
     if best.fits is None:
         return [best]
-    gains = [(each, Gain.of(best.fits - each.fits)) for each in others if each.fits is not None]
-    return [best, *(each for each, gain in gains if not gain.mean > 2 * gain.error)]
+    gains = [(entry, Gain.of(best.fits - entry.fits)) for entry in others if entry.fits is not None]
+    return [best, *(entry for entry, gain in gains if not gain.mean > 2 * gain.error)]
 
 
 def _score(entry: Entry) -> float:
@@ -73,12 +73,12 @@ def _score(entry: Entry) -> float:
 
 def _entry(data: DataSet, estimator: Estimator, split: Split) -> Entry:
     begun = time.perf_counter()
-    found, seen, held, error = None, None, None, ""
+    estimate, seen, held, error = None, None, None, ""
     seconds = 0.0
     try:
-        data, found = judged(data, estimator)
+        data, estimate = judged(data, estimator)
         seconds = time.perf_counter() - begun
-        seen = FitSummary.of(data.simulations.fits(found), found.horizon)
+        seen = FitSummary.of(data.simulations.fits(estimate), estimate.horizon)
         held = cross_validate(data, estimator, split)
     except ButterflyError as problem:
         error = str(problem)
@@ -88,7 +88,7 @@ def _entry(data: DataSet, estimator: Estimator, split: Split) -> Entry:
         in_sample=seen,
         held_out=None if held is None else held.summary,
         left_out="" if held is None else held.division.left_out,
-        estimate=found,
+        estimate=estimate,
         seconds=seconds or time.perf_counter() - begun,
         error=error,
         fits=None if held is None else held.fits,

@@ -57,7 +57,7 @@ def compare_three(
     """Simulate logs by number in MuJoCo, with a body of a mass in kg, and by the grey box."""
     data.require_angles("MuJoCo")
     predictor = data.simulations
-    found = []
+    comparisons = []
     for number in track(numbers, "Simulating twice"):
         log = data.logs[number]
         setting = predictor.setting(number, estimate)
@@ -76,7 +76,7 @@ def compare_three(
             states = replay_loop(joint, log, grid, loop)
             mujoco = zero + SimulatedMotion(((grid, *states),)).at(log.time)
         greybox = predictor.run(number, estimate).simulated
-        found.append(
+        comparisons.append(
             ThreeWay(
                 log=log,
                 zero=zero,
@@ -87,7 +87,7 @@ def compare_three(
                 gains=_gains(log, {"MuJoCo": mujoco, "grey box": greybox}),
             )
         )
-    return found
+    return comparisons
 
 
 def _gains(log: Log, simulated: dict[str, Samples]) -> dict[str, complex]:

@@ -14,7 +14,7 @@ from butterfly.errors import InputError, nearest
 from butterfly.identification.estimators import Estimator, OutputError
 from butterfly.thesis.method import Thesis  # noqa: F401 - its being read makes it one of them
 
-ESTIMATORS: dict[str, type[Estimator]] = {each.method: each for each in Estimator.__subclasses__()}
+ESTIMATORS: dict[str, type[Estimator]] = {kind.method: kind for kind in Estimator.__subclasses__()}
 """All estimators by the name of their method."""
 
 DEFAULT_METHOD = "auto"
@@ -26,20 +26,23 @@ METHODS = (*ESTIMATORS, DEFAULT_METHOD)
 
 def options_of(kind: type[Estimator]) -> list[str]:
     """Return the names of an estimator's options."""
-    return [each.name for each in fields(kind) if each.name != "method"]
+    return [option.name for option in fields(kind) if option.name != "method"]
 
 
 def kind_of(
     method: str, options: Iterable[str] = (), *, written: Callable[[str], str] = str
 ) -> type[Estimator]:
-    """Return the estimator of a name, whose options are its own; ``written``: as the user does."""
+    """Return the class of a method's estimator; InputError for an unknown method or option.
+
+    ``written`` spells a name as the user does.
+    """
     if method not in METHODS:
         raise InputError("estimator", written("method"), method, nearest(method, METHODS))
     kind = OutputError if method == DEFAULT_METHOD else ESTIMATORS[method]
-    own = [written(name) for name in options_of(kind)]
+    names = [written(name) for name in options_of(kind)]
     for name in map(written, options):
-        if name not in own:
-            expected = nearest(name, [*own, written("method")]) if own else "no option"
+        if name not in names:
+            expected = nearest(name, [*names, written("method")]) if names else "no option"
             raise InputError(f"{written('method')} {method}", name, "an unknown option", expected)
     return kind
 

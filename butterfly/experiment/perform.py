@@ -114,8 +114,8 @@ class RunResult:
         experiment, data = self._experiment, None
         if experiment.runs():
             self._refuse_without_scale()
-            beside = nullcontext() if self._threads == 1 else compiling_beside(rehearse)
-            with self.timed("simulate"), beside:
+            compilation = nullcontext() if self._threads == 1 else compiling_beside(rehearse)
+            with self.timed("simulate"), compilation:
                 self.logs.extend(simulate(experiment, threads=self._threads, track=self._track))
             with self.timed("identify"):
                 data = data_set_of(experiment, self.logs, self._track)
@@ -129,7 +129,7 @@ class RunResult:
             raise IdentifiabilityError(self._estimates[0].error)
 
     def _refuse_without_scale(self) -> None:
-        """Refuse masses that give no estimator the scale, before any simulation."""
+        """Raise IdentifiabilityError before any simulation if added masses leave the scale open."""
         experiment, specs = self._experiment, self._experiment.all_estimators
         if experiment.control is not None or any(spec.method == "thesis" for spec in specs):
             return
@@ -194,12 +194,12 @@ class RunResult:
             self._estimates.append(EstimateRecord(estimator=spec.label, error=str(error)))
             return
         self.identifications[spec.label] = replace(identified, truth=self._truth)
-        found = identified.estimate
+        estimate = identified.estimate
         held_out = np.array(list(identified.held_out.values()))
-        names, how = (*found.names, *found.known.fixed), self._experiment.validation
+        names, how = (*estimate.names, *estimate.known.fixed), self._experiment.validation
         record = EstimateRecord(
             estimator=spec.label,
-            estimate=found,
+            estimate=estimate,
             truth={name: float(getattr(self._truth, name)) for name in names},
             fit=identified.fit,
             holdout=FitSummary.of(held_out) if held_out.size else None,

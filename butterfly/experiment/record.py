@@ -117,7 +117,7 @@ class RoundsRecord:
     def fields_of(calibration: Calibration) -> dict[str, Any]:
         """Return the fields that a calibration has."""
         last = calibration.rounds[-1]
-        reached = tuple(or_none(each.reached) for each in calibration.rounds)
+        reached = tuple(or_none(turn.reached) for turn in calibration.rounds)
         sizes = {"target_rad": last.orbit.size, "amplitudes_rad": reached}
         if last.orbit.direction:
             sizes = {"target_rad_s": last.orbit.size, "speeds_rad_s": reached}
@@ -127,9 +127,9 @@ class RoundsRecord:
 
 @dataclass(frozen=True, kw_only=True)
 class AlsoRecord(RoundsRecord):
-    """Another orbit of the same robot, and the 95 % intervals of what it says less what the first.
+    """Another orbit of the same robot, and by how much its parameters differ from the first one's.
 
-    Each is of one parameter alone, or of its ratio to p1.
+    Differences are 95 % intervals, each of one parameter alone, or of its ratio to p1.
     """
 
     differences: dict[str, tuple[float, float]]
@@ -156,8 +156,8 @@ class OrbitRecord(RoundsRecord):
         """Return the record of a study."""
         also = None
         if study.also is not None:
-            found = change(study.estimate, study.also.rounds[-1].recalibration.estimate)
-            differences = {each.name: each.interval for each in found.parameters}
+            comparison = change(study.estimate, study.also.rounds[-1].recalibration.estimate)
+            differences = {p.name: p.interval for p in comparison.parameters}
             also = AlsoRecord(**cls.fields_of(study.also), differences=differences)
         return cls(
             **cls.fields_of(study.calibration),
@@ -197,7 +197,9 @@ class RunRecord(_Signed):
     @property
     def reason(self) -> str:
         """Error of the run, or the first error of an estimator; empty if none."""
-        errors = [f"{each.estimator}: {each.error}" for each in self.estimates if each.error]
+        errors = [
+            f"{record.estimator}: {record.error}" for record in self.estimates if record.error
+        ]
         return self.error or next(iter(errors), "")
 
     @property
@@ -209,15 +211,15 @@ class RunRecord(_Signed):
     @property
     def unconverged(self) -> int:
         """Number of estimates that did not converge."""
-        return sum(each.ending is Ending.STOPPED for each in self.estimates)
+        return sum(record.ending is Ending.STOPPED for record in self.estimates)
 
     @property
     def verdict(self) -> str | None:
         """The worst verdict on its estimates, including the orbit; None without estimates."""
-        found = [each.estimate.level for each in self.estimates if each.estimate is not None]
+        levels = [record.estimate.level for record in self.estimates if record.estimate is not None]
         if self.orbit is not None and self.orbit.verdict is not None:
-            found.append(Level.of_verdict(self.orbit.verdict))
-        return Level.worst(found).verdict if found else None
+            levels.append(Level.of_verdict(self.orbit.verdict))
+        return Level.worst(levels).verdict if levels else None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -116,9 +116,9 @@ class PlantSpec(StrictModel):
     @property
     def rig(self) -> Rig:
         """The robot with how it is run."""
-        named = {each.name for each in fields(Rig)} & type(self).model_fields.keys()
-        own = {name: getattr(self, name) for name in named}
-        return Rig(robot=self.robot, servo=self.servo, **own)
+        named = {field.name for field in fields(Rig)} & type(self).model_fields.keys()
+        settings = {name: getattr(self, name) for name in named}
+        return Rig(robot=self.robot, servo=self.servo, **settings)
 
     @model_validator(mode="after")
     def _possible(self) -> PlantSpec:
@@ -130,7 +130,7 @@ class PlantSpec(StrictModel):
                 "use either lumped or hand, drive, friction, clutch and base, not both"
             )
         elsewhere = vars(IDEAL) | vars(LoopTerms()) | {"delay": 0.0}
-        if any(getattr(self.lumped, each, value) != value for each, value in elsewhere.items()):
+        if any(getattr(self.lumped, name, value) != value for name, value in elsewhere.items()):
             raise ValueError(
                 "put delay, dead_zone and compression under path, and gains under loop"
             )
@@ -182,8 +182,8 @@ class StateSpec(StrictModel):
 class TargetSpec(OneOf):
     """The orbit to hold: by its amplitude in rad, its energy in J, or a state on it.
 
-    One that turns over by its mean speed in rad/s, too, whose sign says which way round; of an
-    energy the direction does.
+    One that turns over may be given by its mean speed in rad/s, too: its sign is the direction. An
+    energy goes with ``direction``.
     """
 
     amplitude: float | None = None
@@ -332,7 +332,8 @@ class Experiment(StrictModel):
     def _one_way_to_name_estimators(self) -> Experiment:
         if self.estimators and {"method", "terms"} & self.model_fields_set:
             raise ValueError("use either estimators, or method and terms, not both")
-        labels = [each.label for each in self.all_estimators]  # which refuse terms of others
+        # all_estimators refuses terms of another method
+        labels = [estimator.label for estimator in self.all_estimators]
         if len(set(labels)) < len(labels):
             raise ValueError("two estimators have the same name; each needs its own")
         return self

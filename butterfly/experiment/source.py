@@ -48,8 +48,8 @@ class Source:
         """Signal files by their names beside results."""
         content: dict[str, Any] = {}
         for document in reversed(self.documents):
-            own = _with_paths(document.content, partial(self._name, document.path))
-            content = _merged(content, own)
+            changes = _with_paths(document.content, partial(self._name, document.path))
+            content = _merged(content, changes)
         content.pop("extends", None)
         self.content = content
         """The merged mapping, in which signal files have their names beside results."""
@@ -102,7 +102,10 @@ def read_experiment(path: str | PathLike[str]) -> Experiment:
 
 
 def keep_experiment(source: Source, folder: Path) -> list[str]:
-    """Write a planned experiment and its signals, over none that was read; return their names."""
+    """Write a planned experiment and its signal files to a folder; return their names.
+
+    InputError if that would change a file that was read.
+    """
     contents = {EXPERIMENT: (HEAD + yaml_text(source.content)).encode()}
     names = [named.path.as_posix() for named in source.digests]
     contents |= {name: source.files[name].read_bytes() for name in names}
@@ -143,8 +146,8 @@ def filled(content: Mapping[str, Any], tables: Mapping[str, Table]) -> dict[str,
 def _with_signals(content: Mapping[str, Any], changed: Callable[[Any], Any]) -> dict[str, Any]:
     """Return a content with changed signals, if any."""
     signals = content.get("signals")
-    own = {"signals": [changed(each) for each in signals]} if isinstance(signals, list) else {}
-    return {**content, **own}
+    part = {"signals": [changed(signal) for signal in signals]} if isinstance(signals, list) else {}
+    return {**content, **part}
 
 
 def signal_digest(signal: Any) -> str | None:  # noqa: ANN401 - whatever stands in the file
@@ -172,7 +175,7 @@ def _chain(path: Path) -> list[Document]:
         if not isinstance(named, str):
             raise InputError(document.path, "extends", named, "the path of an experiment file")
         base = _base(document.path, named)
-        if base in [each.path.resolve() for each in documents] or len(documents) == _DEEPEST:
+        if base in [file.path.resolve() for file in documents] or len(documents) == _DEEPEST:
             expected = "a file that does not extend this one"
             raise InputError(document.path, "extends", named, expected)
         documents.append(load_yaml(base))
@@ -182,18 +185,18 @@ def _chain(path: Path) -> list[Document]:
 def _with_paths(value: Any, named: Callable[[str], str], place: str = "") -> Any:  # noqa: ANN401 - any YAML
     """Return a content with other paths of signals, including those set by a sweep."""
     if isinstance(value, dict):
-        return {key: _with_paths(each, named, f"{place}{key}.") for key, each in value.items()}
+        return {key: _with_paths(part, named, f"{place}{key}.") for key, part in value.items()}
     if isinstance(value, list):
-        return [_with_paths(each, named, place) for each in value]
+        return [_with_paths(part, named, place) for part in value]
     return named(value) if isinstance(value, str) and _OF_SIGNALS.search(place) else value
 
 
 def _base(path: Path, named: str) -> Path:
     require_path(named, path, "extends")
-    beside = path.parent / named
-    if beside.exists():
-        if beside.resolve().is_relative_to(shipped("experiments").resolve()):
-            return beside.resolve()
+    sibling = path.parent / named
+    if sibling.exists():
+        if sibling.resolve().is_relative_to(shipped("experiments").resolve()):
+            return sibling.resolve()
         return _inside(path, named)
     if Path(named).is_absolute() or ".." in Path(named).parts:
         expected = "a file in the same folder, or a shipped experiment"

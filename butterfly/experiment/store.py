@@ -65,9 +65,9 @@ class ResultStore:
     def require_own(self) -> None:
         """Raise InputError unless the folder is new, empty, or one of results."""
         names = sorted(path.name for path in self.folder.glob("*"))
-        kept = {name: (self.folder / name).read_bytes() for name in {SWEEP, EXPERIMENT} & {*names}}
-        own = kept.get(EXPERIMENT, b"").startswith(HEAD.encode())
-        if names and not own and origin_of(kept.get(SWEEP, b"").decode("latin-1")) == "no record":
+        files = {name: (self.folder / name).read_bytes() for name in {SWEEP, EXPERIMENT} & {*names}}
+        ours = files.get(EXPERIMENT, b"").startswith(HEAD.encode())
+        if names and not ours and origin_of(files.get(SWEEP, b"").decode("latin-1")) == "no record":
             expected = "a new folder, or one of butterfly's results"
             raise InputError(self.folder, "--out", f"a folder with {names[0]}", expected)
 
@@ -102,25 +102,25 @@ class ResultStore:
         """Write the files of a run, then its record, each as a whole."""
         key = outcome.record.key
         for name, content in outcome.files.items():
-            write_file(self.files_path(key) / name, content, own=True)
+            write_file(self.files_path(key) / name, content, internal=True)
         files = {name: digest_of(content) for name, content in outcome.files.items()}
         record = replace(outcome.record, files=files).to_json()
-        write_file(self.record_path(key), record, own=True)
+        write_file(self.record_path(key), record, internal=True)
 
     def begin_sweep(self, sweep: SweepRecord) -> None:
         """Write the plan before its runs; earlier tables stay."""
         with suppress(InputError):
             sweep = replace(sweep, tables=self.sweep().tables)
-        write_file(self.folder / SWEEP, sweep.to_json(), own=True)
+        write_file(self.folder / SWEEP, sweep.to_json(), internal=True)
 
     def end_sweep(self, sweep: SweepRecord, *, track: Track = untracked) -> None:
-        """Write the tables from the records, and the plan; the last of writers checks again."""
+        """Write the tables from the records, and the plan; again if another process wrote them."""
         for _ in range(_ENDS):
             tables = self._tables(sweep, track)
             for name, content in tables.items():
-                write_file(self.folder / name, content, own=True)
+                write_file(self.folder / name, content, internal=True)
             files = {name: digest_of(content) for name, content in tables.items()}
-            write_file(self.folder / SWEEP, replace(sweep, tables=files).to_json(), own=True)
+            write_file(self.folder / SWEEP, replace(sweep, tables=files).to_json(), internal=True)
             if _hold(self.folder, files):
                 return
 
@@ -166,19 +166,19 @@ class ResultStore:
     def _is_linked(self, path: Path) -> bool:
         """Whether a path contains a link."""
         way = (path, *path.parents)
-        return any(each.is_symlink() for each in way[: way.index(self.folder)])
+        return any(part.is_symlink() for part in way[: way.index(self.folder)])
 
     def clean(self, *, failed: bool = False) -> list[Path]:
-        """Remove and return records of no run, stray logs and drafts, and if so failed runs."""
+        """Remove and return records of no run, stray logs, drafts, and if asked ``failed`` runs."""
         wanted = {run.key for run in self.sweep().runs}
         removed = [path for path in self.folder.rglob(f"{DRAFT}*") if _is_stale(path)]
-        kept = [path for path in (self.folder / "runs").glob("*/*") if _KEY.fullmatch(path.stem)]
-        for path in sorted(path for path in kept if path.suffix == ".json"):
+        paths = [path for path in (self.folder / "runs").glob("*/*") if _KEY.fullmatch(path.stem)]
+        for path in sorted(path for path in paths if path.suffix == ".json"):
             record = self.read(path.stem)
             unwanted = record is None or (failed and record.status != OK)
             if unwanted or path.stem not in wanted:
                 removed += [path, self.files_path(path.stem)]
-        removed += [path for path in kept if path.is_dir() and path.name not in wanted]
+        removed += [path for path in paths if path.is_dir() and path.name not in wanted]
         existing = [
             path for path in dict.fromkeys(removed) if path.exists() and not self._is_linked(path)
         ]

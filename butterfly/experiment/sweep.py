@@ -92,8 +92,8 @@ def address(experiment: Experiment, content: Mapping[str, Any]) -> str:
     """Return the hash of all that a result depends on: defaults, code and versions."""
     asked = experiment.model_dump(mode="json", exclude=_NOT_ASKED | _ASKED_OTHERWISE)
     asked["estimators"] = [
-        {name: value for name, value in asdict(each).items() if name != "workers"}
-        for each in experiment.all_estimators  # no result depends on their number
+        {name: value for name, value in asdict(estimator).items() if name != "workers"}
+        for estimator in experiment.all_estimators  # no result depends on their number
     ]
     named = content.get("signals", [])
     asked["signals"] = [
@@ -151,8 +151,8 @@ def run_sweep(
     chosen = chosen_of(plan.tasks, only)
     unique = {task.key: task for task in chosen}
     looked = () if force else track(unique.values(), "Checking finished runs")
-    kept = (store.complete(task.key) for task in looked)
-    statuses = {record.key: record.status for record in kept if record is not None}
+    records = (store.complete(task.key) for task in looked)
+    statuses = {record.key: record.status for record in records if record is not None}
     pending = [task for task in unique.values() if task.key not in statuses]
     sweep = sweep_record(plan)
     store.begin_sweep(sweep)

@@ -114,7 +114,7 @@ class SweepSpec(StrictModel):
     def _axes(self) -> list[list[tuple[str, ...]]]:
         """Paths set by each part, in order of application."""
         drawn = [tuple(spec.fields) if spec else () for spec in (self.random, self.latin_hypercube)]
-        return [[tuple(self.grid)], [tuple(row) for row in self.rows], *([each] for each in drawn)]
+        return [[tuple(self.grid)], [tuple(row) for row in self.rows], *([row] for row in drawn)]
 
     @property
     def fields(self) -> list[str]:
@@ -129,7 +129,7 @@ class SweepSpec(StrictModel):
         derived from it.
         """
         drawn = (spec.count for spec in (self.random, self.latin_hypercube) if spec)
-        values = (len(each) for each in self.grid.values())
+        values = (len(choices) for choices in self.grid.values())
         count = math.prod((*values, *drawn, len(self.rows) or 1, self.repetitions))
         require_room(source, "sweep", f"{count:,} runs", _BYTES_PER_RUN * count)
         axes: list[list[Overrides]] = [
@@ -194,8 +194,8 @@ def _drawn(spec: RandomSpec | None, seed: int, stream: int) -> list[Overrides]:
         shares = rng.random((spec.count, len(spec.fields)))
     return [
         {
-            path: each.quantile(share)
-            for (path, each), share in zip(spec.fields.items(), row, strict=True)
+            path: distribution.quantile(share)
+            for (path, distribution), share in zip(spec.fields.items(), row, strict=True)
         }
         for row in shares.tolist()
     ]

@@ -94,7 +94,7 @@ _ESTIMATE: dict[str, Column[Found]] = {
     "estimator": (_TEXT, lambda row: row.record.estimator),
     "verdict": (_TEXT, lambda row: row.record.verdict),
     "ending": (_TEXT, lambda row: row.estimate.ending),
-    "findings": (_TEXT, lambda row: ", ".join(each.kind for each in row.estimate.findings)),
+    "findings": (_TEXT, lambda row: ", ".join(finding.kind for finding in row.estimate.findings)),
     "parameter": (_TEXT, lambda row: row.parameter.name),
     "on_bound": (_TRUTH, lambda row: row.parameter.on_bound),
     "known": (_TRUTH, lambda row: row.parameter.known),
@@ -126,8 +126,8 @@ class SweepColumns:
     def schema(self, table: str) -> pa.Schema:
         """Return the names and types of a table's columns."""
         place = {name: kind for name, (kind, _) in _PLACE.items()}
-        own: dict[str, Column[Any]] = {**(_RUN if table == RUNS else _ESTIMATE)}
-        rest = {name: kind for name, (kind, _) in own.items()}
+        columns: dict[str, Column[Any]] = {**(_RUN if table == RUNS else _ESTIMATE)}
+        rest = {name: kind for name, (kind, _) in columns.items()}
         return pa.schema(list((place | self._fields | rest).items()))
 
     def rows(self, table: str, run: SweepRun, record: RunRecord | None) -> Iterator[dict[str, Any]]:
@@ -140,8 +140,8 @@ class SweepColumns:
         for estimate in record.estimates if record else ():
             for parameter in estimate.parameters:
                 assert estimate.estimate is not None  # noqa: S101 - it has parameters
-                found = Found(estimate, estimate.estimate, parameter)
-                yield place | {name: value(found) for name, (_, value) in _ESTIMATE.items()}
+                row = Found(estimate, estimate.estimate, parameter)
+                yield place | {name: value(row) for name, (_, value) in _ESTIMATE.items()}
 
 
 def _kind(values: Iterable[Any]) -> pa.DataType:
@@ -226,9 +226,11 @@ class Estimates:
     @property
     def verdicts(self) -> dict[str, dict[str, int]]:
         """Number of estimates of each verdict, by estimator."""
-        found = Counter((name, said) for (_, name), said in self.by_estimate("verdict").items())
+        counts = Counter(
+            (name, verdict) for (_, name), verdict in self.by_estimate("verdict").items()
+        )
         return {
-            name: {each.verdict: found[name, each.verdict] for each in VERDICTS}
+            name: {level.verdict: counts[name, level.verdict] for level in VERDICTS}
             for name in self.estimators
         }
 
@@ -240,15 +242,15 @@ class Estimates:
     def worst(self) -> Estimates:
         """Return the row with the largest deviation, per run and estimator."""
         sizes = np.nan_to_num(np.abs(self["deviation"]))
-        found: dict[tuple[float, str], int] = {}
+        rows: dict[tuple[float, str], int] = {}
         owners = zip(self["number"].tolist(), self["estimator"].tolist(), strict=True)
         for row, owner in enumerate(owners):
-            if owner not in found or sizes[row] > sizes[found[owner]]:
-                found[owner] = row
-        return self.take(np.isin(np.arange(sizes.size), list(found.values())))
+            if owner not in rows or sizes[row] > sizes[rows[owner]]:
+                rows[owner] = row
+        return self.take(np.isin(np.arange(sizes.size), list(rows.values())))
 
     def recovery(self) -> Iterator[dict[str, Any]]:
-        """Yield how each estimator recovers each parameter: deviations as shares, NaN of none."""
+        """Yield a row per estimator and parameter: deviations as shares (NaN of none), coverage."""
         for estimator in self.estimators:
             for parameter in self.distinct("parameter"):
                 group = self.where(estimator=estimator, parameter=parameter)

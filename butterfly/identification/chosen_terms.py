@@ -96,7 +96,7 @@ class FreeRunModel:
 
     def offers(self, rows: Collection[str]) -> list[Offer]:
         """Test rows that it does not have, on simulations that are differentiated by them."""
-        found = self._offers([name for name in rows if name != STRIBECK], {})
+        offers = self._offers([name for name in rows if name != STRIBECK], {})
         if STRIBECK in rows:
             fastest = 2**0.5 * max(log.rms_speed for log in self.problem.logs)
             tried = [
@@ -104,8 +104,8 @@ class FreeRunModel:
                 for speed in stribeck_velocities(fastest)
                 for offer in self._offers([STRIBECK], {"stribeck_velocity": speed})
             ]
-            found += [max(tried, key=lambda each: each.share)] if tried else []
-        return found
+            offers += [max(tried, key=lambda offer: offer.share)] if tried else []
+        return offers
 
     def _offers(self, rows: Sequence[str], settings: Mapping[str, float]) -> list[Offer]:
         if not rows:
@@ -114,9 +114,9 @@ class FreeRunModel:
         at = self.equations(there, there.values_from(self.problem, self.fit.values))
         if not at.is_finite:
             return []
-        kept = np.isin(there.labels, self.problem.labels)
+        fitted = np.isin(there.labels, self.problem.labels)
         nested = nested_about(there, at, len(self.every.keys))
-        return offers_in(replace(nested, settings=dict(settings)), kept, rows, self.masses)
+        return offers_in(replace(nested, settings=dict(settings)), fitted, rows, self.masses)
 
     def equations(self, there: Problem, values: Samples) -> Linearisation:
         """Return the equations of a problem in other terms about (n,) values."""
@@ -132,18 +132,18 @@ class FreeRunModel:
     ) -> Fit:
         """Return where a descent in other terms ends, as far as their choice needs it.
 
-        One into ever stiffer joints, as a base that hardly moves, takes no more steps than ``most``
-        expansions at its start.
+        A descent into ever stiffer joints, as a base that hardly moves, ends after as many steps of
+        simulations as ``most`` expansions take at its start.
         """
         return there.descend(at, most, enough, most * at.steps)
 
     def _with(self, rows: Iterable[str], values: Mapping[str, float]) -> Problem:
         """Return the problem with more rows, first guesses by label being as given."""
         wanted = {*self.problem.labels, *rows, *companions(rows)}
-        kept = np.flatnonzero([label in wanted for label in self.every.labels])
+        indices = np.flatnonzero([label in wanted for label in self.every.labels])
         first = dict(zip(self.every.labels, self.every.initial.tolist(), strict=True))
-        initial = np.array([{**first, **values}[self.every.labels[k]] for k in kept])
-        there = replace(self.every.keeping(kept, initial), scatter=self.fit.scatter)
+        initial = np.array([{**first, **values}[self.every.labels[k]] for k in indices])
+        there = replace(self.every.keeping(indices, initial), scatter=self.fit.scatter)
         return replace(there, initial=np.maximum(initial, there.lower))
 
     def adding(self, offer: Offer) -> Self | None:
@@ -172,13 +172,13 @@ class FreeRunModel:
     def without(self, names: Collection[str]) -> Self:
         """Fit without some terms."""
         problem = self.problem.without({*names})
-        kept = np.isin(self.problem.labels, problem.labels)
-        values = self.nested.fitted(kept[np.newaxis])[0][kept]
+        mask = np.isin(self.problem.labels, problem.labels)
+        values = self.nested.fitted(mask[np.newaxis])[0][mask]
         there = None
         if is_near(problem.named(values), self.fit.named, self.masses):
             there = self.equations(problem, values)
         if there is None or not there.is_finite:
-            there = self.equations(problem, self.fit.values[kept])
+            there = self.equations(problem, self.fit.values[mask])
         return replace(self, fit=self.descended(problem, there))
 
     def confirms(self, rival: Mapping[str, float]) -> bool:
@@ -211,32 +211,32 @@ def choose(
 ) -> Fit:
     """Choose from the rows of a problem, beginning with a fit in some of them.
 
-    Of a fit to weighed logs those that it has stay: the friction of each log would take the place
-    of those, which the mean of all needs. In 0 ``rounds`` only what is missing is found.
+    A fit to weighed logs keeps its terms: the mean of all logs needs them, but the friction of each
+    log would take their place. With 0 ``rounds`` only missing terms are looked for.
     """
     if not rows or out_of_time("the selection of terms"):
         return fit
     model = FreeRunModel(every=every, fit=fit, rows=tuple(rows))
     open_ = [name for name in rows if not (fit.scatter and name in model.terms)]
     try:
-        found = stagewise(model, open_, rare, rounds)
-        chosen = found.model.fit
+        selection = stagewise(model, open_, rare, rounds)
+        chosen = selection.model.fit
         if fit.scatter is None and rounds:
-            chosen = found.model.problem.descend(chosen.linearisation)
+            chosen = selection.model.problem.descend(chosen.linearisation)
     except IdentifiabilityError:
         if fit.scatter is None:
             raise
         return fit  # no weighed logs move as other terms would have it
     first = fit.path[-1] if fit.path else ()
-    more = ((*first, *terms) for terms in found.path[bool(fit.path) :])
-    said = [each for each in fit.findings if each.kind is not FindingKind.NOT_HELPING]
+    more = ((*first, *terms) for terms in selection.path[bool(fit.path) :])
+    findings = [finding for finding in fit.findings if finding.kind is not FindingKind.NOT_HELPING]
     return replace(
         chosen,
         unweighed=fit.unweighed,
-        rivals=tuple(found.rival_values()),
-        findings=tuple(dict.fromkeys([*said, *found.findings])),
+        rivals=tuple(selection.rival_values()),
+        findings=tuple(dict.fromkeys([*findings, *selection.findings])),
         path=(*fit.path, *more),
-        missing=tuple(map(_missing, found.missing)),
+        missing=tuple(map(_missing, selection.missing)),
     )
 
 
@@ -245,7 +245,7 @@ def _missing(offer: Offer) -> LackedTerm:
     nested, names = offer.nested, np.array(offer.nested.names)
     fits = nested.fitted(np.array([offer.kept, offer.kept | (names == offer.name)]))
     _, log = np.unique(nested.equations.log, return_inverse=True)
-    before, after = (np.bincount(log, each) for each in nested.costs(fits))
+    before, after = (np.bincount(log, costs) for costs in nested.costs(fits))
     return LackedTerm(offer.name, offer.share, 1 - after / before, offer.values)
 
 
@@ -264,16 +264,16 @@ def separable(every: Problem, fit: Fit) -> Fit:
     """Fit again without what the equations cannot tell from the rest, and say so."""
     while lost := _inseparable(fit.linearisation):
         problem = every.of_fit(fit)
-        kept = np.flatnonzero(~np.isin(problem.labels, lost))
-        fewer = problem.keeping(kept, fit.values[kept])
+        indices = np.flatnonzero(~np.isin(problem.labels, lost))
+        fewer = problem.keeping(indices, fit.values[indices])
         end = fewer.descend(fewer.equations(fewer.initial, fit.linearisation))
-        said = Finding(FindingKind.INSEPARABLE, parameters=lost)
+        finding = Finding(FindingKind.INSEPARABLE, parameters=lost)
         fit = replace(
             end,
             rivals=fit.rivals,
             missing=fit.missing,
-            findings=(*fit.findings, said),
-            path=tuple(tuple(n for n in each if n not in lost) for each in fit.path),
+            findings=(*fit.findings, finding),
+            path=tuple(tuple(n for n in terms if n not in lost) for terms in fit.path),
         )
     return fit
 
@@ -301,7 +301,7 @@ def spoken_for(names: Iterable[str]) -> tuple[str, ...]:
 
 def twin_terms(every: Problem, fit: Fit, rows: Iterable[str]) -> list[TwinTerm]:
     """Return those of some rows of a problem that predict better than a fit and move parameters."""
-    found, model = [], FreeRunModel(every=every, fit=fit, rows=tuple(rows))
+    twins, model = [], FreeRunModel(every=every, fit=fit, rows=tuple(rows))
     shared = model.problem.labels[: model.problem.shared]
     for offer in (offer for name in rows for offer in model.offers([name])):
         if not (offer.ratio > 1 and model.confirms(offer.values)):
@@ -317,5 +317,5 @@ def twin_terms(every: Problem, fit: Fit, rows: Iterable[str]) -> list[TwinTerm]:
             if label in PARAMETERS and abs(value - old) > MATTERS * abs(old)
         }
         if moved:
-            found.append(TwinTerm(offer.name, Rival(values, widths), moved))
-    return found
+            twins.append(TwinTerm(offer.name, Rival(values, widths), moved))
+    return twins

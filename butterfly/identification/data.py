@@ -201,7 +201,7 @@ class DataSet:
         InputError if a term needs the angle, and a log has only a velocity.
         """
         known = self.known.parameters.items()
-        acting = [name for name, each in known if name in OF_ANGLE and each != Known(value=0.0)]
+        acting = [name for name, value in known if name in OF_ANGLE and value != Known(value=0.0)]
         if acting or self.hangs:
             self.require_angles((*acting, "gravity")[0])
         return encoder_offsets(self.logs, self.points)
@@ -213,13 +213,13 @@ class DataSet:
         It is the median of its logs' zeros; a known zero of a single log takes precedence (see
         `zero_of`).
         """
-        found: dict[AddedMass, float] = {}
+        zeros: dict[AddedMass, float] = {}
         for mass in self.masses:
             pairs = zip(self.logs, self.offsets, strict=True)
             of_mass = [zero for log, zero in pairs if log.added_mass == mass]
             others = [zero for zero in of_mass if zero.kind is not OffsetKind.GIVEN] or of_mass
-            found[mass] = float(np.median([near(zero.value, others[0].value) for zero in others]))
-        return found
+            zeros[mass] = float(np.median([near(zero.value, others[0].value) for zero in others]))
+        return zeros
 
     def zero_of(self, log: Log) -> float:
         """Return the encoder reading in rad where the model's angle is 0 in one of the logs."""
@@ -301,19 +301,19 @@ class DataSet:
 
     def corrected(self, correct: Callable[[Log], Log], finding: Finding | None = None) -> DataSet:
         """Return the data set with every log corrected, held-out ones too, with its finding."""
-        logs, said = tuple(map(correct, self.logs)), finding or self.correction
+        logs, correction = tuple(map(correct, self.logs)), finding or self.correction
         held = self.test_logs and self.test_logs.corrected(correct, finding)
         points = _responses(logs, untracked)
-        return replace(self, logs=logs, points=points, test_logs=held, correction=said)
+        return replace(self, logs=logs, points=points, test_logs=held, correction=correction)
 
     def told(self, tell: Callable[[Log], Log]) -> DataSet:
-        """Return the data set with every log told what changes none of its responses."""
+        """Return the data set with ``tell`` applied to every log; it must change no response."""
         held = self.test_logs and self.test_logs.told(tell)
         return replace(self, logs=tuple(map(tell, self.logs)), test_logs=held)
 
     @property
     def whole(self) -> DataSet:
-        """All logs, those that are held out after the others; its manifest names these."""
+        """The data set of all logs, held-out ones last, which its manifest names."""
         held, manifest = self.test_logs, self.manifest
         if held is None:
             return self
@@ -336,11 +336,11 @@ class DataSet:
         if not rows:
             return self
         whole, count = self.whole, len(self.logs)
-        kept = [k for k in range(count) if k not in rows]
-        if not kept:
+        numbers = [k for k in range(count) if k not in rows]
+        if not numbers:
             raise InputError(self.name, "holdout", "all logs", "at least one log to estimate from")
         test_logs = whole.take([*rows, *range(count, len(whole.logs))])
-        return replace(whole.take(kept), test_logs=test_logs)
+        return replace(whole.take(numbers), test_logs=test_logs)
 
     def take(self, rows: Sequence[int]) -> DataSet:
         """Return the data set of some of the logs that are used, by their numbers."""
@@ -368,7 +368,7 @@ def _absent(logs: Sequence[Log]) -> dict[str, str]:
 def _of_loops(logs: Sequence[Log]) -> Prior:
     """Return the gains of servo loops that were given with an uncertainty."""
     loops = [log.servo.uncertain for log in logs if log.servo]
-    return Prior({name: each for loop in loops for name, each in loop.items()})
+    return Prior({name: gain for loop in loops for name, gain in loop.items()})
 
 
 def _implied(given: Prior, logs: Sequence[Log]) -> Prior:

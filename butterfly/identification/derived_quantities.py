@@ -270,8 +270,8 @@ def _by_motor_and_hand(given: Prior, input_kind: InputKind, joint: JointKind) ->
 def implied(given: Prior, input_kind: InputKind, joint: JointKind = JointKind.HINGE) -> Prior:
     """Return the prior with the parameters that follow from it; two sources are averaged."""
     both = {
-        name: _both(name, given.parameters[name], each) if name in given.parameters else each
-        for name, each in _by_motor_and_hand(given, input_kind, joint).items()
+        name: _both(name, given.parameters[name], value) if name in given.parameters else value
+        for name, value in _by_motor_and_hand(given, input_kind, joint).items()
     }
     return given | Prior(both)
 
@@ -281,8 +281,8 @@ def discrepancies(
 ) -> dict[str, float]:
     """Return differences of parameters with two sources, in standard uncertainties."""
     pairs = {
-        name: (each, given.parameters[name])
-        for name, each in _by_motor_and_hand(given, input_kind, joint).items()
+        name: (value, given.parameters[name])
+        for name, value in _by_motor_and_hand(given, input_kind, joint).items()
         if name in given.parameters
     }
     return {

@@ -4,9 +4,9 @@ Each run is simulated with the estimate, and its rows are added to those of the 
 as it is played. The intervals that then follow are those of the inference: standard errors by the
 inverse of the information (Walter & Pronzato, Identification of Parametric Models from Experimental
 Data, 1997, ch. 6), times the quantile of Student's t with the degrees of freedom of these clusters.
-So more of the runs that a parameter rests on count most, where few do. All is in units in which
-the logs so far have the intervals that they show. A servo is planned set-points, and falls with its
-torque off: it takes no other input.
+So repeating a run helps most where a parameter rests on few. Errors are scaled to give the logs so
+far the intervals that they show. For a servo, set-points are planned, and falls with its torque
+off: it takes no other input.
 """
 
 from __future__ import annotations
@@ -112,7 +112,7 @@ def largest_torque(parameters: LumpedParameters, logs: Sequence[Log]) -> float:
 
 
 def _largest_motion(logs: Sequence[Log]) -> dict[str, float]:
-    """Return what multiplies friction where logs move most, and the moment of a level joint."""
+    """Return the largest torque per unit of p2 (a speed in rad/s), p3 and Coulomb friction (1)."""
     speed = math.sqrt(2) * max(log.rms_speed for log in logs)  # amplitude, of a sine
     return {"p2": speed, "p3": 1.0, "coulomb": 1.0}
 
@@ -142,13 +142,13 @@ def plans(
     rest = Setting(parameters=parameters, zero=0.0, velocity=0.0)
     settings = [data.simulations.setting(k, estimate) for k in range(len(data.logs))]
     so_far = [
-        _rows(data.simulations.simulation(k, each), estimate.names, each)
-        for k, each in enumerate(settings)
+        _rows(data.simulations.simulation(k, setting), estimate.names, setting)
+        for k, setting in enumerate(settings)
     ]
     forecast = IntervalForecast(estimate, so_far)
 
-    def planned(each: tuple[_T, Log]) -> Plan[_T]:
-        recipe, log = each
+    def planned(pair: tuple[_T, Log]) -> Plan[_T]:
+        recipe, log = pair
         rows = _rows(Simulation(log, parameters), estimate.names, rest)
         more = forecast.log(rows)
 
@@ -185,9 +185,9 @@ def plans(
 
 
 def _rows(simulation: Simulation, names: Sequence[str], setting: Setting) -> Samples:
-    """Return (m, n) derivatives of a log by n parameters, their squares' sum its integral in time.
+    """Return (m, n) derivatives of a log by n parameters, scaled, 0 if the simulation diverges.
 
-    They are 0 if the simulation diverges.
+    The sum of their squares is the integral of the squared derivatives over time.
     """
     parameters, zero, velocity = setting.parameters, setting.zero, setting.velocity
     with np.errstate(all="ignore"):
@@ -283,23 +283,23 @@ def next_experiments(
             break
         loaded = planned.parameters.with_added_mass(mass)
         jobs: list[tuple[Excitation, Log | None]] = [
-            (each, log)
+            (excitation, log)
             for log in servos
-            for each in _setpoints(loaded, log, fastest, widest, fall=log is servos[0])
+            for excitation in _setpoints(loaded, log, fastest, widest, fall=log is servos[0])
         ]
         if not servos:
             way = swing if data.joint is JointKind.SLIDE else widest
             pace = _PACE
             if estimate.open:  # where inertia takes as much torque as viscous friction
                 pace = min(max(_PACE, loaded.p2 / loaded.p1), _FASTEST)
-            jobs = [(each, None) for each in _inputs(loaded, way, command, pace)]
+            jobs = [(excitation, None) for excitation in _inputs(loaded, way, command, pace)]
         for signal, servo in jobs:
             log = expected_log(data, planned.parameters, mass, signal, duration, servo=servo)
             recipes.append((Candidate(signal=signal, log=log), log))
     every = plans(data, planned, recipes, aim, mounted=mounted, price=price, track=track)
     ranked = [
-        replace(each, recipe=replace(each.recipe, warning=_warning(each, planned, swing)))
-        for each in every
+        replace(plan, recipe=replace(plan.recipe, warning=_warning(plan, planned, swing)))
+        for plan in every
     ]
     return sorted(ranked, key=lambda p: (bool(p.recipe.warning), p.cost, p.expected[1]))
 
@@ -383,10 +383,12 @@ def expected_log(
         regimes=(Regime(0.0, 0.0), Regime(duration / 2, 2 * parameters.slow_interval)),
     )
     if servo is not None:
-        own: dict[str, Any] = {"input_kind": InputKind.SETPOINT, "servo": servo.servo}
+        loop: dict[str, Any] = {"input_kind": InputKind.SETPOINT, "servo": servo.servo}
         supply = None if servo.supply is None else servo.supply.mean() * every
         off = 0 * every if isinstance(signal, FreeDecay) else None
-        log = driven(replace(log, **own, intersample=servo.intersample, supply=supply, enabled=off))
+        log = driven(
+            replace(log, **loop, intersample=servo.intersample, supply=supply, enabled=off)
+        )
     if data.logs[0].integrated:
         log = replace(log, integrated=True, velocity=0 * every)
     far = 1e3 * LARGEST_SWING

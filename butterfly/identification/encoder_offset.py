@@ -75,13 +75,13 @@ def encoder_offsets(
     for log, point in zip(logs, points, strict=True):
         if log.zero is None:
             unknown.setdefault(log.added_mass, []).append((log, point))
-    found: dict[AddedMass, EncoderOffset] = {}
+    zeros: dict[AddedMass, EncoderOffset] = {}
     if unknown:
         home = _guess([log for log in logs if log.zero is None]).value
-        found = _together({mass: _of_mass(pairs, home) for mass, pairs in unknown.items()})
+        zeros = _together({mass: _of_mass(pairs, home) for mass, pairs in unknown.items()})
     kind = OffsetKind.GIVEN
     return tuple(
-        found[log.added_mass]
+        zeros[log.added_mass]
         if log.zero is None
         else EncoderOffset(value=log.zero.value, uncertainty=log.zero.uncertainty, kind=kind)
         for log in logs
@@ -91,7 +91,7 @@ def encoder_offsets(
 def offset_errors(zeros: Sequence[EncoderOffset] | Sequence[Known]) -> Samples:
     """(k, n) standard uncertainties in rad of k independent errors in the zeros of n logs."""
     uncertain = sorted({zero for zero in zeros if zero.uncertainty}, key=lambda zero: zero.value)
-    rows = [[each.uncertainty * (zero == each) for zero in zeros] for each in uncertain]
+    rows = [[source.uncertainty * (zero == source) for zero in zeros] for source in uncertain]
     return np.array(rows, dtype=float).reshape(len(uncertain), len(zeros))
 
 
@@ -121,10 +121,10 @@ def _guess(logs: Sequence[Log]) -> EncoderOffset:
     return EncoderOffset(value=value, uncertainty=uncertainty, kind=OffsetKind.GUESS)
 
 
-def _together(found: Mapping[AddedMass, EncoderOffset]) -> dict[AddedMass, EncoderOffset]:
+def _together(zeros: Mapping[AddedMass, EncoderOffset]) -> dict[AddedMass, EncoderOffset]:
     """Return the zeros, fitted ones averaged if they agree, and guesses replaced by the best."""
-    joint = dict(found)
-    fitted = {mass: zero for mass, zero in found.items() if zero.kind is OffsetKind.FIT}
+    joint = dict(zeros)
+    fitted = {mass: zero for mass, zero in zeros.items() if zero.kind is OffsetKind.FIT}
     if fitted:
         home = min(zero.value for zero in fitted.values())
         values = np.array([near(zero.value, home) for zero in fitted.values()])

@@ -80,7 +80,7 @@ class Fit:
     @property
     def scatters(self) -> bool:
         """Whether friction or gain differ from log to log by more than chance."""
-        return any(each.kind is FindingKind.SCATTER for each in self.findings)
+        return any(finding.kind is FindingKind.SCATTER for finding in self.findings)
 
     @property
     def plain(self) -> Fit:
@@ -99,7 +99,7 @@ class Box(NamedTuple):
 
     lower: Samples  # (n,) lower bounds
     share: Samples | float = np.inf  # (n,) largest relative change in one step
-    # (n,) which a value never reaches, so that a step takes it at most nine tenths of the way
+    # (n,) limits that values never reach: a step covers at most nine tenths of the distance
     origin: Samples | float = -np.inf
 
     def about(self, values: Samples, most: Samples | float) -> tuple[Samples, Samples]:
@@ -170,8 +170,8 @@ def minimise(
 
 def _is_last(at: Linearisation, predicted: float, last: float, rho: float, bends: float) -> bool:
     """Whether a step's predicted decrease is so small that the cost after it is not verified."""
-    left = _REMAINDER * at.cost * last / at.residuals.size
-    small = predicted <= _LAST * at.cost and predicted**2 < left
+    remainder = _REMAINDER * at.cost * last / at.residuals.size
+    small = predicted <= _LAST * at.cost and predicted**2 < remainder
     # a shortened step leaves a share of what the whole one predicts
     sure = predicted * (bends - 1) ** 2 <= _LAST**2 * at.cost
     return (_GOOD < rho < _BETTER and small and sure) or predicted <= ROUNDING * at.cost
@@ -209,7 +209,7 @@ class MissingTerms:
         near = is_near(there, here, [log.added_mass for log in logs])
         return cls(
             terms=(best.name,),
-            others=tuple((each.name,) for each in others),
+            others=tuple((term.name,) for term in others),
             share=best.share,
             shares=dict(zip((log.name for log in logs), best.shares.tolist(), strict=True)),
             moved=moved,
@@ -219,7 +219,7 @@ class MissingTerms:
     @property
     def names(self) -> str:
         """Names of the terms and of their alternatives."""
-        return " or ".join(" + ".join(each) for each in (self.terms, *self.others) if each)
+        return " or ".join(" + ".join(terms) for terms in (self.terms, *self.others) if terms)
 
     @property
     def findings(self) -> list[Finding]:
@@ -240,9 +240,9 @@ class MissingTerms:
         rival = content["rival"]
         return cls(
             terms=tuple(map(str, content["terms"])),
-            others=tuple(tuple(map(str, each)) for each in content["others"]),
+            others=tuple(tuple(map(str, names)) for names in content["others"]),
             share=float(content["share"]),
-            shares={str(name): float(each) for name, each in content["shares"].items()},
+            shares={str(name): float(share) for name, share in content["shares"].items()},
             moved=tuple(map(str, content["moved"])),
             rival=None if rival is None else np.array(rival, dtype=np.float64),
         )

@@ -82,7 +82,7 @@ class FreeRun:
         """
         readings = (self.log.measured, self.log.measured - self.simulated)
         with np.errstate(over="ignore", invalid="ignore"):
-            variances = np.array([white_variance(each) for each in readings])
+            variances = np.array([white_variance(series) for series in readings])
         return math.sqrt(float(np.nanmin(variances)))
 
     @cached_property
@@ -95,7 +95,7 @@ class FreeRun:
         angles = (self.log.angle, self.simulated - self.log.angle)
         with np.errstate(over="ignore", invalid="ignore"):
             measured, error = (
-                slope(resample(self.log.time, each, grid), half, 2, step) for each in angles
+                slope(resample(self.log.time, angle, grid), half, 2, step) for angle in angles
             )
             rms = float(np.sqrt(np.mean(error**2)))
         impulse = np.zeros(6 * half + 1)
@@ -122,7 +122,7 @@ class WholeRuns(NamedTuple):
         """Simulate whole logs with their settings; None where all these are of whole logs."""
         if all(math.isinf(setting.horizon) for _, setting in runs):
             return None
-        whole = [FreeRun.of(log, replace(each, horizon=math.inf)) for log, each in runs]
+        whole = [FreeRun.of(log, replace(setting, horizon=math.inf)) for log, setting in runs]
         longest = max(float(np.ptp(log.time)) for log, _ in runs)
         return cls(float(np.median([run.fit for run in whole])), longest)
 
@@ -265,7 +265,7 @@ class Simulations:
         """(n,) FIT in per cent of all logs with parameters of the bare hand, over a horizon."""
         zeros = (reading_of(log, self._zeros) for log in self._logs)
         settings = (Setting(parameters=parameters, zero=zero, horizon=horizon) for zero in zeros)
-        return np.array([self._run(number, each).fit for number, each in enumerate(settings)])
+        return np.array([self._run(number, setting).fit for number, setting in enumerate(settings)])
 
     def simulation(self, number: int, setting: Setting) -> Simulation:
         """Return the simulation of one log, by its index; the latest of each is cached."""
@@ -293,8 +293,8 @@ def fit_of(error: float, motion: float, noise: float = 0.0) -> float:
     """
     if not (math.isfinite(error) and motion > noise):
         return -math.inf
-    left, moved = (math.sqrt(max(each**2 - noise**2, 0.0)) for each in (error, motion))
-    return 100 * (1 - left / moved)
+    misfit, moved = (math.sqrt(max(rms**2 - noise**2, 0.0)) for rms in (error, motion))
+    return 100 * (1 - misfit / moved)
 
 
 def turns_over(log: Log, zero: float) -> bool:
@@ -329,7 +329,7 @@ def own_time(log: Log, joint: LumpedParameters) -> float:
         times.append(2 * math.pi * joint.p1 / joint.p2)
     if joint.p3 > 0:
         times.append(math.pi * math.sqrt(max(joint.p1, 0.0) / joint.p3))
-    return float(f"{min(each for each in times if each > 0):.2g}")  # which hardly depends on values
+    return float(f"{min(time for time in times if time > 0):.2g}")  # which hardly depends on values
 
 
 def first_horizon(
@@ -339,8 +339,8 @@ def first_horizon(
 
     A fit of whole logs is lost there, but not where errors only add up.
     """
-    apart = _driven_apart(logs, parameters, zeros)
-    return _least_own_time(logs, parameters, zeros) if apart else math.inf
+    unstable = _driven_apart(logs, parameters, zeros)
+    return _least_own_time(logs, parameters, zeros) if unstable else math.inf
 
 
 def horizon_of(
@@ -352,11 +352,13 @@ def horizon_of(
     time (see `own_time`). Over that, gravity moves a hand whatever else the parameters are: they
     are judged so only if they leave hardly more than noise.
     """
-    own = _least_own_time(logs, parameters, zeros)
-    if math.isinf(own) or not _driven_apart(logs, parameters, zeros):
-        return own
+    horizon = _least_own_time(logs, parameters, zeros)
+    if math.isinf(horizon) or not _driven_apart(logs, parameters, zeros):
+        return horizon
     runs = [
-        FreeRun.of(log, Setting(parameters=parameters, zero=reading_of(log, zeros), horizon=own))
+        FreeRun.of(
+            log, Setting(parameters=parameters, zero=reading_of(log, zeros), horizon=horizon)
+        )
         for log in logs
     ]
     noisy = np.median(
@@ -365,20 +367,20 @@ def horizon_of(
             for run, log in zip(runs, logs, strict=True)
         ]
     )
-    return own if noisy <= 1 / LOST else math.inf
+    return horizon if noisy <= 1 / LOST else math.inf
 
 
 def _least_own_time(
     logs: Sequence[Log], parameters: LumpedParameters, zeros: Mapping[AddedMass, float]
 ) -> float:
     """Return the least own time in s of joints that nothing holds, if no run follows these."""
-    followed, own = list[float](), math.inf
+    followed, least = list[float](), math.inf
     for log in logs:
         joint, zero = parameters.with_added_mass(log.added_mass), reading_of(log, zeros)
         if not is_held(log, joint, zero):
-            own = min(own, own_time(log, joint))
+            least = min(least, own_time(log, joint))
             followed.append(FreeRun.of(log, Setting(parameters=parameters, zero=zero)).followed)
-    return own if followed and np.median(followed) < LEAST_FIT else math.inf
+    return least if followed and np.median(followed) < LEAST_FIT else math.inf
 
 
 def _driven_apart(

@@ -126,11 +126,11 @@ class Identified:
         """The logs; of a loaded result read again, InputError if they cannot be."""
         if self.logs is not None:
             return self.logs
-        found = self.origin["manifest"]
-        if found is None or found["root"] is None:
+        manifest = self.origin["manifest"]
+        if manifest is None or manifest["root"] is None:
             expected = "one whose logs came from one source of files, to be read again"
             raise InputError("a result that was loaded", "logs", "none", expected)
-        return read_data_set(Manifest.model_validate(found))
+        return read_data_set(Manifest.model_validate(manifest))
 
     @cached_property
     def free_runs(self) -> tuple[FreeRun, ...]:

@@ -77,10 +77,10 @@ def identify(
         estimate = replace(estimate, input_kind=data.input_kind, joint=data.joint)
         data, estimate = as_taken(data, with_other_time(estimate, other))
         run = simulated(data, estimate, against=against, track=track)
-        left = tracked(track, "Checking residuals", residuals_of, data, run.estimate, run.runs)
-        sure = diagnose(data, estimator, run.estimate, left)
+        residuals = tracked(track, "Checking residuals", residuals_of, data, run.estimate, run.runs)
+        sure = diagnose(data, estimator, run.estimate, residuals)
     return replace(
-        run, estimate=sure, judged_residuals=left, made_by=estimator, estimator=estimator.label
+        run, estimate=sure, judged_residuals=residuals, made_by=estimator, estimator=estimator.label
     )
 
 
@@ -94,34 +94,36 @@ def held_out_fits(data: DataSet, estimate: Estimate) -> dict[str, float]:
 
 def judged(data: DataSet, estimator: Estimator) -> tuple[DataSet, Estimate]:
     """Return the logs as they were used, and all that `identify` says of their estimate."""
-    found = identify(data, estimator)
-    return found.data, found.estimate
+    result = identify(data, estimator)
+    return result.data, result.estimate
 
 
 @_UNWARNED
 def diagnose(
-    data: DataSet, estimator: Estimator, found: Estimate, residuals: Residuals
+    data: DataSet, estimator: Estimator, estimate: Estimate, residuals: Residuals
 ) -> Estimate:
     """Add to an estimate what physics, its free runs, the input and unit errors say of it."""
     # Where the hand passes the upright no free run of a whole log stays near: such logs count only
     # if all do.
-    segmented = found.horizon is not None and math.isfinite(found.horizon)
+    segmented = estimate.horizon is not None and math.isfinite(estimate.horizon)
     followed = list(range(len(data.logs))) if segmented else data.counted
     rivals = [residuals.encoder.rival] if residuals.encoder else []
     if residuals.missing.rival is not None:
         rivals.append(Rival(residuals.missing.rival, predicts=False))
-    sure = found.with_evidence(*rivals).with_findings(
-        *judge_physics(found, data.masses),
+    sure = estimate.with_evidence(*rivals).with_findings(
+        *judge_physics(estimate, data.masses),
         *([data.correction] if data.correction else []),
-        *_poor_fit(data, estimator, data.simulations.followed(found, followed)),
+        *_poor_fit(data, estimator, data.simulations.followed(estimate, followed)),
         *residuals.findings,
-        *judge_input(found, data.input_kind),
+        *judge_input(estimate, data.input_kind),
         *judge_units(data),
-        *judge_knowledge(found, data),
-        *judge_basis(found, data),
+        *judge_knowledge(estimate, data),
+        *judge_basis(estimate, data),
     )
     if slips := find_unit_errors(data, estimator, sure):  # which explain what was a guess
-        rest = (each for each in sure.findings if each.kind is not FindingKind.TORQUE_DRIVEN)
+        rest = (
+            finding for finding in sure.findings if finding.kind is not FindingKind.TORQUE_DRIVEN
+        )
         sure = replace(sure, findings=(*slips, *rest))
     else:
         sure = sure.with_findings(*_unrepeated(data, sure))
@@ -135,7 +137,9 @@ def diagnose(
 
 def _poor_fit(data: DataSet, estimator: Estimator, fits: Samples) -> list[Finding]:
     """Return the finding of (n,) poor FITs, with a method that does better, or none."""
-    return [replace(each, parameters=_better_method(data, estimator)) for each in judge_fit(fits)]
+    return [
+        replace(finding, parameters=_better_method(data, estimator)) for finding in judge_fit(fits)
+    ]
 
 
 def _better_method(data: DataSet, estimator: Estimator) -> tuple[str, ...]:
@@ -147,19 +151,19 @@ def _better_method(data: DataSet, estimator: Estimator) -> tuple[str, ...]:
     if estimator.method == closed_form.method:
         return ()
     try:
-        found = closed_form(data)
-        follows = not judge_fit(data.simulations.followed(found, data.counted))
+        estimate = closed_form(data)
+        follows = not judge_fit(data.simulations.followed(estimate, data.counted))
     except (ButterflyError, np.linalg.LinAlgError, ArithmeticError):
         return ()
-    return (closed_form.method,) if follows and is_possible(found, data.masses) else ()
+    return (closed_form.method,) if follows and is_possible(estimate, data.masses) else ()
 
 
-def _unrepeated(data: DataSet, found: Estimate) -> list[Finding]:
+def _unrepeated(data: DataSet, estimate: Estimate) -> list[Finding]:
     """Return the finding of two logs of one mass that contradict each other, or none.
 
     Where noise explains the errors of all logs, none does.
     """
-    if all(each.kind is not FindingKind.MISFIT for each in found.findings):
+    if all(finding.kind is not FindingKind.MISFIT for finding in estimate.findings):
         return []
     contradiction = contradicting_runs(data)
     return [contradiction.finding] if contradiction else []
@@ -180,34 +184,38 @@ def in_true_time(data: DataSet, estimator: Estimator) -> tuple[DataSet, Mapping[
         data.corrected(lambda log: log.timed(1 + share), slow),
         data.corrected(lambda log: log.tuned(1 + share), wrong),
     ]
-    found = [(each, _finite(estimator(each))) for each in either]
-    fits = (each.simulations.fits(estimate, each.counted) for each, estimate in found)
-    left = [np.mean((1 - each / 100) ** 2) for each in fits]  # of the squared motion
-    near = [each for each, error in zip(found, left, strict=True) if LOST * error <= min(left)]
-    (best, estimate), *others = sorted(near, key=lambda each: _MIMICS in each[1].names)
+    answers = [(candidate, _finite(estimator(candidate))) for candidate in either]
+    fits = (
+        candidate.simulations.fits(estimate, candidate.counted) for candidate, estimate in answers
+    )
+    errors = [np.mean((1 - fit / 100) ** 2) for fit in fits]  # of the squared motion
+    near = [
+        answer for answer, error in zip(answers, errors, strict=True) if LOST * error <= min(errors)
+    ]
+    (best, estimate), *others = sorted(near, key=lambda answer: _MIMICS in answer[1].names)
     if not others or (_MIMICS in others[0][1].names) > (_MIMICS in estimate.names):
         return best, {}
     unsure = Finding(FindingKind.CLOCK, ("p1",), number=share)
     return replace(best, correction=unsure), others[0][1].named
 
 
-def with_other_time(found: Estimate, other: Mapping[str, float]) -> Estimate:
+def with_other_time(estimate: Estimate, other: Mapping[str, float]) -> Estimate:
     """Return an estimate whose limits include other values, by name, if there are any."""
     if not other:
-        return found
-    values = np.array([other.get(name, value) for name, value in found.named.items()])
-    return found.with_evidence(Rival(values, predicts=False))
+        return estimate
+    values = np.array([other.get(name, value) for name, value in estimate.named.items()])
+    return estimate.with_evidence(Rival(values, predicts=False))
 
 
-def _finite(found: Estimate) -> Estimate:
+def _finite(estimate: Estimate) -> Estimate:
     """Return an estimate; IdentifiabilityError if its values are no numbers.
 
     A p4 that is none is, where nothing drives.
     """
-    wrong = [n for n, value in found.named.items() if not math.isfinite(value) and n != "p4"]
+    wrong = [n for n, value in estimate.named.items() if not math.isfinite(value) and n != "p4"]
     if wrong:
         raise IdentifiabilityError(f"the equations of these logs give no finite {', '.join(wrong)}")
-    return found
+    return estimate
 
 
 @contextmanager
@@ -249,7 +257,7 @@ def simulated(
     ]
     held = () if data.test_logs is None else _runs(data.test_logs, estimate)
     looped = [run for run in (*runs, *held) if run.log.closed]
-    opened = [each for part in (data, data.test_logs) if part for each in _opened(part, estimate)]
+    opened = [run for part in (data, data.test_logs) if part for run in _opened(part, estimate)]
     manifest = data.whole.manifest
     return Identified(
         estimate=estimate,

@@ -149,8 +149,8 @@ class Regression:
 
     def at(self, values: Mapping[str, float]) -> Solution:
         """Return values by name, 0 of other parameters, as a solution without active bounds."""
-        found = np.array([values.get(name, 0.0) for name in self.names])
-        return Solution(values=found, on_bound=np.zeros(found.size, dtype=bool))
+        vector = np.array([values.get(name, 0.0) for name in self.names])
+        return Solution(values=vector, on_bound=np.zeros(vector.size, dtype=bool))
 
     def unknowns(self, values: Samples) -> Samples:
         """Return the (n,) unknowns, which the rows multiply, of (n,) values."""
@@ -232,7 +232,7 @@ class Linearisation:
             lower=lower_bounds(names),
             rows=joined(rows),
             residuals=joined(residuals),
-            ends=np.cumsum([each.size for each in residuals]),
+            ends=np.cumsum([errors.size for errors in residuals]),
             log=np.arange(len(parts)),
         )
 
@@ -261,15 +261,15 @@ class Linearisation:
 
     def without(self, logs: Iterable[int]) -> Linearisation:
         """Return the equations without some logs, by their numbers."""
-        kept = ~np.isin(self.log, list(logs))
+        blocks = ~np.isin(self.log, list(logs))
         sizes = np.diff(self.ends, prepend=0)
-        rows = np.repeat(kept, sizes)
+        rows = np.repeat(blocks, sizes)
         return replace(
             self,
             rows=self.rows[rows],
             residuals=self.residuals[rows],
-            ends=np.cumsum(sizes[kept]),
-            log=self.log[kept],
+            ends=np.cumsum(sizes[blocks]),
+            log=self.log[blocks],
         )
 
     @property
@@ -360,8 +360,8 @@ class Linearisation:
         rows, step = roots[:, None] * axes.T, lowest * size
         free = lowest < highest  # the others are held: `lsq_linear` refuses a box without width
         box = step[free], (highest * size)[free]
-        left = -pull - rows[:, ~free] @ step[~free]
-        step[free] = lsq_linear(rows[:, free], left, box, method="bvls", tol=1e-12).x
+        target = -pull - rows[:, ~free] @ step[~free]
+        step[free] = lsq_linear(rows[:, free], target, box, method="bvls", tol=1e-12).x
         return np.asarray(step / size)
 
     def directions(self, count: int) -> Samples:
@@ -399,8 +399,8 @@ class Linearisation:
         if self.prior is None:
             return self.rows, self.residuals
         more, target = self.prior.rows()
-        left = np.append(self.residuals, more @ self.values - target)
-        return np.concatenate([self.rows, more]), left
+        residuals = np.append(self.residuals, more @ self.values - target)
+        return np.concatenate([self.rows, more]), residuals
 
     def cells(self, count: int) -> Linearisation:
         """Return the weighted equations of ``count`` stretches of each block, n + 1 rows each."""
@@ -409,9 +409,9 @@ class Linearisation:
         many = many and count in {1, CELLS}
         rows, residuals = self._usual if many else self._factors(count)
         if many and count == 1:
-            each = (self.ends.size, -1)
+            shape = (self.ends.size, -1)
             rows, residuals = compressed(
-                zip(rows.reshape(*each, rows.shape[2]), residuals.reshape(*each), strict=True)
+                zip(rows.reshape(*shape, rows.shape[2]), residuals.reshape(*shape), strict=True)
             )
         return replace(
             self,
@@ -429,7 +429,7 @@ class Linearisation:
 
     def _factors(self, count: int) -> tuple[Samples, Samples]:
         """(k, p, n) rows and (k, p) residuals of ``count`` stretches of each block."""
-        parts = (np.split(each, self.ends[:-1]) for each in self.weighted)
+        parts = (np.split(array, self.ends[:-1]) for array in self.weighted)
         return compressed(
             stretch
             for rows, residuals in zip(*parts, strict=True)
@@ -508,14 +508,14 @@ class Linearisation:
         if not span.size:
             raise IdentifiabilityError("no parameter is identifiable from these logs")
         covariance, _ = cluster_covariance(span.reshape(*stack.shape[:2], -1), residuals)
-        found = float(np.mean(np.diag(covariance)))
+        variance = float(np.mean(np.diag(covariance)))
         for k in () if self.prior is None else np.flatnonzero(self.prior.active):
             others = np.delete(flat, k, axis=1)
             res = flat[:, k] - others @ scaled_least_squares(others, flat[:, k])
             if res @ res > ROUNDING * (flat[:, k] @ flat[:, k]):
                 along = np.einsum("km,km->k", res.reshape(residuals.shape), residuals)
-                found = max(found, float(along @ along / (res @ res)))
-        return found
+                variance = max(variance, float(along @ along / (res @ res)))
+        return variance
 
 
 def compressed(cells: Iterable[tuple[Samples, Samples]]) -> tuple[Samples, Samples]:
@@ -529,8 +529,8 @@ def compressed(cells: Iterable[tuple[Samples, Samples]]) -> tuple[Samples, Sampl
         for begin in range(0, alike.size, many):
             places = alike[begin : begin + many]
             both = np.empty((places.size, size, count))
-            for each, place in zip(both, places, strict=True):
-                each[:, :-1], each[:, -1] = every[place]
+            for cell, place in zip(both, places, strict=True):
+                cell[:, :-1], cell[:, -1] = every[place]
             whole[places, : min(size, count)] = np.linalg.qr(both, mode="r")
     return whole[:, :, :-1], whole[:, :, -1]
 

@@ -47,10 +47,10 @@ class Parameter:
         """How far it can be trusted."""
         return self.rated(on_bound=self.on_bound, doubted=self.claim == Trust.UNREAD.claim)
 
-    def rated(self, **found: bool) -> Trust:
-        """Return the same with what is found of it, as of `trust_of`."""
+    def rated(self, **flags: bool) -> Trust:
+        """Return how far it can be trusted with these flags (see `trust_of`)."""
         lower, upper = or_nan(self.lower), or_nan(self.upper)
-        return trust_of(self.value, lower, upper, known=self.known, **found)
+        return trust_of(self.value, lower, upper, known=self.known, **flags)
 
     @property
     def farther(self) -> float | None:
@@ -91,13 +91,13 @@ def lumped_numbers(
 ) -> dict[str, dict[str, Any]]:
     """Return those parameters that every joint has, and the others that are not as usual."""
     return {
-        each.name: {
-            "value": float(getattr(parameters, each.name)),
-            "unit": unit_of(each.name, input_kind, joint),
+        field.name: {
+            "value": float(getattr(parameters, field.name)),
+            "unit": unit_of(field.name, input_kind, joint),
         }
-        for each in fields(LumpedParameters)
-        if each.name in PARAMETERS
-        or (each.name in TERMS and getattr(parameters, each.name) != each.default)
+        for field in fields(LumpedParameters)
+        if field.name in PARAMETERS
+        or (field.name in TERMS and getattr(parameters, field.name) != field.default)
     }
 
 
@@ -107,5 +107,5 @@ def or_none(value: float) -> float | None:
 
 
 def or_nan(value: float | None) -> float:
-    """Return a number of which JSON may have none (see `or_none`)."""
+    """Return a number, NaN for one that JSON has as null (see `or_none`)."""
     return math.nan if value is None else value

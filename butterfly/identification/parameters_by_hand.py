@@ -101,8 +101,8 @@ def best_gain(
         trial = replace(parameters, p4=guess * 10**decades)
         return -float(np.median(data.simulations.fits_with(trial)))
 
-    found = minimize_scalar(loss, bounds=(-_DECADES, _DECADES), method="bounded")
-    return float(guess * 10**found.x)
+    minimum = minimize_scalar(loss, bounds=(-_DECADES, _DECADES), method="bounded")
+    return float(guess * 10**minimum.x)
 
 
 def given_estimate(
@@ -130,15 +130,15 @@ def given_estimate(
         if data is None:
             raise InputError(source, "p4", "nothing", "a value")
         parameters = replace(parameters, p4=best_gain(parameters, data, source=source))
-    found, unknown = asdict(parameters), np.full(len(PARAMETERS), np.nan)
+    numbers, unknown = asdict(parameters), np.full(len(PARAMETERS), np.nan)
     estimate = Estimate(
         method="given parameters",
         names=PARAMETERS,
-        values=np.array([found[name] for name in PARAMETERS]),
+        values=np.array([numbers[name] for name in PARAMETERS]),
         covariance=np.full((len(PARAMETERS), len(PARAMETERS)), np.nan),
         lower=unknown,
         upper=unknown,
-        fixed={name: value for name, value in found.items() if name not in PARAMETERS},
+        fixed={name: value for name, value in numbers.items() if name not in PARAMETERS},
         local=local,
         input_kind=None if data is None else data.input_kind,
         joint=JointKind.HINGE if data is None else data.joint,

@@ -85,7 +85,7 @@ class PhysicalParameters:
 
     def __getitem__(self, name: str) -> PhysicalParameter:
         """Return an identified parameter by name."""
-        return {each.name: each for each in self.found}[name]
+        return {parameter.name: parameter for parameter in self.found}[name]
 
 
 def physical_parameters(
@@ -112,14 +112,14 @@ def physical_parameters(
     ]
     given = {name: itemgetter(name) for name in known.physical}
     derived = {way.name for way in ways if way.symbol is not None}
-    found = []
+    parameters = []
     for name, formula in (given | {way.name: way.formula for way in ways}).items():
         value, prior = by_errors.find(formula), known.physical.get(name)
         half_width = SPREADS * by_intervals.find(formula).uncertainty
         if name in derived and (not math.isfinite(value.value) or half_width >= abs(value.value)):
             continue
         if prior is None or value.uncertainty < (1 - MATTERS) * prior.uncertainty:
-            found.append(
+            parameters.append(
                 PhysicalParameter(
                     name=name,
                     unit=_unit(name, input_kind, joint),
@@ -130,7 +130,7 @@ def physical_parameters(
                 )
             )
     return PhysicalParameters(
-        found=tuple(sorted(found, key=lambda each: [*SYMBOLS].index(each.name))),
+        found=tuple(sorted(parameters, key=lambda parameter: [*SYMBOLS].index(parameter.name))),
         unidentified=tuple(_unidentified(by_errors, known, input_kind, carrier)),
     )
 
@@ -152,20 +152,20 @@ def _combined(
     links = relations(known.physical, input_kind, joint)
     if not np.isfinite(lumped.covariance).all():
         links = []  # without a covariance no update is defined
-    links = [each for each in links if each.name in lumped.names]
+    links = [way for way in links if way.name in lumped.names]
     used = {
-        each.name
-        for each in relations(estimate.known.physical, input_kind, joint)
-        if each.name in estimate.known.parameters
+        way.name
+        for way in relations(estimate.known.physical, input_kind, joint)
+        if way.name in estimate.known.parameters
     }
     return lumped.combined_with(
         Quantities.of(causes),
-        {each.name: each.formula for each in links},
-        new=frozenset(each.name for each in links) - used,
+        {way.name: way.formula for way in links},
+        new=frozenset(way.name for way in links) - used,
     )
 
 
-def _estimated(estimate: Estimate, found: Samples) -> Quantities:
+def _estimated(estimate: Estimate, block: Samples) -> Quantities:
     """Return the lumped parameters with an (n, n) covariance; fixed ones are exact."""
     held = {
         name: value
@@ -178,7 +178,7 @@ def _estimated(estimate: Estimate, found: Samples) -> Quantities:
         held |= {BEST_SPEED: float(speed)} if 0 < speed < math.inf else {}
     n, count = len(estimate.names), len(estimate.names) + len(held)
     covariance = np.zeros((count, count))
-    covariance[:n, :n] = found
+    covariance[:n, :n] = block
     return Quantities(
         names=(*estimate.names, *held),
         values=np.array([*estimate.values.tolist(), *held.values()]),
@@ -187,7 +187,7 @@ def _estimated(estimate: Estimate, found: Samples) -> Quantities:
 
 
 def _unidentified(
-    found: Quantities, known: Prior, input_kind: InputKind, carrier: AddedMass
+    quantities: Quantities, known: Prior, input_kind: InputKind, carrier: AddedMass
 ) -> Iterator[Unidentified]:
     """Yield the unidentified parameters of load, rotor and motor."""
     given = known.physical.keys()
@@ -200,11 +200,11 @@ def _unidentified(
         yield Unidentified(missing=Missing.MASS)
     if not given & ({"rotor_inertia"} if hinge else {"rotor_inertia", "hand_mass"}):
         yield Unidentified(missing=Missing.ROTOR if hinge else Missing.ROTOR_OF_SLIDE)
-    yield from _unidentified_of_motor(found, known, input_kind)
+    yield from _unidentified_of_motor(quantities, known, input_kind)
 
 
 def _unidentified_of_motor(
-    found: Quantities, known: Prior, input_kind: InputKind
+    quantities: Quantities, known: Prior, input_kind: InputKind
 ) -> Iterator[Unidentified]:
     """Yield the unidentified parameters of the motor."""
     given = known.physical.keys()
@@ -221,11 +221,11 @@ def _unidentified_of_motor(
     if not given & {"resistance", "torque_constant"}:
         yield Unidentified(missing=Missing.GAIN)
     if "back_emf_constant" not in given:
-        yield Unidentified(missing=Missing.BACK_EMF, most=_most_back_emf(found))
+        yield Unidentified(missing=Missing.BACK_EMF, most=_most_back_emf(quantities))
 
 
-def _most_back_emf(found: Quantities) -> Known | None:
+def _most_back_emf(quantities: Quantities) -> Known | None:
     """Return the back-EMF constant if p2 were back EMF alone, its upper bound; None if unknown."""
-    if not {"p2", "p4", "gear_ratio"} <= {*found.names}:
+    if not {"p2", "p4", "gear_ratio"} <= {*quantities.names}:
         return None
-    return found.find(lambda of: of["p2"] / (of["gear_ratio"] * of["p4"]))
+    return quantities.find(lambda of: of["p2"] / (of["gear_ratio"] * of["p4"]))

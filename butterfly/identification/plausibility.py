@@ -33,9 +33,9 @@ LEAST_RESISTANCE = 0.01
 
 def judge_physics(estimate: Estimate, masses: Sequence[AddedMass]) -> list[Finding]:
     """Return findings of impossible values: no inertia, negative friction, a negative delay."""
-    found = estimate.parameters
+    parameters = estimate.parameters
     judged = []
-    least = min((found.p1 + mass.inertia for mass in masses), default=found.p1)
+    least = min((parameters.p1 + mass.inertia for mass in masses), default=parameters.p1)
     if not least > 0:
         judged.append(Finding(FindingKind.NO_INERTIA, ("p1",), number=least))
     half = np.nan_to_num((estimate.upper - estimate.lower) / 2).tolist()
@@ -48,14 +48,14 @@ def judge_physics(estimate: Estimate, masses: Sequence[AddedMass]) -> list[Findi
     if any(n == "delay" and value < -max(e, _EARLY) for n, value, e in rows):
         judged.append(Finding(FindingKind.EARLY, ("delay",)))
     # possible: angle or input may count the other way
-    if found.p4 < 0 and "p4" not in estimate.known.parameters:
+    if parameters.p4 < 0 and "p4" not in estimate.known.parameters:
         judged.append(Finding(FindingKind.NEGATIVE_GAIN, ("p4",)))
     return judged
 
 
 def is_possible(estimate: Estimate, masses: Sequence[AddedMass]) -> bool:
     """Whether a joint can have the parameters (see `judge_physics`)."""
-    return not any(each.impossible for each in judge_physics(estimate, masses))
+    return not any(finding.impossible for finding in judge_physics(estimate, masses))
 
 
 def _drives(estimate: Estimate, mass: AddedMass) -> bool:
@@ -87,19 +87,19 @@ def judge_input(estimate: Estimate, kind: InputKind) -> list[Finding]:
 
 
 def judge_units(data: DataSet) -> list[Finding]:
-    """Return the units that inputs were taken in, as no file says them so that it is understood."""
-    found: dict[tuple[str, ...], tuple[tuple[str, ...], list[str]]] = {}
+    """Return findings of the units assumed for inputs whose files state none that is understood."""
+    units: dict[tuple[str, ...], tuple[tuple[str, ...], list[str]]] = {}
     for log, health in zip(data.logs, data.health, strict=True):
         read = health.columns.get("input")
         if read is None or not read.assumed or not health.driven:
             continue
         kind = FindingKind.UNIT_UNREAD if read.unread else FindingKind.UNIT_ASSUMED
         what = astuple(read.unread) if read.unread else (read.unit,)
-        _, names = found.setdefault((kind, *what[:2]), (what, []))
+        _, names = units.setdefault((kind, *what[:2]), (what, []))
         names.append(log.name)
     return [
         Finding(FindingKind(key[0]), ("p4", *what), logs=tuple(names))
-        for key, (what, names) in found.items()
+        for key, (what, names) in units.items()
     ]
 
 
@@ -107,16 +107,20 @@ def judge_knowledge(estimate: Estimate, data: DataSet) -> list[Finding]:
     """Return contradictions: p4 by two sources, physical parameters that are clearly negative."""
     carrier = data.logs[0].added_mass
     sources = discrepancies(data.given, data.input_kind, carrier.joint)
-    found = [
+    findings = [
         Finding(FindingKind.SOURCES_CONFLICT, (name,), number=far)
         for name, far in sources.items()
         if far > CLEARLY
     ]
     physical = physical_parameters(estimate, data.known, data.input_kind, carrier)
-    below = {each.name: each.below_zero for each in physical.found if each.below_zero > CLEARLY}
+    below = {
+        parameter.name: parameter.below_zero
+        for parameter in physical.found
+        if parameter.below_zero > CLEARLY
+    }
     if below:
-        found.append(Finding(FindingKind.CONTRADICTED, tuple(below), number=max(below.values())))
-    return found
+        findings.append(Finding(FindingKind.CONTRADICTED, tuple(below), number=max(below.values())))
+    return findings
 
 
 def judge_basis(estimate: Estimate, data: DataSet) -> list[Finding]:

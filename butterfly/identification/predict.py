@@ -63,7 +63,7 @@ class ParameterDraws:
     @property
     def parameters(self) -> list[LumpedParameters]:
         """Each draw as parameters of the bare hand."""
-        return [each.parameters for each in self.estimates()]
+        return [estimate.parameters for estimate in self.estimates()]
 
     def estimates(self, horizon: float | None = None) -> Iterator[Estimate]:
         """Yield the estimate with the values of each draw, to simulate logs over a horizon in s."""
@@ -93,20 +93,20 @@ def draw_parameters(
     covariance = honest_covariance(estimate)
     lower, rng = lower_bounds(estimate.names) - estimate.values, np.random.default_rng(seed)
     different, root = tuple(set(masses)), covariance_root(covariance)
-    found: list[Samples] = []
+    draws: list[Samples] = []
     for _ in range(count):
         moved = rng.standard_normal((count, root.shape[0])) @ root
         for row in np.flatnonzero(np.any(moved < lower, axis=1)):
             moved[row] = _within(moved[row], lower, covariance)
-        found.extend(moved[_possible(moved, estimate, different)])
-        if len(found) >= count:
+        draws.extend(moved[_possible(moved, estimate, different)])
+        if len(draws) >= count:
             break
     else:
         raise IdentifiabilityError(
             f"the intervals are too wide: hardly any of {count**2} drawn sets of parameters is "
             "physical (positive inertia, friction that brakes)"
         )
-    return ParameterDraws(estimate=estimate, values=estimate.values + found[:count], seed=seed)
+    return ParameterDraws(estimate=estimate, values=estimate.values + draws[:count], seed=seed)
 
 
 def honest_covariance(estimate: Estimate) -> Samples:
@@ -117,10 +117,10 @@ def honest_covariance(estimate: Estimate) -> Samples:
             f"the method {estimate.method!r} gives no covariance, which drawing parameters needs"
         )
     evidence = estimate.evidence
-    likely = [each for each in evidence.rivals if each.predicts]
+    likely = [rival for rival in evidence.rivals if rival.predicts]
     by_fits = replace(evidence, rivals=likely, bias=None)
     widths = np.minimum(by_fits.half_widths, widths)
-    values = [each.values for each in likely]
+    values = [rival.values for rival in likely]
     covariance = widened(estimate.values, estimate.covariance, evidence.left_out, values)
     spread = np.sqrt(np.diag(covariance))
     varies = spread > 0
@@ -156,7 +156,7 @@ def _possible(moved: Samples, estimate: Estimate, masses: Iterable[AddedMass]) -
     for row, values in enumerate(estimate.values + moved):
         parameters = replace(estimate, values=values).parameters
         loaded = [parameters.with_added_mass(mass) for mass in masses]
-        possible[row] = all(each.p1 > 0 and each.coulomb >= 0 for each in loaded)
+        possible[row] = all(joint.p1 > 0 and joint.coulomb >= 0 for joint in loaded)
     return possible
 
 
@@ -208,10 +208,10 @@ class ExpectedErrors:
 
     def scale(self, motion: float) -> float:
         """Return what the relative errors of a log are multiplied by, whose rms motion is given."""
-        own, size = self.log.rms_measured, float(np.sqrt(np.mean(np.square(self.relative))))
-        steady = min(self.noise / own, size)
+        rms, size = self.log.rms_measured, float(np.sqrt(np.mean(np.square(self.relative))))
+        steady = min(self.noise / rms, size)
         model = math.sqrt(size**2 - steady**2) * motion
-        return math.hypot(model, steady * own) / size if size else 0.0
+        return math.hypot(model, steady * rms) / size if size else 0.0
 
     def drawn(self, time: Samples, rng: np.random.Generator) -> Samples:
         """(m,) relative errors of samples at (m,) instants in s, in blocks from anywhere."""
@@ -225,8 +225,8 @@ class ExpectedErrors:
 
 
 def expected_errors(data: DataSet, estimate: Estimate) -> list[ExpectedErrors]:
-    """Return the errors of the logs that made an estimate; one that stands still has none."""
-    found = []
+    """Return the errors of the logs that made an estimate, those without motion left out."""
+    errors = []
     further = math.sqrt(1 + 1 / len(data.masses))
     for number, log in enumerate(data.logs):
         motion = log.rms_measured
@@ -238,15 +238,15 @@ def expected_errors(data: DataSet, estimate: Estimate) -> list[ExpectedErrors]:
         relative = (log.measured - run.simulated) / motion * (further if others is None else 1.0)
         noise = SensorErrors.of(log.measured, run.simulated).spread
         left_out = others is not None
-        found.append(ExpectedErrors(log=log, relative=relative, held_out=left_out, noise=noise))
-    return found
+        errors.append(ExpectedErrors(log=log, relative=relative, held_out=left_out, noise=noise))
+    return errors
 
 
-def donors(found: Sequence[ExpectedErrors], mass: AddedMass) -> list[ExpectedErrors]:
+def donors(errors: Sequence[ExpectedErrors], mass: AddedMass) -> list[ExpectedErrors]:
     """Return the logs with other added masses than one; all if there are none."""
     alike = mass.inertia_and_moment
-    others = [each for each in found if each.log.added_mass.inertia_and_moment != alike]
-    return others or list(found)
+    others = [donor for donor in errors if donor.log.added_mass.inertia_and_moment != alike]
+    return others or list(errors)
 
 
 def predict_logs(
@@ -274,10 +274,10 @@ def predict_logs(
         if draws is not None:
             instants = log.time[samples]
             motions: list[Samples] = []
-            for each in draws.estimates(best.horizon):
+            for draw in draws.estimates(best.horizon):
                 if len(motions) >= LEAST and out_of_time("some of the draws"):
                     break
-                drawn = setting(number, each)
+                drawn = setting(number, draw)
                 simulated = simulation if simulation.fitted else drawn.simulation(log)
                 motion = simulated.run(drawn.parameters, drawn.zero, drawn.velocity)
                 motions.append(motion.at(instants))
@@ -302,7 +302,7 @@ def _drawn_errors(
     """(count, k) errors in rad, each row of one donor, every donor as often as any other."""
     others, time = donors(errors, run.log.added_mass), run.log.time[samples]
     rounds = [rng.permutation(len(others)) for _ in range(-(-count // len(others)))]
-    scales = [each.scale(float(np.std(run.simulated))) for each in others]
+    scales = [donor.scale(float(np.std(run.simulated))) for donor in others]
     chosen = np.concatenate(rounds)[:count].tolist()
     return np.array([scales[k] * others[k].drawn(time, rng) for k in chosen])
 

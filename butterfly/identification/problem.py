@@ -51,11 +51,11 @@ class Start:
     zeros: Mapping[AddedMass, float]  # the encoder's reading in rad at rest for each added mass
 
     @classmethod
-    def at(cls, found: Estimate, data: DataSet) -> Start:
+    def at(cls, estimate: Estimate, data: DataSet) -> Start:
         """Return the start at an estimate; its zeros are those of the logs if it has none."""
-        zero = found.local.get(None, {}).get("zero")
+        zero = estimate.local.get(None, {}).get("zero")
         zeros = data.equilibria if zero is None else dict.fromkeys(data.masses, zero)
-        return cls(found.parameters, zeros)
+        return cls(estimate.parameters, zeros)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,18 +100,18 @@ class Problem:
         """Return the problem of fitting logs in shared parameters, by name, and local unknowns."""
         start = replace(first.parameters, **known.fixed)
         simulations = simulations_of(logs, start, options)
-        motion = tuple(_rms_motion(each.log, each.first) for each in simulations)
+        motion = tuple(_rms_motion(simulation.log, simulation.first) for simulation in simulations)
         hangs = not known.weightless(log.added_mass for log in logs)
         keys_of = {
-            (each.log.name, name): _local_key(name, each, logs, options, hangs=hangs)
-            for each in simulations
+            (simulation.log.name, name): _local_key(name, simulation, logs, options, hangs=hangs)
+            for simulation in simulations
             for name in LOCAL
         }
         local = dict.fromkeys(key for key in keys_of.values() if key is not None)
         keys: tuple[Key, ...] = (*((name, None) for name in names), *local)
         least = dict(zip(names, lower_bounds(names).tolist(), strict=True)) | known.lower
         least["p1"] = _least_inertia(logs, start)
-        priors: dict[Key, Known] = {(name, None): each for name, each in known.parameters.items()}
+        priors: dict[Key, Known] = {(name, None): prior for name, prior in known.parameters.items()}
         for key in local:
             zeros = {log.zero for log in logs if keys_of[log.name, "zero"] == key}
             if len(zeros) == 1 and (zero := zeros.pop()) is not None:
@@ -147,14 +147,14 @@ class Problem:
     def start_at(self, values: Samples) -> Start:
         """Return the first guess that (n,) values are, those of single masses or logs aside."""
         keys = zip(self.keys, values.tolist(), strict=True)
-        own = {name: value for (name, whose), value in keys if whose is None}
-        zeros = dict.fromkeys(self.zeros, own.pop("zero")) if "zero" in own else self.zeros
-        return Start(replace(self.start, **own), zeros)
+        shared = {name: value for (name, whose), value in keys if whose is None}
+        zeros = dict.fromkeys(self.zeros, shared.pop("zero")) if "zero" in shared else self.zeros
+        return Start(replace(self.start, **shared), zeros)
 
     @property
     def logs(self) -> list[Log]:
         """The k logs."""
-        return [each.log for each in self.simulations]
+        return [simulation.log for simulation in self.simulations]
 
     @property
     def box(self) -> Box:
@@ -178,40 +178,40 @@ class Problem:
     ) -> Linearisation:
         """Return errors over each log's rms motion about (n,) values, or (k, n), one row per log.
 
-        A log's squares sum to their mean, but in a problem of weighed logs. Starts that are fitted
-        are sought from those of equations ``near``, which no other trial moves. Logs beyond a cost
-        of ``most`` are not simulated.
+        A log's squares sum to their mean, unless logs are weighed. Fitted starts are sought from
+        those of the equations ``near``, and never from those of another trial. Once the cost
+        exceeds ``most``, no further logs are simulated.
         """
         if self.scatter is not None:
-            own = np.maximum(self.scatter.own_of(self.labels), self.lower - values)
-            at = replace(self, scatter=None).equations(values + own, near)
-            return self.scatter.weighed(at, values, own) if at.is_finite else at
+            effects = np.maximum(self.scatter.own_of(self.labels), self.lower - values)
+            at = replace(self, scatter=None).equations(values + effects, near)
+            return self.scatter.weighed(at, values, effects) if at.is_finite else at
         search = current_search()
         search.simulations += 1
         of_logs = np.broadcast_to(values, (len(self.motion), len(self.keys)))
-        for number, each in enumerate(self.simulations):
-            each.begins = near.begins[number] if near and near.begins else each.recorded
-        simulated, found, cost = partial(self._of_log, slopes=slopes), [], 0.0
+        for number, simulation in enumerate(self.simulations):
+            simulation.begins = near.begins[number] if near and near.begins else simulation.recorded
+        simulated, parts, cost = partial(self._of_log, slopes=slopes), [], 0.0
         several = self.options.workers > 1
         with threads(self.options.workers) if several else nullcontext() as pool:
             each_log = map if pool is None else pool.map
             for errors, rows in each_log(simulated, range(len(of_logs)), of_logs):
-                found.append((errors, rows))
+                parts.append((errors, rows))
                 cost += 0.5 * float(errors @ errors) if most < np.inf else 0.0
                 if not cost <= most or (most < np.inf and search.over):
                     break
             if pool is not None:
                 pool.shutdown(cancel_futures=True)
-        spent = [each.spend() for each in self.simulations]
-        steps = sum(spent[: len(found)])  # threads may have begun some of the others
+        spent = [simulation.spend() for simulation in self.simulations]
+        steps = sum(spent[: len(parts)])  # threads may have begun some of the others
         search.steps += steps
-        if len(found) < len(of_logs):
-            found.append(self._impossible)
+        if len(parts) < len(of_logs):
+            parts.append(self._impossible)
         return replace(
-            Linearisation.of_logs(found, self.labels, of_logs[0]),
+            Linearisation.of_logs(parts, self.labels, of_logs[0]),
             lower=self.lower,
             steps=steps,
-            begins=tuple(each.begins for each in self.simulations),
+            begins=tuple(simulation.begins for simulation in self.simulations),
         )
 
     def stepped(self, values: Samples, at: Linearisation) -> Linearisation:
@@ -258,8 +258,8 @@ class Problem:
         if self.scatter or at.prior is None or not at.is_finite:
             return at
         about = at.cells(independent_cells_of(len(self.motion), len(self.keys)))
-        left = about.residuals - about.rows @ scaled_least_squares(about.rows, about.residuals)
-        free = replace(about, residuals=left)
+        residuals = about.residuals - about.rows @ scaled_least_squares(about.rows, about.residuals)
+        free = replace(about, residuals=residuals)
         return replace(at, prior=at.prior.weighed(free.realised_variance))
 
     def prior(self, values: Samples) -> Penalty | None:
@@ -308,8 +308,8 @@ class Problem:
                 ending = Ending.CONVERGED if settled else Ending.STOPPED
                 return Fit(linearisation=at.moved(step), ending=ending, scatter=scatter)
             values, tries = at.values + step, tries - 1
-            own = np.maximum(scatter.random_effects(at, step), self.lower - values)
-            scatter = replace(scatter, names=self.labels, own=own)
+            effects = np.maximum(scatter.random_effects(at, step), self.lower - values)
+            scatter = replace(scatter, names=self.labels, own=effects)
             here = replace(self, scatter=scatter)
             at = here.knowing(here.equations(values, at))
             if not at.is_finite:
@@ -319,26 +319,26 @@ class Problem:
         """Return the problem with other logs of the same motions."""
         return replace(self, simulations=simulations_of(logs, self.start, self.options))
 
-    def keeping(self, kept: NDArray[np.intp], initial: Samples) -> Problem:
-        """Return the problem in the unknowns numbered ``kept``; the other terms are absent."""
-        lost = np.delete(self.names, kept).tolist()
+    def keeping(self, indices: NDArray[np.intp], initial: Samples) -> Problem:
+        """Return the problem in the unknowns with these ``indices``; the other terms are absent."""
+        lost = np.delete(self.names, indices).tolist()
         absent = {name: value_if_absent(name) for name in lost}
         return replace(
             self,
             start=replace(self.start, **absent),
-            keys=tuple(self.keys[k] for k in kept),
-            shared=int(np.sum(kept < self.shared)),
-            lower=self.lower[kept],
+            keys=tuple(self.keys[k] for k in indices),
+            shared=int(np.sum(indices < self.shared)),
+            lower=self.lower[indices],
             initial=initial,
         )
 
     def without(self, names: Container[str]) -> Problem:
         """Return the nested problem without some terms and parameters that only they identify."""
         lost = {name for name in self.names if name in names}
-        left = {*self.names} - lost
-        lost |= {name for name in companions(lost) if not TERMS[name].follows & left}
-        kept = np.flatnonzero([name not in lost for name in self.names])
-        return self.keeping(kept, self.initial[kept])
+        rest = {*self.names} - lost
+        lost |= {name for name in companions(lost) if not TERMS[name].follows & rest}
+        indices = np.flatnonzero([name not in lost for name in self.names])
+        return self.keeping(indices, self.initial[indices])
 
     def values_from(self, other: Problem, values: Samples, rest: Samples | None = None) -> Samples:
         """Return (..., n) values: (..., m) of another problem's unknowns, and (n,) of the rest.
@@ -348,16 +348,16 @@ class Problem:
         if rest is None:
             absent = [value_if_absent(name) for name in self.names]
             rest = np.where(np.isin(self.names, [*FOLLOWERS]), self.initial, absent)
-        found = np.broadcast_to(rest, (*values.shape[:-1], len(self.keys))).copy()
+        merged = np.broadcast_to(rest, (*values.shape[:-1], len(self.keys))).copy()
         both = [key for key in self.keys if key in other.keys]
         theirs = [other.keys.index(key) for key in both]
-        found[..., [self.keys.index(key) for key in both]] = values[..., theirs]
-        return found
+        merged[..., [self.keys.index(key) for key in both]] = values[..., theirs]
+        return merged
 
     def of_fit(self, fit: Fit) -> Problem:
         """Return the nested problem in the values of a fit, its logs weighed as there."""
-        kept = np.array([self.labels.index(name) for name in fit.linearisation.names])
-        return replace(self.keeping(kept, fit.values), scatter=fit.scatter)
+        indices = np.array([self.labels.index(name) for name in fit.linearisation.names])
+        return replace(self.keeping(indices, fit.values), scatter=fit.scatter)
 
     def in_cells(self, fit: Fit) -> Fit:
         """Return a fit of these values with its equations in cells, for inference."""
@@ -377,13 +377,13 @@ def simulations_of(
     logs: Iterable[Log], start: LumpedParameters, options: ProblemOptions
 ) -> tuple[Simulation, ...]:
     """Return how logs are simulated in a fit, each from its first sample that counts."""
-    known, found = "velocity" in {*options.per_mass, *options.per_log}, list[Simulation]()
+    known, simulations = "velocity" in {*options.per_mass, *options.per_log}, list[Simulation]()
     for log in logs:
         k = first_counted(log, options.window)
         most = options.horizon
         length = segment_length(log, start, most, first=k, velocity_known=known, free=True)
-        found.append(Simulation(log, start, k, length, warm=True))
-    return tuple(found)
+        simulations.append(Simulation(log, start, k, length, warm=True))
+    return tuple(simulations)
 
 
 def labels_of(keys: Iterable[Key]) -> tuple[str, ...]:
@@ -420,12 +420,12 @@ def relative(
 
 
 def _local_key(
-    name: str, each: Simulation, logs: Sequence[Log], options: ProblemOptions, *, hangs: bool
+    name: str, simulation: Simulation, logs: Sequence[Log], options: ProblemOptions, *, hangs: bool
 ) -> Key | None:
     """Return the key of a log's zero, bias or velocity; None where it is not fitted."""
-    log = each.log
+    log = simulation.log
     exact = name == "zero" and log.zero is not None and log.zero.fixed
-    if exact or (name == "velocity" and each.fitted):
+    if exact or (name == "velocity" and simulation.fitted):
         return None
     if name in options.per_log:
         return name, log.name
@@ -451,8 +451,8 @@ def _rms_motion(log: Log, first: int) -> float:
     """Return the rms motion of a log's measured signal from the sample numbered ``first`` on."""
     motion = float(np.std(log.measured[first:])) if first < log.angle.size else 0.0
     if not motion > ROUNDING:
-        found = f"{motion:.1g} {log.unit} rms motion in the samples that are fitted"
-        raise InputError(log.source, log.measures, found, "a moving joint: exclude this log")
+        text = f"{motion:.1g} {log.unit} rms motion in the samples that are fitted"
+        raise InputError(log.source, log.measures, text, "a moving joint: exclude this log")
     return motion
 
 

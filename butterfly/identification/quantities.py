@@ -32,8 +32,8 @@ class Quantities:
         """Return quantities with independent errors."""
         return cls(
             names=tuple(known),
-            values=np.array([each.value for each in known.values()]),
-            covariance=np.diag([each.uncertainty**2 for each in known.values()]),
+            values=np.array([quantity.value for quantity in known.values()]),
+            covariance=np.diag([quantity.uncertainty**2 for quantity in known.values()]),
         )
 
     def find(self, formula: Formula) -> Known:
@@ -71,18 +71,18 @@ class Quantities:
         was not (``new``), x is first updated by f(c0), whose covariance is G K G'.
         """
         fresh = [name for name in formulas if name in new]
-        found = self._updated(causes, {name: formulas[name] for name in fresh})
+        updated = self._updated(causes, {name: formulas[name] for name in fresh})
         rows = [self.names.index(name) for name in formulas]
-        slopes, excess = _linearised(found, causes, formulas)
+        slopes, excess = _linearised(updated, causes, formulas)
         prior = slopes @ causes.covariance @ slopes.T
         gain = causes.covariance @ slopes.T @ np.linalg.pinv(prior)
-        inner = found.covariance[np.ix_(rows, rows)]
-        across = gain @ found.covariance[rows]
+        inner = updated.covariance[np.ix_(rows, rows)]
+        across = gain @ updated.covariance[rows]
         of_causes = causes.covariance + gain @ (inner - prior) @ gain.T
         return Quantities(
-            names=(*found.names, *causes.names),
-            values=np.concatenate([found.values, causes.values + gain @ excess]),
-            covariance=np.block([[found.covariance, across.T], [across, of_causes]]),
+            names=(*updated.names, *causes.names),
+            values=np.concatenate([updated.values, causes.values + gain @ excess]),
+            covariance=np.block([[updated.covariance, across.T], [across, of_causes]]),
         )
 
     def _updated(self, causes: Quantities, formulas: Mapping[str, Formula]) -> Quantities:
@@ -99,10 +99,10 @@ class Quantities:
 
 
 def _linearised(
-    found: Quantities, causes: Quantities, formulas: Mapping[str, Formula]
+    quantities: Quantities, causes: Quantities, formulas: Mapping[str, Formula]
 ) -> tuple[Samples, Samples]:
     """Return the (m, n) derivatives of m formulas, and the (m,) found less computed values."""
     slopes = np.array([causes.gradient(formula) for formula in formulas.values()])
     follows = [causes.find(formula).value for formula in formulas.values()]
-    rows = [found.names.index(name) for name in formulas]
-    return slopes.reshape(len(rows), len(causes.names)), found.values[rows] - follows
+    rows = [quantities.names.index(name) for name in formulas]
+    return slopes.reshape(len(rows), len(causes.names)), quantities.values[rows] - follows

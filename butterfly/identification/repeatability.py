@@ -123,8 +123,8 @@ class Repeatability:
 def contradicting_runs(data: DataSet) -> Contradiction | None:
     """Return the first log of a data set that contradicts an earlier one of its mass, or None."""
     repeatability = Repeatability()
-    found = (repeatability.contradiction(data, k) for k in range(len(data.logs)))
-    return next(filter(None, found), None)
+    contradictions = (repeatability.contradiction(data, k) for k in range(len(data.logs)))
+    return next(filter(None, contradictions), None)
 
 
 def contradiction_text(finding: Finding) -> str:
@@ -181,11 +181,11 @@ def _error(data: DataSet, estimate: Estimate) -> Samples:
 def _differ(old: RunRatios, new: RunRatios) -> bool:
     """Whether p4/p1 differs, and a change of inertia explains most of all that differs."""
     (was, is_now), widths = zip(old.interval("p4"), new.interval("p4"), strict=True)
-    apart = abs(is_now - was)
-    if not apart > max(sum(widths), 2 * MATTERS * max(abs(was), abs(is_now))):
+    change = abs(is_now - was)
+    if not change > max(sum(widths), 2 * MATTERS * max(abs(was), abs(is_now))):
         return False
     names = [name for name in old.names if name in new.names]
-    (before, after), spreads = zip(*(_part(each, names) for each in (old, new)), strict=True)
+    (before, after), spreads = zip(*(_part(run, names) for run in (old, new)), strict=True)
     scaled = np.array([name in _SCALED for name in names])
     direction = np.where(scaled, before + after, 0.0) / 2
     weights = np.linalg.pinv(sum(spreads), hermitian=True)
@@ -204,13 +204,13 @@ def _part(run: RunRatios, names: Sequence[str]) -> tuple[Samples, Samples]:
 def _have_common_values(old: RunRatios, new: RunRatios) -> bool:
     """Whether one joint follows at least one of two logs nearly as well as that log's own does."""
     data = DataSet.of([old.bare, new.bare]).knowing(_RATIOS)
-    first = [Start.at(each.estimate, data) for each in (old, new)]
+    first = [Start.at(run.estimate, data) for run in (old, new)]
     try:
         with counted():
-            found = OutputError(terms=(), workers=1).of_logs(data.logs, first, data.known)
+            estimate = OutputError(terms=(), workers=1).of_logs(data.logs, first, data.known)
     except (ButterflyError, np.linalg.LinAlgError):
         return True  # nothing shows that they have none
-    errors = _error(data, found)
+    errors = _error(data, estimate)
     return bool((LOST**2 * errors <= [old.error, new.error]).any())  # half of the rms
 
 
@@ -225,24 +225,24 @@ def _has_other_inertia(run: RunRatios, other: RunRatios) -> bool:
     data = DataSet.of([other.bare]).knowing(held)
     try:
         with counted():
-            first = [Start.at(each.estimate, data) for each in (run, other)]
-            found = OutputError(terms=(), workers=1).of_logs(data.logs, first, data.known)
+            first = [Start.at(ratios.estimate, data) for ratios in (run, other)]
+            estimate = OutputError(terms=(), workers=1).of_logs(data.logs, first, data.known)
     except (ButterflyError, np.linalg.LinAlgError):
         return False
-    inertia, (gain, width) = found.named["p1"], run.interval("p4")
+    inertia, (gain, width) = estimate.named["p1"], run.interval("p4")
     unlike = abs(inertia - 1) > max(2 * MATTERS, width / gain)
-    return unlike and bool(LOST**2 * _error(data, found)[0] <= other.error)
+    return unlike and bool(LOST**2 * _error(data, estimate)[0] <= other.error)
 
 
 def _named(old: RunRatios, new: RunRatios, others: Iterable[RunRatios]) -> Contradiction:
     """Return the contradiction of two logs, and which log of another mass one of them is like."""
     gains, stiffness = ((old.interval(name)[0], new.interval(name)[0]) for name in ("p4", "p3"))
-    found = Contradiction(old.log, new.log, gains, stiffness)
+    contradiction = Contradiction(old.log, new.log, gains, stiffness)
     for other in others:
-        alike = [each for each in (old, new) if _agree(each, other)]
+        alike = [run for run in (old, new) if _agree(run, other)]
         if len(alike) == 1:
-            return found._replace(odd=alike[0].log, like=other.log)
-    return found
+            return contradiction._replace(odd=alike[0].log, like=other.log)
+    return contradiction
 
 
 def _agree(run: RunRatios, other: RunRatios) -> bool:

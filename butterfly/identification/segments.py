@@ -89,7 +89,7 @@ class Segments:
             self.grid = _between_jumps(log, np.append(begins, end), step)
         else:
             ends = pairwise([*begins.tolist(), float(end[0])])
-            self.grid = np.append(joined([_grid(*each, step) for each in ends]), end)
+            self.grid = np.append(joined([_grid(*pair, step) for pair in ends]), end)
         firsts = np.searchsorted(self.grid, begins)
         self.pieces = np.column_stack([firsts, np.append(firsts[1:], self.grid.size - 1)])
         """(s, 2) first and last instant of each segment on the grid, as numbers."""
@@ -124,15 +124,15 @@ class Segments:
 
         The ``joint`` has its added mass; ``zero`` is the encoder's in rad.
         """
-        inputs, loop, found = self._inputs(joint)[0], self.loop(joint, zero), []
+        inputs, loop, motions = self._inputs(joint)[0], self.loop(joint, zero), []
         starts = self._starts(joint, zero, begins).tolist()
         for (first, last), (angle, velocity) in zip(self.pieces.tolist(), starts, strict=True):
             grid = self.grid[first : last + 1]
             motion = simulate_counted(joint, grid, inputs[first:last], angle, velocity, loop)
             self._steps += motion.steps
-            found.append((grid + self._late(joint), zero + motion.angle, motion.velocity))
-        found[0][0][0] = min(found[0][0][0], self.log.time[0])
-        return tuple(found)
+            motions.append((grid + self._late(joint), zero + motion.angle, motion.velocity))
+        motions[0][0][0] = min(motions[0][0][0], self.log.time[0])
+        return tuple(motions)
 
     def linearised(
         self,
@@ -145,19 +145,19 @@ class Segments:
 
         Errors are simulated less measured, averaged over the samples of each grid interval, and
         both are weighted by `roots`: that keeps their information at a fraction of their number.
-        They are NaN where a trial is stiffer than any joint of such logs (see `most_steps`). They
-        are those of ``chosen`` segments, by increasing numbers, of which ``begins`` has the starts;
-        of all if not given.
+        They are NaN where a trial is stiffer than any joint of such logs (see `most_steps`). With
+        ``chosen`` numbers of segments, increasing, they are those of these segments alone, whose
+        starts are ``begins``.
         """
         joint, starts = columns.joint, self._starts(columns.joint, zero, begins)
         inputs, read = self._inputs(joint, columns.drives), self._read(joint)
         readings, measured, roots = read.readings, read.measured, self.roots(joint)
         pieces, loop = self.pieces, self.loop(joint, zero)
         if len(begins) < len(pieces):
-            kept = self.errors_of(chosen, joint)
-            numbers = np.append(np.where(kept, np.cumsum(kept) - 1, -1), -1)
-            readings = Readings(into=numbers[readings.into], weights=readings.weights[:, kept])
-            pieces, measured, roots = pieces[np.asarray(chosen)], measured[kept], roots[kept]
+            mask = self.errors_of(chosen, joint)
+            numbers = np.append(np.where(mask, np.cumsum(mask) - 1, -1), -1)
+            readings = Readings(into=numbers[readings.into], weights=readings.weights[:, mask])
+            pieces, measured, roots = pieces[np.asarray(chosen)], measured[mask], roots[mask]
         values, rows, steps, later = differentiate(
             self.grid, inputs, starts, readings, columns, pieces=pieces, loop=loop, most=self._most
         )
@@ -202,11 +202,11 @@ class Segments:
         return joint.delay if self._driven else 0.0
 
     def _read(self, joint: LumpedParameters) -> _Read:
-        """Return what is read of a joint, and of a held input what a delay changes of it.
+        """Return the readings of the simulation and the averages of the measured signal.
 
-        A delay moves readings from step to step by tenths of a sampling interval, and by what is
-        left along the polynomial of theirs: so the same ones are averaged while it hardly changes.
-        Keeps the last.
+        A delay shifts the readings on the grid by whole tenths of a sampling interval, and by the
+        remainder along the polynomial of each step: so the same samples are averaged while it
+        hardly changes. The latest result is cached.
         """
         late, log = joint.delay if self._driven else 0.0, self.log
         if self._latest_read is None or self._latest_read[0] != late:
@@ -276,8 +276,8 @@ def _between_jumps(log: Log, bounds: Samples, longest: float) -> Samples:
     jumps = np.diff(commands, prepend=0.0)
     bends = np.abs(np.diff(jumps, prepend=0.0, append=0.0))
     least = MATTERS * float(np.sqrt(np.mean(commands**2)))
-    apart = (np.abs(jumps) > least) & (np.maximum(bends[:-1], bends[1:]) > least)
-    jumped = time[apart & (time > bounds[0]) & (time < bounds[-1])]
+    bent = (np.abs(jumps) > least) & (np.maximum(bends[:-1], bends[1:]) > least)
+    jumped = time[bent & (time > bounds[0]) & (time < bounds[-1])]
     after = np.searchsorted(bounds, jumped)
     nearest = np.minimum(jumped - bounds[after - 1], bounds[after] - jumped)
     edges = np.union1d(bounds, jumped[nearest > ROUNDING * log.mean_step])

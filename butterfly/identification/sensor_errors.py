@@ -109,7 +109,7 @@ def _by_place(noise: float, step: float) -> Samples:
     place = (np.arange(SensorErrors.places) + 0.5) / SensorErrors.places - 0.5
     further = np.arange(1, 4)[:, None]  # steps by which noise of half a step moves a reading
     scale = step / max(noise, ROUNDING * step)
-    over, under = (ndtr((each - further + 0.5) * scale) for each in (place, -place))
+    over, under = (ndtr((offset - further + 0.5) * scale) for offset in (place, -place))
     read = np.sum(over - under, axis=0)
     variance = np.sum((2 * further - 1) * (over + under), axis=0) - read**2
     return np.array([step * (read - place), step**2 * np.maximum(variance, 0.0)])
@@ -166,8 +166,8 @@ def correlations(errors: Sequence[Samples], inputs: Samples, lags: int) -> tuple
     moving = inputs - inputs.mean()
     driven = np.conj(fft.rfft(moving, size))
     auto, crossed = np.empty((2, lags + 1, len(errors)))
-    for k, each in enumerate(errors):
-        spectrum = fft.rfft(each, size)
+    for k, series in enumerate(errors):
+        spectrum = fft.rfft(series, size)
         auto[:, k] = fft.irfft(np.abs(spectrum) ** 2, size)[: lags + 1]
         crossed[:, k] = fft.irfft(spectrum * driven, size)[: lags + 1]
     powers = np.where(auto[0] > 0, auto[0], 1.0)

@@ -130,7 +130,7 @@ def undriven(log: Log) -> Log:
 
 
 def assumes_clock(log: Log) -> bool:
-    """Whether a log is simulated in a servo's loop of which nobody says how fast it runs."""
+    """Whether a log is simulated in a servo's loop whose clock was assumed, as nobody gave it."""
     return log.closed and log.servo is not None and log.servo.clock_assumed
 
 

@@ -116,22 +116,24 @@ class SegmentStarts:
         alone = at_rest | both
         x, y = np.where(alone, 1.0, x), np.where(alone, 0.0, y)
         size = np.hypot(x, y)
-        x, y = (np.divide(each, size, out=np.zeros_like(x), where=size > 0) for each in (x, y))
+        x, y = (
+            np.divide(component, size, out=np.zeros_like(x), where=size > 0) for component in (x, y)
+        )
         first, length = _unit(a * _spread(x, bounds) + b * _spread(y, bounds), bounds, finite)
         along = _sums(first * b, bounds)
         second, rest = _unit(b - first * _spread(along, bounds), bounds, finite & both)
-        explained = np.array([_sums(each * errors, bounds) for each in (first, second)])
+        explained = np.array([_sums(direction * errors, bounds) for direction in (first, second)])
         explained[:, ~finite] = 0.0
-        beside = -_over(explained[1], rest)
-        forth = -_over(explained[0] + np.where(both, along, 0.0) * beside, length)
+        across = -_over(explained[1], rest)
+        forth = -_over(explained[0] + np.where(both, along, 0.0) * across, length)
         counts = np.maximum(np.diff(bounds), 1)
         cost = squares / counts
-        left = np.sum(explained**2, axis=0) / counts
+        gain = np.sum(explained**2, axis=0) / counts
         return cls(
             begins=begins.copy(),
             cost=cost,
-            step=np.column_stack([x * forth, unit * (y * forth + beside)]),
-            settled=~finite | (left <= np.maximum(_SETTLED * cost, ROUNDING**2)),
+            step=np.column_stack([x * forth, unit * (y * forth + across)]),
+            settled=~finite | (gain <= np.maximum(_SETTLED * cost, ROUNDING**2)),
             effects=StartEffects(np.column_stack([first, second]), bounds),
             share=np.ones(len(begins)),
         )
@@ -190,7 +192,7 @@ class Simulation:
             self.segments = Segments(log, parameters, edges=edges)
             self._uncounted = len(before)
             ends = pairwise([*edges, log.time.size])
-            states = [log.piece(*each).initial_state for each in ends]
+            states = [log.piece(*pair).initial_state for pair in ends]
         self.recorded: Starts = np.array(states)
         """Start of each segment as its samples show it."""
         self.begins = self.recorded
@@ -253,7 +255,7 @@ class Simulation:
         columns = self._columns(tuple(dict.fromkeys((*names, *_START))), parameters)
         errors, rows = self.segments.linearised(columns, zero, np.array([start]))
         by_start = self._by_start(
-            rows[:, [columns.names.index(each) for each in _START]],
+            rows[:, [columns.names.index(name) for name in _START]],
             self.segments.roots(columns.joint),
         )
         if "delay" in names:  # which moves the grid's begin, where a given start is not
@@ -290,8 +292,8 @@ class Simulation:
         # where the last search led astray, for what no joint has
         if (astray := np.flatnonzero(~(at.cost <= self.log.rms_measured**2))).size:
             begins = self.recorded[astray]
-            found = linearised(by_start, zero, begins, astray)
-            at.replace(astray, self._assessed(*found, by_start, begins, astray))
+            expansion = linearised(by_start, zero, begins, astray)
+            at.replace(astray, self._assessed(*expansion, by_start, begins, astray))
         tried = at.begins + np.where(at.settled[:, np.newaxis], 0.0, at.step)
         errors, rows = linearised(every, zero, tried)
         about = self._assessed(errors, rows, every, tried, whole)
@@ -304,11 +306,11 @@ class Simulation:
             if not (some := np.flatnonzero(going)).size:
                 break
             begins = at.begins[some] + at.share[some, np.newaxis] * at.step[some]
-            found = linearised(by_start, zero, begins, some)
-            at.take(some, self._assessed(*found, by_start, begins, some))
+            expansion = linearised(by_start, zero, begins, some)
+            at.take(some, self._assessed(*expansion, by_start, begins, some))
         if (moved := np.flatnonzero((at.begins != tried).any(axis=1))).size:
-            kept = self.segments.errors_of(moved, every.joint)
-            errors[kept], rows[kept] = linearised(every, zero, at.begins[moved], moved)
+            mask = self.segments.errors_of(moved, every.joint)
+            errors[mask], rows[mask] = linearised(every, zero, at.begins[moved], moved)
             about = self._assessed(errors, rows, every, at.begins, whole)
         if self._warm:
             self.begins = at.begins
@@ -332,7 +334,7 @@ class Simulation:
         return SegmentStarts.of(
             begins,
             errors,
-            self._by_start(rows[:, [columns.names.index(each) for each in _START]], roots),
+            self._by_start(rows[:, [columns.names.index(name) for name in _START]], roots),
             np.append(0, np.cumsum(np.diff(self.segments.bounds(columns.joint))[some])),
             at_rest=self.recorded[some, 1] == 0,
             unit=self.log.rms_speed / (self.log.rms_motion or 1.0),
@@ -351,9 +353,9 @@ class Simulation:
 def _sums(rows: Samples, bounds: NDArray[np.int64]) -> Samples:
     """(s, ...) sums of (m, ...) rows over segments, some of which may have none."""
     full = np.diff(bounds) > 0
-    found = np.zeros((full.size, *rows.shape[1:]))
-    found[full] = np.add.reduceat(rows, bounds[:-1][full], axis=0)
-    return found
+    sums = np.zeros((full.size, *rows.shape[1:]))
+    sums[full] = np.add.reduceat(rows, bounds[:-1][full], axis=0)
+    return sums
 
 
 def _spread(values: Samples, bounds: NDArray[np.int64]) -> Samples:
@@ -411,13 +413,15 @@ def _count(time: Samples, horizon: float) -> int:
 def _orthonormal(columns: Samples) -> Samples:
     """Return (m, j) orthonormal columns that span (m, k) columns, negligible ones omitted."""
     sizes = np.linalg.norm(columns, axis=0)
-    kept = sizes > ROUNDING * columns.shape[0] ** 0.5
-    left, singular, _ = np.linalg.svd(columns[:, kept] / sizes[kept], full_matrices=False)
-    return np.asarray(left[:, singular > ROUNDING * singular.max(initial=0.0)])
+    significant = sizes > ROUNDING * columns.shape[0] ** 0.5
+    basis, singular, _ = np.linalg.svd(
+        columns[:, significant] / sizes[significant], full_matrices=False
+    )
+    return np.asarray(basis[:, singular > ROUNDING * singular.max(initial=0.0)])
 
 
 def rehearse() -> None:
-    """Call all that numba compiles of an identification, so that it is on disk from then on.
+    """Call all that numba compiles of an identification; its cache on disk then has it.
 
     What a simulated experiment compiles itself comes last: by then that is on disk.
     """
@@ -425,8 +429,8 @@ def rehearse() -> None:
     robot = LumpedParameters(p1=1.0, p2=1.0, p3=1.0, p4=1.0)
     log = Log(time, time, time)
     simulation = Simulation(log, robot)
-    for each in (robot, replace(robot, base_compliance=1e-3)):
-        simulation.linearised(("p1",), each, 0.0)
+    for parameters in (robot, replace(robot, base_compliance=1e-3)):
+        simulation.linearised(("p1",), parameters, 0.0)
     hold.mean(time, time, time, log.between_samples)
     hold.for_sums(time, time, time, log.between_samples)
     polynomials.slope(time, 2, 2, 0.01)

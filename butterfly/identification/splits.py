@@ -94,8 +94,10 @@ def divide(data: DataSet, split: Split = Split.AUTO, folds: int | None = None) -
 
 def remedy(data: DataSet, *, other_than: Split = Split.MASS) -> str:
     """Return the name of another split that is possible, after a semicolon; or nothing."""
-    others = (each for each in (Split.FREQUENCY, Split.LOG, Split.TIME) if each is not other_than)
-    works = next((each for each in others if _works(data, each)), None)
+    others = (
+        split for split in (Split.FREQUENCY, Split.LOG, Split.TIME) if split is not other_than
+    )
+    works = next((split for split in others if _works(data, split)), None)
     return f"; split {works} works with these logs" if works else ""
 
 
@@ -126,8 +128,10 @@ def _works(data: DataSet, split: Split, folds: int | None = None) -> bool:
     if split is Split.TIME or data.known.scale() or len(data.masses) == 1:
         return True
     numbers = range(len(data.logs))
-    kept = ({data.logs[k].added_mass for k in numbers if k not in part} for part in parts.values())
-    return all(len(masses) > 1 for masses in kept)
+    remaining = (
+        {data.logs[k].added_mass for k in numbers if k not in part} for part in parts.values()
+    )
+    return all(len(masses) > 1 for masses in remaining)
 
 
 def _parts(data: DataSet, split: Split, folds: int | None) -> dict[str, Samples]:
@@ -138,9 +142,9 @@ def _parts(data: DataSet, split: Split, folds: int | None) -> dict[str, Samples]
         edges = [[*edges_of(log.time, count), log.time.size] for log in logs]
         return {
             f"stretch {k + 1} of {count}": {
-                number: slice(*each[k : k + 2])
-                for number, each in enumerate(edges)
-                if k + 1 < len(each)
+                number: slice(*bounds[k : k + 2])
+                for number, bounds in enumerate(edges)
+                if k + 1 < len(bounds)
             }
             for k in range(count)
         }

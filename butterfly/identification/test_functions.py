@@ -175,9 +175,9 @@ class Averaging:
     def moving_so(self, measured: Samples) -> Averaging:
         """Return averages of another motion (see `Log.moving_so`) over the same test functions."""
         log, settings = self._log.moving_so(measured), self._settings
-        found = Averaging(log, self._zero, self.half_width, settings, self._balance)
-        found._rests = self._rests
-        return found
+        averages = Averaging(log, self._zero, self.half_width, settings, self._balance)
+        averages._rests = self._rests
+        return averages
 
     def signals(
         self,
@@ -226,9 +226,9 @@ class Averaging:
 
     def carrying(self, added: AddedMass) -> Averaging:
         """Return the same averages with another added mass, if none depends on it."""
-        found = copy(self)
-        found.added = added
-        return found
+        averages = copy(self)
+        averages.added = added
+        return averages
 
     @property
     def fastest(self) -> float:

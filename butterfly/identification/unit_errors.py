@@ -83,7 +83,7 @@ class UnitError(StrEnum):
     COUNTS = _unit(
         *("counts", "angle", "encoder counts", "counts/{turn:.0f}"),
         "{number:.4g} (2 pi/{turn:.0f})",
-        *(2 * math.pi / each for each in sorted(_COUNTS)),
+        *(2 * math.pi / count for count in sorted(_COUNTS)),
     )
     MILLISECONDS = _unit("milliseconds", "time", "milliseconds", "ms", "0.001")
     MICROSECONDS = _unit("microseconds", "time", "microseconds", "us", "1e-6")
@@ -142,7 +142,7 @@ class UnitError(StrEnum):
         f"The angle looks measured on the other side of a gear: multiplied by {{number:.4g}}, "
         f"{_AGREE}. In the manifest, set the side with encoder and the ratio with known: "
         "{{gear_ratio: ...}}.",
-        tuple(1 / each for each in _RATIOS),
+        tuple(1 / ratio for ratio in _RATIOS),
     )
 
 
@@ -244,7 +244,7 @@ def unit_errors_of_omegas(sines: Sequence[Log], ratios: Samples) -> list[Finding
 def unit_errors_of_still(logs: Sequence[Log]) -> list[Finding]:
     """Return the finding of swapped columns if angles are constant and inputs decay."""
     still = [log.input for log in logs if np.ptp(log.angle) == 0 and np.isfinite(log.input).all()]
-    halves = [[half.std() for half in np.array_split(each, 2)] for each in still]
+    halves = [[half.std() for half in np.array_split(series, 2)] for series in still]
     rested = bool(still) and all(2 * second < first for first, second in halves)
     return [unit_error(UnitError.SWAPPED, 1.0)] if rested else []
 
@@ -270,15 +270,15 @@ def unit_errors_of_masses(masses: Sequence[AddedMass]) -> list[Finding]:
 def _ratios(sines: Sequence[Log], signal: str) -> tuple[Samples, Samples]:
     """Return (n,) measured over given frequencies of n logs, and the (n,) shares they explain."""
     omegas = np.array([log.excitation.omega for log in sines if log.excitation])
-    found = [dominant_frequency(log.time, getattr(log, signal)) for log in sines]
-    measured, shares = np.array(found).T
+    pairs = [dominant_frequency(log.time, getattr(log, signal)) for log in sines]
+    measured, shares = np.array(pairs).T
     return measured / omegas, shares
 
 
 def _of_omega(ratio: float, *logs: Log) -> Finding:
     """Return the finding of a wrong omega, with the right one in rad/s if it is of one log."""
     sines = [log.excitation for log in logs if log.excitation]
-    measured = [f"{ratio * each.omega:.4g} rad/s" for each in sines] if len(logs) == 1 else []
+    measured = [f"{ratio * sine.omega:.4g} rad/s" for sine in sines] if len(logs) == 1 else []
     moves = 2 * abs(ratio - 1) > PRECISE  # of inertia, by the square of the time
     names = [log.name for log in logs]
     return unit_error(UnitError.OMEGA, ratio, *measured, logs=names, moves=moves)

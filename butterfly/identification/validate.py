@@ -85,14 +85,14 @@ def cross_validate(
             break
         try:
             with counted():
-                found = estimator(division.kept(data, name))
+                estimate = estimator(division.kept(data, name))
         except IdentifiabilityError as error:
             raise IdentifiabilityError(_refusal(data, division.split, name, error)) from None
-        estimates[name] = found
+        estimates[name] = estimate
         for number, stretch in samples.items():
-            squares[number] += _squares(predictor.run(number, found), stretch)
-        horizon = min(horizon, predictor.horizon(found))
-    fits = np.array([fit_of(*each) if each.any() else np.nan for each in np.sqrt(squares)])
+            squares[number] += _squares(predictor.run(number, estimate), stretch)
+        horizon = min(horizon, predictor.horizon(estimate))
+    fits = np.array([fit_of(*pair) if pair.any() else np.nan for pair in np.sqrt(squares)])
     return CrossValidation(division=division, fits=fits, estimates=estimates, horizon=horizon)
 
 
@@ -145,13 +145,13 @@ def select_terms(
         if passed and out_of_time("further terms"):
             break
         fixed = estimator.with_terms(terms)
-        found = fixed(data)
-        held = {each: cross_validate(data, fixed.near(found), each) for each in splits}
+        estimate = fixed(data)
+        held = {split: cross_validate(data, fixed.near(estimate), split) for split in splits}
         passed.append(
             Structure(
                 terms=terms,
-                in_sample=FitSummary.of(data.simulations.fits(found)),
-                held_out={split: each.summary for split, each in held.items()},
+                in_sample=FitSummary.of(data.simulations.fits(estimate)),
+                held_out={split: validation.summary for split, validation in held.items()},
                 gain=None if before is None else held[first].gain_over(before),
             )
         )
@@ -213,8 +213,8 @@ def bootstrap(
         while True:
             rows = [int(k) for group in groups for k in rng.choice(group, len(group))]
             try:
-                found = held(data.take(rows))
-                if lost := [name for name in estimate.names if name not in found.names]:
+                drawn = held(data.take(rows))
+                if lost := [name for name in estimate.names if name not in drawn.names]:
                     listed = ", ".join(lost)
                     raise IdentifiabilityError(
                         f"{listed} cannot be identified from draws of these logs"
@@ -224,7 +224,7 @@ def bootstrap(
                 if failures > repetitions:
                     raise
             else:
-                values.append(found.values)
+                values.append(drawn.values)
                 break
     tails = 100 * np.array([(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
     lower, upper = np.percentile(values, tails, axis=0)

@@ -39,14 +39,14 @@ def averaging_of(
 ) -> Averaging:
     """Return averages of a log about a zero in rad, over its own half-width if none is given.
 
-    A joint that stands between its moves has short windows, whatever its noise.
+    A joint that rests between its moves has short windows, whatever its noise.
     """
-    own, settings = half_width_of(log), FrictionTerms(cogging_periods=periods)
-    found = Averaging(log, zero, own if half_width is None else half_width, settings)
+    width, settings = half_width_of(log), FrictionTerms(cogging_periods=periods)
+    averages = Averaging(log, zero, width if half_width is None else half_width, settings)
     short = max(HALF_WIDTH, LEAST_SAMPLES * log.mean_step)
-    if half_width is None and own > short and np.mean(found.moving(0.0)) < LOST:
+    if half_width is None and width > short and np.mean(averages.moving(0.0)) < LOST:
         return Averaging(log, zero, short, settings)
-    return found
+    return averages
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -68,7 +68,7 @@ class About:
 
     def regression(self) -> Regression:
         """Return the regression of all logs."""
-        use = self.use or [each.moving(self.delay) for each in self.windows]
+        use = self.use or [window.moving(self.delay) for window in self.windows]
         equations = [self._of_log(*pair) for pair in zip(self.windows, use, strict=True)]
         parts, targets = zip(*equations, strict=True)
         rows = np.concatenate(parts)
@@ -86,19 +86,19 @@ class About:
             prior=Penalty.of(self.names, known, self.variance, about),
         )
 
-    def _of_log(self, each: Averaging, used: NDArray[np.bool_]) -> tuple[Samples, Samples]:
+    def _of_log(self, window: Averaging, used: NDArray[np.bool_]) -> tuple[Samples, Samples]:
         """(m, n) regressors and (m,) targets where used, the inertial term scaled to norm 1."""
         given = {name: value for name, value in self.known.fixed.items() if name not in _SETTINGS}
-        signals = each.signals(
+        signals = window.signals(
             [name for name in (*self.names, *given, "p1", "p3") if name != _BY_MASS],
             delay=self.delay,
             drive=self.drive,
             stribeck_velocity=self.slow,
         )
         mean = {name: column[used] for name, column in signals.mean.items()}
-        mean[_BY_MASS] = each.added.swung * mean["p1"]
+        mean[_BY_MASS] = window.added.swung * mean["p1"]
         size = (float(np.linalg.norm(mean["p1"])) if self.equal_logs else 0.0) or 1.0
-        torque = each.added.inertia * mean["p1"] + each.added.gravity_moment * mean["p3"]
+        torque = window.added.inertia * mean["p1"] + window.added.gravity_moment * mean["p3"]
         for name, value in given.items():
             torque = torque + value * mean[name]
         return np.column_stack([mean[name] for name in self.names]) / size, -torque / size
@@ -106,14 +106,14 @@ class About:
     @property
     def latest(self) -> float:
         """Largest delay in s that the shortest log allows."""
-        return _LATEST * min(each.duration for each in self.windows)
+        return _LATEST * min(window.duration for window in self.windows)
 
     def moved(self, values: Samples, latest: float, variance: float) -> About:
         """Return the linearisation point at (n,) values, with the delay limited to ``latest`` s."""
-        found = self.known.fixed | dict(zip(self.names, values.tolist(), strict=True))
-        drive = DriveTerms(**{name: found[name] for name in DRIVE if name in found})
-        delay = min(max(found["delay"], -latest), latest)
-        return replace(self, delay=delay, gain=found["p4"], drive=drive, variance=variance)
+        named = self.known.fixed | dict(zip(self.names, values.tolist(), strict=True))
+        drive = DriveTerms(**{name: named[name] for name in DRIVE if name in named})
+        delay = min(max(named["delay"], -latest), latest)
+        return replace(self, delay=delay, gain=named["p4"], drive=drive, variance=variance)
 
     def near(self, other: About) -> bool:
         """Whether delay and drive are nearly those of another point."""
@@ -144,7 +144,7 @@ class WeakFit:
             windows=windows,
             names=names,
             known=known,
-            slow=stribeck_velocity(max(each.fastest for each in windows), known),
+            slow=stribeck_velocity(max(window.fastest for window in windows), known),
             periods=periods,
             delay=exact.get("delay", 0.0),
             gain=exact.get("p4", 0.0),
@@ -156,9 +156,11 @@ class WeakFit:
         free = cls.settled(replace(about, variance=0.0))
         if not 0 <= free.about.delay < about.latest:
             return held
-        found = cls.settled(replace(free.about, variance=free.solved.realised_variance))
-        rows = found.cost / max(found.about.variance, _LEAST)  # worth as many independent ones
-        return min((held, found), key=lambda fit: rows * math.log(fit.cost or _LEAST) + fit.penalty)
+        weighed = cls.settled(replace(free.about, variance=free.solved.realised_variance))
+        rows = weighed.cost / max(weighed.about.variance, _LEAST)  # worth as many independent ones
+        return min(
+            (held, weighed), key=lambda fit: rows * math.log(fit.cost or _LEAST) + fit.penalty
+        )
 
     @classmethod
     def settled(cls, about: About) -> WeakFit:
@@ -183,10 +185,10 @@ class WeakFit:
                 about = replace(about, variance=before.variance)
                 break
         solved = solved or regression.linearised(solution, cells=cells)
-        found = Fit(linearisation=solved)
+        fit = Fit(linearisation=solved)
         if not settled:
-            found = replace(found, ending=Ending.STOPPED, unsettled=moved)
-        return cls(about=about, regression=regression, fit=found)
+            fit = replace(fit, ending=Ending.STOPPED, unsettled=moved)
+        return cls(about=about, regression=regression, fit=fit)
 
     @property
     def solved(self) -> Linearisation:
@@ -201,7 +203,7 @@ class WeakFit:
     @property
     def penalty(self) -> float:
         """Sum of the penalties of the uncertain known values (see `Known.penalty`)."""
-        return sum(each.penalty(self.values[n]) for n, each in self.about.known.uncertain.items())
+        return sum(prior.penalty(self.values[n]) for n, prior in self.about.known.uncertain.items())
 
     @property
     def values(self) -> dict[str, float]:

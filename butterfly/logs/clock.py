@@ -32,16 +32,16 @@ _AGREE = 0.01  # relative difference of a clock from the given interval
 def with_clock(
     columns: Mapping[str, Any], headings: Mapping[str, Heading], interval: float | None
 ) -> tuple[Mapping[str, Any], Mapping[str, Heading], float]:
-    """Return columns and headings with a clock of numbers, and the first if they count from it."""
+    """Return columns and headings with a numeric clock, and the timestamp it counts from, or 0."""
     if "time" not in columns:
-        size = max((np.shape(each)[:1] for each in columns.values()), default=(0,))
+        size = max((np.shape(column)[:1] for column in columns.values()), default=(0,))
         return {**columns, "time": np.arange(*size) * (interval or np.nan)}, headings, 0.0
     try:
         values = np.asanyarray(columns["time"])
     except (TypeError, ValueError):  # told later
         return columns, headings, 0.0
-    if values.dtype.kind in "OUST" and (found := dates(columns["time"])) is not None:
-        values = found
+    if values.dtype.kind in "OUST" and (stamps := dates(columns["time"])) is not None:
+        values = stamps
     kind, heading = values.dtype.kind, headings["time"]
     there = np.ones(values.shape, dtype=np.bool_)
     if kind in "mM":
@@ -78,23 +78,23 @@ def dates(column: Any) -> NDArray[np.datetime64] | None:  # noqa: ANN401 - texts
 def clock_reading(
     source: object, reading: ColumnReading, first: float, time: Samples
 ) -> tuple[ColumnReading, float]:
-    """Return how a clock is read, an epoch by its size, and what to subtract of an absolute one."""
+    """Return how a clock is read (an epoch is known by its size), and the start to subtract."""
     finite = time if np.isfinite(time).all() else time[np.isfinite(time)]
     if finite.size <= 1:
         return reading, 0.0
     begin, steps = first or float(finite[0]), np.diff(finite[:_ENOUGH])
     low, step = np.quantile(steps, (0.1, 0.5)).tolist()  # a clock that falls is none
     span = begin, first + float(finite[-1])
-    found = f"{begin:.10g}, with {step:.4g} between samples"
+    value = f"{begin:.10g}, with {step:.4g} between samples"
     expected = "the unit of time (--units time=... or units: in the manifest)"
     where = reading.name or f"column {reading.number}"
     silent = reading.said == ASSUMED and low >= 0 < step
-    days = any(_within(span, each) for each in _DAYS)
+    days = any(_within(span, limits) for limits in _DAYS)
     if silent and days and step < SHORTEST:
-        raise InputError(source, where, found, f"{expected}: days, if these are day numbers")
-    for unit in [each for each in _EPOCHS if silent and _within(span, _YEARS, factor_of(each))]:
+        raise InputError(source, where, value, f"{expected}: days, if these are day numbers")
+    for unit in [name for name in _EPOCHS if silent and _within(span, _YEARS, factor_of(name))]:
         if step * factor_of(unit) > _LONGEST:
-            raise InputError(source, where, found, f"{expected}: by its size an epoch in {unit}")
+            raise InputError(source, where, value, f"{expected}: by its size an epoch in {unit}")
         reading = replace(reading, unit=f"epoch {unit}", said=_BY_SIZE, factor=factor_of(unit))
     absolute = reading.said != ASSUMED and _within(span, _YEARS, reading.factor)
     absolute |= days and reading.unit == "days"
@@ -106,7 +106,7 @@ def clock_cure(reading: ColumnReading | None, step: float) -> str:
     if reading is None or reading.said in {DATES, _BY_SIZE} or "interval" in reading.name:
         return ""
     steps = {unit: step / reading.factor * factor_of(unit) for unit in _EPOCHS}
-    unit = next((each for each, own in steps.items() if SHORTEST < own < LONGEST), None)
+    unit = next((name for name, interval in steps.items() if SHORTEST < interval < LONGEST), None)
     if unit is None:
         return ""
     given = unit if reading.said in {ASSUMED, GIVEN} else f"{factor_of(unit):g}"
@@ -117,7 +117,7 @@ def clock_cure(reading: ColumnReading | None, step: float) -> str:
 
 
 def _within(span: Iterable[float], limits: tuple[float, float], factor: float = 1.0) -> bool:
-    return all(limits[0] <= each * factor < limits[1] for each in span)
+    return all(limits[0] <= instant * factor < limits[1] for instant in span)
 
 
 def interval_reading(
@@ -129,6 +129,6 @@ def interval_reading(
         return ColumnReading(name=name, number=None, unit="s", said=GIVEN, factor=1.0)
     step = float(np.median(np.diff(time)))
     if not abs(step - interval) <= _AGREE * interval:
-        found = f"{interval:g} s, and a column of time with {step:.4g} s between samples"
-        raise InputError(source, "interval", found, "one of the two, or two that agree")
+        value = f"{interval:g} s, and a column of time with {step:.4g} s between samples"
+        raise InputError(source, "interval", value, "one of the two, or two that agree")
     return reading

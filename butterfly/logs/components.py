@@ -42,29 +42,29 @@ class Component:
         if isinstance(self.part, int) and isinstance(rows, np.ndarray) and rows.ndim > 1:
             return np.asarray(rows[:, self.part])
         names = map(_texts, columns[self.naming]) if self.naming else ()
-        places = (each.index(self.part) if self.part in each else -1 for each in names)
+        places = (texts.index(self.part) if self.part in texts else -1 for texts in names)
         pairs = zip(rows, places if self.naming else repeat(self.part), strict=False)
         return np.array([_at(row, int(k)) for row, k in pairs], dtype=np.float64)
 
 
 def components(columns: Mapping[str, Any]) -> dict[str, Component]:
     """Return the components of the columns whose first rows are lists of numbers, by name."""
-    heads = {name: [*islice(_rows(each), _ENOUGH)] for name, each in columns.items()}
+    heads = {name: [*islice(_rows(column), _ENOUGH)] for name, column in columns.items()}
     joints: dict[str, dict[str, Component]] = {}
     for name, rows in heads.items():
         parent, _, last = name.rpartition(".")
         if last in NAMING:
             joints[parent] = _named(name, columns[name], rows)
-    found: dict[str, Component] = {}
+    parts: dict[str, Component] = {}
     for name, rows in heads.items():
         width = max(map(_width, rows), default=0)
         parent, _, last = name.rpartition(".")
-        for joint, each in joints.get(parent, {}).items() if width else ():
-            own, first = replace(each, column=name), f"{parent}.{joint}".lstrip(".")
-            if isinstance(own.part, str) or own.part < width:
-                found |= {f"{name}.{joint}": own, f"{first}.{last}": own}
-        found |= {f"{name}.{k}".lstrip("."): Component(column=name, part=k) for k in range(width)}
-    return {name: each for name, each in found.items() if name not in columns}
+        for joint, part in joints.get(parent, {}).items() if width else ():
+            component, first = replace(part, column=name), f"{parent}.{joint}".lstrip(".")
+            if isinstance(component.part, str) or component.part < width:
+                parts |= {f"{name}.{joint}": component, f"{first}.{last}": component}
+        parts |= {f"{name}.{k}".lstrip("."): Component(column=name, part=k) for k in range(width)}
+    return {name: part for name, part in parts.items() if name not in columns}
 
 
 def _named(name: str, column: Any, head: Sequence[Any]) -> dict[str, Component]:  # noqa: ANN401 - whatever holds texts
@@ -81,15 +81,15 @@ def _rows(column: Any) -> Iterable[Any]:  # noqa: ANN401 - whatever holds rows
     return column if _is_list(column) and not plain else ()
 
 
-def _is_list(found: object) -> bool:
-    return np.iterable(found) and not isinstance(found, str | bytes | Mapping)
+def _is_list(value: object) -> bool:
+    return np.iterable(value) and not isinstance(value, str | bytes | Mapping)
 
 
 def _width(row: Any) -> int:  # noqa: ANN401 - whatever a row holds
     """Return how many numbers a row lists; 0 if it is no list of numbers."""
     if not _is_list(row):
         return 0
-    numbers = [each for each in row if each is None or isinstance(each, Real)]
+    numbers = [number for number in row if number is None or isinstance(number, Real)]
     return len(numbers) if len(numbers) == len(row) else 0
 
 
@@ -97,7 +97,7 @@ def _texts(row: Any) -> tuple[str, ...]:  # noqa: ANN401 - whatever a row holds
     """Return the texts that a row lists; none if it is no list of texts."""
     if not _is_list(row):
         return ()
-    texts = tuple(str(each) for each in row if isinstance(each, str))
+    texts = tuple(str(text) for text in row if isinstance(text, str))
     return texts if len(texts) == len(row) else ()
 
 

@@ -31,9 +31,9 @@ _UNIT = "Check the unit of the {0} (--units {0}=...), and that the whole log has
 
 
 def find_contradiction(log: Log) -> tuple[str, str] | None:
-    """Look at a log with increasing timestamps and finite values."""
+    """Return a contradiction in a log of finite values and increasing time, and what to check."""
     time = np.linspace(log.time[0], log.time[-1], min(log.time.size, _GRID))
-    inputs, angle = (np.interp(time, log.time, each) for each in (log.input, log.angle))
+    inputs, angle = (np.interp(time, log.time, column) for column in (log.input, log.angle))
     length = max(time.size // _LADDER[-1], 1)
     speed = np.abs(angle[length:] - angle[:-length]) / (time[length] - time[0])
     if speed.max() > _FASTEST:
@@ -43,8 +43,8 @@ def find_contradiction(log: Log) -> tuple[str, str] | None:
         if np.quantile(speed, 1 - _RARELY) > _FASTEST:  # not at a fault of the encoder alone
             return text, "Check the units of angle and time (--units angle=..., --units time=...)."
         return text, "Check the encoder there, or leave that part out (--from, --to)."
-    found = _stuck(log, time, inputs, angle) or _rescaled(log, time, inputs, angle)
-    return found or _unreached(log, inputs, angle)
+    contradiction = _stuck(log, time, inputs, angle) or _rescaled(log, time, inputs, angle)
+    return contradiction or _unreached(log, inputs, angle)
 
 
 def _stuck(log: Log, time: Samples, inputs: Samples, angle: Samples) -> tuple[str, str] | None:
@@ -88,11 +88,11 @@ def _rescaled(log: Log, time: Samples, inputs: Samples, angle: Samples) -> tuple
         return None
     for length in [time.size // count for count in _LADDER]:
         laws = [_law(inputs[part], angle[part], length) for part in (slice(row), slice(row, None))]
-        for own, other in (laws, laws[::-1]):
-            share, factor = _told(own, other)
-            holds = min(share, _told(own, own)[0]) > _HOLDS
+        for law, other in (laws, laws[::-1]):
+            share, factor = _told(law, other)
+            holds = min(share, _told(law, law)[0]) > _HOLDS
             if holds and max(factor, 1.0 / factor) > _SCALE:
-                factor = factor if (own is laws[0]) == (name == "input") else 1.0 / factor
+                factor = factor if (law is laws[0]) == (name == "input") else 1.0 / factor
                 text = f"from {time[row]:.4g} s on the {name} is about {float(f'{factor:.1g}'):g} "
                 return f"{text}times as large, {_REST}", _UNIT.format(name)
     return None
@@ -122,12 +122,14 @@ def _law(inputs: Samples, angle: Samples, length: int) -> Samples:
     return np.where(varies, law - law.mean(axis=0), 0.0)
 
 
-def _told(own: Samples, other: Samples) -> tuple[float, float]:
-    """Return the share of other inputs that a law explains, and the factor that they want."""
-    size = np.maximum(np.linalg.norm(own[:, :-1], axis=0), _TINY)
-    said = other[:, :-1] @ (np.linalg.lstsq(own[:, :-1] / size, own[:, -1], rcond=1e-9)[0] / size)
-    common, whole = float(said @ other[:, -1]), float(other[:, -1] @ other[:, -1])
-    share = common / max(math.sqrt(float(said @ said) * whole), _TINY)
+def _told(law: Samples, other: Samples) -> tuple[float, float]:
+    """Return the share of other inputs that a law explains, and by which factor they exceed it."""
+    size = np.maximum(np.linalg.norm(law[:, :-1], axis=0), _TINY)
+    predicted = other[:, :-1] @ (
+        np.linalg.lstsq(law[:, :-1] / size, law[:, -1], rcond=1e-9)[0] / size
+    )
+    common, whole = float(predicted @ other[:, -1]), float(other[:, -1] @ other[:, -1])
+    share = common / max(math.sqrt(float(predicted @ predicted) * whole), _TINY)
     return share * abs(share), whole / common if common else 0.0
 
 
@@ -136,7 +138,7 @@ def _unreached(log: Log, inputs: Samples, angle: Samples) -> tuple[str, str] | N
     laws = (_law(inputs, angle, angle.size // count) for count in _LADDER)
     shares = (_told(law, law)[0] - _CHANCE / len(law) for law in laws if len(law) > 1)
     follows = next(shares, 1.0) > _FAILS or any(share > _FAILS for share in shares)
-    steps = [np.mean(np.diff(each) ** 2) / (np.var(each) + _TINY) for each in (inputs, angle)]
+    steps = [np.mean(np.diff(column) ** 2) / (np.var(column) + _TINY) for column in (inputs, angle)]
     if follows or not 0.0 < steps[0] < _NOISE:
         return None
     least, span = resolution_of(log.angle), np.ptp(angle)

@@ -44,7 +44,7 @@ def read_csv(path: Path, columns: ColumnMap | None, units: Units, about: dict[st
     table = _table(
         path,
         lambda names: chosen_columns(path, names, columns, about)[0].values(),
-        by_number=all(str(each).isdecimal() for each in wanted.values()),
+        by_number=all(str(column).isdecimal() for column in wanted.values()),
     )
     return log_of_text(path, table, columns, units, about)
 
@@ -52,7 +52,7 @@ def read_csv(path: Path, columns: ColumnMap | None, units: Units, about: dict[st
 def log_of_text(
     path: Path, table: TextColumns, columns: ColumnMap | None, units: Units, about: dict[str, Any]
 ) -> Log:
-    """Return the log in a table of a file, of which this is known besides."""
+    """Return the log in the table of a file; ``about``: what else is known of it."""
     places, unasked = chosen_columns(path, table.names, columns, about)
     reading = table.reading
     for field in unasked:
@@ -86,18 +86,20 @@ def _headings(path: Path, table: TextColumns, places: Mapping[str, int]) -> dict
         else:
             sayings.note(number, text, where)
     headings = sayings.headings(places)
-    if table.headless is None or any(each.said for each in headings.values()):
+    if table.headless is None or any(heading.said for heading in headings.values()):
         return headings
     for field, k in places.items():
-        own = [word for word in words_in(table.headless) if {*units_meant(word)} & {*UNITS[field]}]
-        sayings.column(k, f"{', '.join(own)}, column unclear" * bool(own), "line above")
+        units = [
+            word for word in words_in(table.headless) if {*units_meant(word)} & {*UNITS[field]}
+        ]
+        sayings.column(k, f"{', '.join(units)}, column unclear" * bool(units), "line above")
     return sayings.headings(places)
 
 
 def _texts_of(table: TextColumns) -> dict[str, str]:
     """Return the first text of each column of texts, such as one of units, by its name."""
-    texts = {k: each for k, each in table.columns.items() if not isinstance(each, np.ndarray)}
-    return {table.names[k]: str(each[0]) for k, each in texts.items() if table.names[k]}
+    texts = {k: column for k, column in table.columns.items() if not isinstance(column, np.ndarray)}
+    return {table.names[k]: str(column[0]) for k, column in texts.items() if table.names[k]}
 
 
 def write_csv(log: Log, path: Path) -> None:
@@ -147,15 +149,15 @@ def _table(
             with path.open("rb") as file:
                 file.seek(-1, os.SEEK_END)
                 cut = int(file.read() not in {b"\n", b"\r"})  # the last line may be incomplete
-            complete = {number: each[: each.size - cut] for number, each in columns.items()}
+            complete = {number: column[: column.size - cut] for number, column in columns.items()}
             complete |= {k: pyarrow.chunked_array([first[k][:1]]) for k in texts}
             return TextColumns(names=names, columns=complete, reading=FileReading(cut_lines=cut))
     except (InputError, pyarrow.ArrowInvalid, OSError, UnicodeDecodeError):
         pass
     table = read_text_table(path)
     if table.headless is not None and not by_number:
-        found = f"{table.headless} above rows of {len(table.columns)} numbers"
-        raise InputError(path, "header", found, _BY_NUMBER)
+        value = f"{table.headless} above rows of {len(table.columns)} numbers"
+        raise InputError(path, "header", value, _BY_NUMBER)
     return table
 
 
@@ -178,11 +180,11 @@ def _numeric(path: Path, table: TextColumns, number: int, name: str, field: str 
     column, clock = table.columns[number], field == "time"
     if isinstance(column, np.ndarray):
         return column if clock else column.astype(np.float64, copy=False)
-    if clock and (found := dates(column)) is not None:
-        return found
+    if clock and (stamps := dates(column)) is not None:
+        return stamps
     if pyarrow.types.is_null(column.type):  # nothing is written in it
         return np.full(len(column), np.nan)
-    texts = ["" if each is None else str(each).strip().strip('"') for each in column.to_pylist()]
+    texts = ["" if cell is None else str(cell).strip().strip('"') for cell in column.to_pylist()]
     grouped = next((k for k, text in enumerate(texts) if GROUPED.fullmatch(text)), None)
     row = next((k for k, text in enumerate(texts) if not is_number(text)), grouped)
     if row is None:

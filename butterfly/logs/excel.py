@@ -39,11 +39,11 @@ def read_excel(path: Path, columns: ColumnMap | None, units: Units, about: dict[
         raise fault
     (chosen, *others) = fitting or tables
     if others:
-        found = f"sheets {', '.join([chosen, *others])}"
+        value = f"sheets {', '.join([chosen, *others])}"
         expected = f"one sheet with these columns, or at: {chosen} in a manifest"
-        raise InputError(path, "content", found, expected)
+        raise InputError(path, "content", value, expected)
     notes = [(None, chosen, "sheet"), *sheets[chosen].notes]
-    for name in [each for each in sheets if each not in fitting]:
+    for name in [title for title in sheets if title not in fitting]:
         lines = [line for line in sheets[name].text.splitlines() if not line.isspace()]
         notes += [(None, line, f"sheet {name}") for line in lines[:_MOST]]
     table = replace(tables[chosen], notes=notes)
@@ -74,7 +74,7 @@ def _sheets(path: Path) -> dict[str, _Sheet]:
                 notes: dict[tuple[int | None, str, str], None] = {}
                 rows = []
                 for cells in sheet.iter_rows():
-                    rows.append([_cell(each.value) for each in cells])
+                    rows.append([_cell(cell.value) for cell in cells])
                     notes |= dict.fromkeys(_notes(cells))
                 width, count = max(map(len, rows), default=0), sum(map(any, rows))
                 require_room(path, "content", f"{count} rows of {width} cells", width * count)

@@ -52,33 +52,33 @@ def increasing(time: Samples) -> Mask:
     Of two equal timestamps the first is kept. Where the clock restarts, only the longer side is
     kept: a mixture of both may have as many samples, but of two motions.
     """
-    begin, end, kept = 0, time.size, _longest(time)
+    begin, end, mask = 0, time.size, _longest(time)
     for _ in range(_MOST_RESTARTS):
-        restart = _restart(time[begin:end], kept)
+        restart = _restart(time[begin:end], mask)
         if restart is None:
             break
         earlier, later = map(_longest, np.split(time[begin:end], [restart]))
         sizes = np.count_nonzero(earlier), np.count_nonzero(later)
-        if np.count_nonzero(kept) - max(sizes) > _SPLICED * min(sizes):
+        if np.count_nonzero(mask) - max(sizes) > _SPLICED * min(sizes):
             break
         if sizes[0] >= sizes[1]:
-            end, kept = begin + restart, earlier
+            end, mask = begin + restart, earlier
         else:
-            begin, kept = begin + restart, later
+            begin, mask = begin + restart, later
     stay = np.zeros(time.size, dtype=np.bool_)
-    stay[begin:end] = kept
+    stay[begin:end] = mask
     return stay
 
 
 def restarts(time: Samples) -> list[int]:
     """Return the numbers of the samples at which the clock restarts."""
-    found: list[int] = []
+    rows: list[int] = []
     for k in (1 + np.flatnonzero(np.diff(time) < 0)).tolist():
         before, after = time[max(k - _SIDE, 0) : k], time[k : k + _SIDE]
-        near = found and k - found[-1] < _SIDE
+        near = rows and k - rows[-1] < _SIDE
         if not near and np.median(after) < np.median(before):
-            found.append(k)
-    return found
+            rows.append(k)
+    return rows
 
 
 @np.errstate(over="ignore", invalid="ignore")  # of absurd timestamps
@@ -88,13 +88,13 @@ def cut_by_thousand(time: Samples) -> int | None:
     falls = 1 + np.flatnonzero(steps[1:-1] < 0)
     before, after = steps[falls - 1], steps[falls + 1]
     there = np.abs(1000 * time[falls + 1] - time[falls] - before) <= before / 2
-    found = falls[there & (np.abs(1000 * after - before) <= before / 2)]
-    return int(found[0]) + 1 if found.size else None
+    rows = falls[there & (np.abs(1000 * after - before) <= before / 2)]
+    return int(rows[0]) + 1 if rows.size else None
 
 
-def repeated(time: Samples, kept: Mask) -> Mask:
+def repeated(time: Samples, mask: Mask) -> Mask:
     """Return which dropped samples repeat the timestamp of the last one kept."""
-    dropped, stays = np.flatnonzero(~kept), np.flatnonzero(kept)
+    dropped, stays = np.flatnonzero(~mask), np.flatnonzero(mask)
     before = np.searchsorted(stays, dropped)
     rows = dropped[before > 0]
     repeats = np.zeros(time.size, dtype=np.bool_)
@@ -108,12 +108,12 @@ def _longest(time: Samples) -> Mask:
         return np.diff(time, prepend=-np.inf) > 0
     highest = np.maximum.accumulate(time)
     lowest = np.minimum.accumulate(time[::-1])[::-1]
-    kept = np.ones(time.size, dtype=np.bool_)  # above all before and below all after: in each
-    kept[1:] &= time[1:] > highest[:-1]
-    kept[:-1] &= time[:-1] < lowest[1:]
-    disputed = np.flatnonzero(~kept)
-    kept[disputed[_piled(time[disputed])]] = True
-    return kept
+    mask = np.ones(time.size, dtype=np.bool_)  # above all before and below all after: in each
+    mask[1:] &= time[1:] > highest[:-1]
+    mask[:-1] &= time[:-1] < lowest[1:]
+    disputed = np.flatnonzero(~mask)
+    mask[disputed[_piled(time[disputed])]] = True
+    return mask
 
 
 def _piled(values: Samples) -> list[int]:
@@ -130,17 +130,17 @@ def _piled(values: Samples) -> list[int]:
             on_top.append(number)
         else:
             tops[pile], on_top[pile] = value, number
-    found = []
+    numbers = []
     number = on_top[-1]
     while number >= 0:
-        found.append(number)
+        numbers.append(number)
         number = below[number]
-    return found
+    return numbers
 
 
-def _restart(time: Samples, kept: Mask) -> int | None:
+def _restart(time: Samples, mask: Mask) -> int | None:
     """Return where the clock restarts in the longest dropped run, by the largest step back."""
-    edges = np.flatnonzero(np.diff(kept, prepend=True, append=True)).reshape(-1, 2)
+    edges = np.flatnonzero(np.diff(mask, prepend=True, append=True)).reshape(-1, 2)
     if not edges.size:
         return None
     begin, end = edges[np.argmax(edges[:, 1] - edges[:, 0])]
@@ -209,8 +209,8 @@ def _is_straight(clock: Samples, values: Samples, quantum: float) -> bool:
         return True
     along = clock - clock.mean()
     rate = float(along @ values) / float(along @ along)
-    beside = values - values.mean() - rate * along
-    return float(np.sqrt(np.mean(beside**2))) <= quantum + _STRAIGHT * float(np.ptp(values))
+    residuals = values - values.mean() - rate * along
+    return float(np.sqrt(np.mean(residuals**2))) <= quantum + _STRAIGHT * float(np.ptp(values))
 
 
 def _flanked(
@@ -225,14 +225,14 @@ def _flanked(
 
 def _runs_on(drop: Samples, length: int, resolution: float) -> bool:
     """Whether a signal reaches a flat run at speed, by its drop beside it."""
-    beside = 1 + (_first(drop, 1.5 * resolution) if drop.size else 0)
-    if drop.size <= 3 * beside:
+    distance = 1 + (_first(drop, 1.5 * resolution) if drop.size else 0)
+    if drop.size <= 3 * distance:
         return False
     near = max(_first(drop, _NEAR_TOP * resolution), _NEAREST)
     if 2 * near <= drop.size and drop[2 * near - 2] > 4.0 * drop[near]:  # faster than a parabola:
         return False  # it settles, as behind a lag
-    moves = drop[3 * beside] > 1.5 * drop[0]  # a rounded top is at most so long, a step jumps:
-    return bool(moves and length > 2 / (math.sqrt(2) - 1) * beside)
+    moves = drop[3 * distance] > 1.5 * drop[0]  # a rounded top is at most so long, a step jumps:
+    return bool(moves and length > 2 / (math.sqrt(2) - 1) * distance)
 
 
 def clipped(angle: Samples) -> int:
@@ -379,8 +379,8 @@ def _encoders_turn(angle: Samples, steps: Samples, span: float) -> float | None:
         return None
     if max(float(np.ptp(piece)) for piece in np.split(angle, rows + 1)) < _SWEPT * span:
         return None
-    beside = rows[:, None] + np.setdiff1d(np.arange(-_BESIDE, _BESIDE + 1), [0])
-    near = steps[np.clip(beside, 0, steps.size - 1)]
+    neighbours = rows[:, None] + np.setdiff1d(np.arange(-_BESIDE, _BESIDE + 1), [0])
+    near = steps[np.clip(neighbours, 0, steps.size - 1)]
     motion = np.median(np.where(np.abs(near) >= _WHOLE * span, 0.0, near), axis=1)
     if np.mean(motion * steps[rows] < 0) < _BACK:
         return None

@@ -53,10 +53,10 @@ def read_log(
 def _state(path: Path) -> tuple[int, ...]:
     """Return what changes when a file is replaced or appended to; nothing if there is no file."""
     try:
-        found = path.stat()
+        status = path.stat()
     except (OSError, ValueError):
         return ()
-    return found.st_ino, found.st_size, found.st_mtime_ns
+    return status.st_ino, status.st_size, status.st_mtime_ns
 
 
 def holds_table(path: Path, width: int = 3) -> bool:
@@ -222,22 +222,24 @@ def log_of_table(
     columns: ColumnMap | None = None,
     units: Units = AS_IS,
     *,
-    said: Mapping[str, Any] | None = None,
+    metadata: Mapping[str, Any] | None = None,
     **properties: Any,  # noqa: ANN401 - the fields of Log that a table cannot know
 ) -> Log:
-    """Make a log of a table and what is ``said`` beside it; numbered columns are `SAMPLED`."""
-    found = _columns(table)
-    names, parts = list(found), components(found)
+    """Make a log of a table and its ``metadata``; numbered columns are `SAMPLED`."""
+    series = _columns(table)
+    names, parts = list(series), components(series)
     if columns is None and names == [*map(str, range(len(names)))]:
         timed = len(names) > 2 or properties.get("interval") is None  # noqa: PLR2004 - u, q
         columns = dict(zip(SAMPLED[not timed :], range(len(names)), strict=False))
     properties = {"source": "table"} | properties
     names += parts
     places, unasked = chosen_columns(properties["source"], names, columns, properties)
-    single = {field: parts[names[k]] for field, k in places.items() if k >= len(found)}
-    arrays = {f: single[f].of(found) if f in single else found[names[k]] for f, k in places.items()}
-    sayings = _sayings_of(properties["source"], table, found, names)
-    sayings.metadata(said or {})
+    single = {field: parts[names[k]] for field, k in places.items() if k >= len(series)}
+    arrays = {
+        f: single[f].of(series) if f in single else series[names[k]] for f, k in places.items()
+    }
+    sayings = _sayings_of(properties["source"], table, series, names)
+    sayings.metadata(metadata or {})
     headings = sayings.headings(places)
     headings |= {field: replace(headings[field], number=None) for field in single}
     return Log.of_columns(arrays, headings, units, unasked=unasked, **properties)
@@ -248,16 +250,18 @@ def _sayings_of(
 ) -> Sayings:
     """Return what a table says in its attributes, those of its columns, and their types."""
     sayings = Sayings(source, names)
-    for owner, way in ((table, ()), *((each, (name,)) for name, each in columns.items())):
+    for owner, way in ((table, ()), *((column, (name,)) for name, column in columns.items())):
         for key in ("attrs", "meta", "info"):
-            found = getattr(owner, key, None)
-            if isinstance(found, Mapping) and not (way and found == getattr(table, key, None)):
-                sayings.metadata(found, key, way)
-    for k, each in enumerate(columns.values()):
-        kind = re.match(r"pint\[(.+)\]", str(getattr(each, "dtype", "")))
-        own = kind[1] if kind else getattr(each, "unit", getattr(each, "units", ""))
-        if kind or not isinstance(own, float | int | bool | np.ndarray):
-            sayings.column(k, own, "unit of the column")
+            attributes = getattr(owner, key, None)
+            if isinstance(attributes, Mapping) and not (
+                way and attributes == getattr(table, key, None)
+            ):
+                sayings.metadata(attributes, key, way)
+    for k, column in enumerate(columns.values()):
+        kind = re.match(r"pint\[(.+)\]", str(getattr(column, "dtype", "")))
+        unit = kind[1] if kind else getattr(column, "unit", getattr(column, "units", ""))
+        if kind or not isinstance(unit, float | int | bool | np.ndarray):
+            sayings.column(k, unit, "unit of the column")
     return sayings
 
 

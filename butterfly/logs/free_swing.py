@@ -1,4 +1,4 @@
-"""Where a free swing begins of which few samples are seen in a period."""
+"""Initial state of a free swing that has only a few samples in a period."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _SCANNED = 40  # frequencies
 def sine_at_start(time: NDArray[np.float64], angle: NDArray[np.float64]) -> tuple[float, float]:
     """Return angle in rad and velocity in rad/s at the first of (n,) samples, by least squares.
 
-    They are of the offset and sine that explain most of the samples, whatever its frequency.
+    They are those of the offset and sine that fit best, over all frequencies scanned.
     """
     passed = time - time[0]
     slowest, fastest = _FEWEST_RAD, _FINEST * math.pi * (time.size - 1)
@@ -24,6 +24,6 @@ def sine_at_start(time: NDArray[np.float64], angle: NDArray[np.float64]) -> tupl
         turned = omega * passed
         columns = np.column_stack([np.ones(time.size), np.cos(turned), np.sin(turned)])
         offset, cosine, sine = np.linalg.lstsq(columns, angle, rcond=None)[0].tolist()
-        left = angle - columns @ [offset, cosine, sine]
-        fits.append((float(left @ left), offset + cosine, float(omega) * sine))
+        residuals = angle - columns @ [offset, cosine, sine]
+        fits.append((float(residuals @ residuals), offset + cosine, float(omega) * sine))
     return min(fits)[1:]

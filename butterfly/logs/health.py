@@ -111,7 +111,7 @@ class Health:
     @property
     def remarks(self) -> list[Remark]:
         """Remarks on the log, gravest first; none for a healthy one."""
-        others = {name: each for name, each in self.columns.items() if each.own}
+        others = {name: reading for name, reading in self.columns.items() if reading.own}
         lost = self.dropped > _MANY * self.samples
         gone = self.longest_gap > _MANY * self.duration
         counted = [
@@ -125,41 +125,41 @@ class Health:
             (self.cut_lines, "incomplete last line", "dropped", False),
             (self.idle, "sample", "with a constant input", False),
         ]
-        found = [
+        remarks = [
             Remark(Level.CARE if care else Level.NOTE, f"{count} {thing}{'s' * (count > 1)} {what}")
             for count, thing, what, care in counted
             if count
         ]
         if self.contradiction:
-            found.append(Remark(Level.CARE, *self.contradiction))
+            remarks.append(Remark(Level.CARE, *self.contradiction))
         if self.topics:
-            found.append(Remark(Level.NOTE, self.topics, _IF_HELD))
+            remarks.append(Remark(Level.NOTE, self.topics, _IF_HELD))
         drive = self.columns.get("input")
         if drive is not None and drive.assumed and self.driven:
             level, cure = (Level.CARE, drive.unread.cure) if drive.unread else (Level.GOOD, "")
-            found.append(Remark(level, drive.taken, cure))
+            remarks.append(Remark(level, drive.taken, cure))
         if self.unclear:
-            found.append(Remark(Level.CARE, self.unclear, _IF_GROUPED))
+            remarks.append(Remark(Level.CARE, self.unclear, _IF_GROUPED))
         if self.integrated:
-            found.append(Remark(Level.NOTE, "no angle recorded: the velocity is fitted instead"))
+            remarks.append(Remark(Level.NOTE, "no angle recorded: the velocity is fitted instead"))
         for before, (begin, interval) in pairwise(self.regimes):
             text = f"mean sampling interval switches from {1e3 * before.interval:.4g} to "
             text += f"{1e3 * interval:.4g} ms at {begin:.4g} s"
-            found.append(Remark(Level.NOTE, text, _IF_REGIMES))
+            remarks.append(Remark(Level.NOTE, text, _IF_REGIMES))
         if self.turns > 1.0:
             text = f"the angle spans {self.turns:.1f} turns"
             meant = self.wraps or (
                 "angle" in self.columns and self.columns["angle"].said != ASSUMED
             )
-            found.append(Remark(Level.NOTE, text, "" if meant else _IF_DEGREES))
+            remarks.append(Remark(Level.NOTE, text, "" if meant else _IF_DEGREES))
         if not SHORTEST < self.step <= LONGEST:
             text = f"{'only ' * (self.step > SHORTEST)}one sample every {self.step:.3g} s"
             cure = clock_cure(self.columns.get("time"), self.step)
-            found.append(Remark(Level.CARE, text, cure))
+            remarks.append(Remark(Level.CARE, text, cure))
         if others:
-            texts = "; ".join(f"{name}: {each.text}" for name, each in others.items())
-            found.append(Remark(Level.NOTE, f"converted from the file's units: {texts}"))
-        return sorted(found, key=lambda remark: remark.condition is not Level.CARE)
+            texts = "; ".join(f"{name}: {reading.text}" for name, reading in others.items())
+            remarks.append(Remark(Level.NOTE, f"converted from the file's units: {texts}"))
+        return sorted(remarks, key=lambda remark: remark.condition is not Level.CARE)
 
     @property
     def condition(self) -> Level:
@@ -181,16 +181,16 @@ def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Lo
     sound = _only(log, finite)
     if np.ptp(sound.time) == 0.0:
         raise InputError(log.source, "time", "a clock that never advances", "increasing timestamps")
-    kept = increasing(sound.time)
-    repeats = repeated(sound.time, kept)
-    backward = ~(kept | repeats)
+    mask = increasing(sound.time)
+    repeats = repeated(sound.time, mask)
+    backward = ~(mask | repeats)
     refuse_separators(sound)
     ascending = "timestamps in ascending order"
     if Repair.BACKWARD not in repairs and backward.any() and restarts(sound.time):
         ascending += f" (or {SPLIT}, if the file holds several recordings)"
     _refuse_unless_allowed(log, backward, Repair.BACKWARD, repairs, ascending)
     _refuse_unless_allowed(log, repeats, Repair.DUPLICATE, repairs, "distinct timestamps")
-    clean = _with_sound_lead(_only(sound, kept))
+    clean = _with_sound_lead(_only(sound, mask))
     _refuse_implausible(clean)
     regimes = clean.regimes or find_regimes(clean.time)
     clean = replace(clean, regimes=regimes) if len(regimes) > 1 else clean
@@ -236,14 +236,14 @@ def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Lo
 def refuse_separators(log: Log) -> None:
     """Raise InputError if timestamps have a thousands separator."""
     if (first := cut_by_thousand(log.time)) is not None:
-        found = f"{log.time[first]:g} after {log.time[first - 1]:g} at sample {first}"
+        value = f"{log.time[first]:g} after {log.time[first - 1]:g} at sample {first}"
         expected = "timestamps without thousands separators (1000, not 1.000 or 1,000)"
-        raise InputError(log.source, "time", found, expected)
+        raise InputError(log.source, "time", value, expected)
 
 
-def _only(log: Log, kept: NDArray[np.bool_]) -> Log:
+def _only(log: Log, mask: NDArray[np.bool_]) -> Log:
     """Return the log of some samples; itself for all of them, since long copies cost."""
-    return log if kept.all() else log.take(kept)
+    return log if mask.all() else log.take(mask)
 
 
 def _with_sound_lead(log: Log) -> Log:
@@ -257,14 +257,14 @@ def _with_sound_lead(log: Log) -> Log:
 
 
 def _refuse_few(log: Log, finite: NDArray[np.bool_]) -> None:
-    """Refuse a log of which too little is left without the rows that lack a number."""
+    """Refuse a log with too few rows that have a number in every column."""
     if finite.sum() >= MIN_SAMPLES or finite.all():
         return
-    counts = {name: int(np.isfinite(each).sum()) for name, each in log.columns().items()}
+    counts = {name: int(np.isfinite(column).sum()) for name, column in log.columns().items()}
     fewest = min(counts, key=counts.__getitem__)
     listing = ", ".join(f"{count} of {name}" for name, count in counts.items())
-    found = f"{finite.sum()} rows with a number in every column ({listing})"
-    raise InputError(log.source, fewest, found, f"at least {MIN_SAMPLES} such rows")
+    value = f"{finite.sum()} rows with a number in every column ({listing})"
+    raise InputError(log.source, fewest, value, f"at least {MIN_SAMPLES} such rows")
 
 
 def _refuse_unless_allowed(
@@ -318,8 +318,8 @@ def _refuse_implausible(log: Log) -> None:
             expected = f"numbers below {_LARGEST:g}"
             raise InputError(log.source, name, f"numbers up to {largest:.3g}", expected)
         if 0 < span < _SMALLEST:
-            found = f"numbers that differ by {span:.3g} at most"
-            raise InputError(log.source, name, found, f"a range above {_SMALLEST:g}")
+            value = f"numbers that differ by {span:.3g} at most"
+            raise InputError(log.source, name, value, f"a range above {_SMALLEST:g}")
     shortest = float(np.diff(log.time).min())
     if shortest < _SMALLEST:
         expected = f"timestamps more than {_SMALLEST:g} s apart"

@@ -47,11 +47,11 @@ def read_json(path: Path, columns: ColumnMap | None, units: Units, about: dict[s
     named = {k: part for k, part in components(lists).items() if k not in names}
     names += named
     places, unasked = chosen_columns(path, names, columns, about)
-    found = {field: _at(content, ways[k]) for field, k in places.items() if k < len(ways)}
-    found = _joined(found)
+    values = {field: _at(content, ways[k]) for field, k in places.items() if k < len(ways)}
+    values = _joined(values)
     arrays = {
-        field: _column(path, names[k], found[field], field)
-        if field in found
+        field: _column(path, names[k], values[field], field)
+        if field in values
         else named[names[k]].of(lists)
         for field, k in places.items()
     }
@@ -61,10 +61,10 @@ def read_json(path: Path, columns: ColumnMap | None, units: Units, about: dict[s
         for k, per in ((2, ""), (3, "/s")):
             sayings.metadata({"units": f"{unit}{per}", "scale_factor": factor}, way=(k,))
     else:
-        sayings.metadata({k: each for k, each in above.items() if at and _ways(each) != ways})
+        sayings.metadata({k: node for k, node in above.items() if at and _ways(node) != ways})
         sayings.metadata(content)
     headings = sayings.headings(places)
-    headings |= {f: replace(headings[f], number=None) for f in places.keys() - found.keys()}
+    headings |= {f: replace(headings[f], number=None) for f in places.keys() - values.keys()}
     about |= {"source": str(path), "reading": FileReading(cut_lines=cut)}
     return Log.of_columns(arrays, headings, units, unasked=unasked, **about)
 
@@ -84,10 +84,10 @@ def _content(path: Path) -> tuple[Any, int]:
 
 def _parsed(text: str) -> Any:  # noqa: ANN401 - any JSON
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        found = dict(pairs)
-        if len(found) < len(pairs):
+        members = dict(pairs)
+        if len(members) < len(pairs):
             raise ValueError("an object with the same key twice")
-        return found
+        return members
 
     def whole_number(text: str) -> float:
         return int(text) if len(text) in _LARGE else float(text)
@@ -107,28 +107,30 @@ def numbers_in(path: Path) -> dict[str, float]:
     with suppress(InputError):
         content = _content(path)[0]
         pairs = content.items() if isinstance(content, dict) else ()
-        return {key: float(each) for key, each in pairs if type(each) in {float, int}}
+        return {key: float(value) for key, value in pairs if type(value) in {float, int}}
     return {}
 
 
 def _logs(content: Any) -> list[str]:  # noqa: ANN401 - any JSON
     """Return the places of tables if there are several, of the same columns, and nothing else."""
-    found: dict[str, tuple[tuple[str, ...], ...]] = {}
-    for key, each in content.items() if isinstance(content, dict) else ():
-        first = each[0] if isinstance(each, list) and each else None
+    layouts: dict[str, tuple[tuple[str, ...], ...]] = {}
+    for key, node in content.items() if isinstance(content, dict) else ():
+        first = node[0] if isinstance(node, list) and node else None
         inner = first.values() if isinstance(first, dict) else ()
         long = any(isinstance(below, list) and len(below) >= MIN_SAMPLES for below in inner)
-        tables = {f"{key}.{k}": table for k, table in enumerate(each)} if long else {key: each}
+        tables = {f"{key}.{k}": table for k, table in enumerate(node)} if long else {key: node}
         ways = {place: _ways({place: table}) for place, table in tables.items()}
-        found |= {place: tuple(way[1:] for way in own) for place, own in ways.items() if own}
-    alike = len(found) > 1 == len({*found.values()}) and ((),) not in found.values()
-    return [*found] if alike else []
+        layouts |= {
+            place: tuple(way[1:] for way in paths) for place, paths in ways.items() if paths
+        }
+    alike = len(layouts) > 1 == len({*layouts.values()}) and ((),) not in layouts.values()
+    return [*layouts] if alike else []
 
 
 def _below(path: Path, node: Any, at: str) -> Any:  # noqa: ANN401 - any JSON
     for part in at.split("."):
         rows = dict(enumerate(node)) if isinstance(node, list) else {}
-        below = node if isinstance(node, dict) else {str(k): each for k, each in rows.items()}
+        below = node if isinstance(node, dict) else {str(k): row for k, row in rows.items()}
         node = part_at(path, below, part, at)
     return node
 
@@ -139,15 +141,17 @@ def _ways(node: Any, *, row: bool = False, way: tuple[str, ...] = ()) -> list[tu
         return []
     if isinstance(node, list) and not row:
         inner = bool(node) and isinstance(node[0], dict | list)
-        rows = [each for each in node[:_FIRST] if type(each) is type(node[0])] if inner else []
-        found = dict.fromkeys(own for each in rows for own in _ways(each, row=True, way=way))
-        return [*found] if inner else [way] * bool(way)
-    node = {str(k): each for k, each in enumerate(node)} if isinstance(node, list) else node
+        rows = (
+            [record for record in node[:_FIRST] if type(record) is type(node[0])] if inner else []
+        )
+        paths = dict.fromkeys(path for record in rows for path in _ways(record, row=True, way=way))
+        return [*paths] if inner else [way] * bool(way)
+    node = {str(k): below for k, below in enumerate(node)} if isinstance(node, list) else node
     if not isinstance(node, dict):
         return [way] * row
     if not row and way and all(key.isdecimal() for key in node):  # pandas' index
         return [way]
-    return [each for key, below in node.items() for each in _ways(below, row=row, way=(*way, key))]
+    return [path for key, below in node.items() for path in _ways(below, row=row, way=(*way, key))]
 
 
 def _lists(content: Any, ways: Sequence[tuple[str, ...]]) -> dict[str, Any]:  # noqa: ANN401 - any JSON
@@ -160,7 +164,7 @@ def _lists(content: Any, ways: Sequence[tuple[str, ...]]) -> dict[str, Any]:  # 
 def _at(node: Any, way: Sequence[str], *, row: bool = False) -> Any:  # noqa: ANN401 - any JSON
     """Return the value at the end of a path, in every row of a list; ``...`` if missing."""
     if isinstance(node, list) and not row and node and isinstance(node[0], dict | list):
-        return [_at(each, way, row=True) for each in node]
+        return [_at(record, way, row=True) for record in node]
     if not way:
         return node
     try:
@@ -172,19 +176,21 @@ def _at(node: Any, way: Sequence[str], *, row: bool = False) -> Any:  # noqa: AN
 
 def _joined(columns: dict[str, Any]) -> dict[str, Any]:
     """Return columns of records of which none has all, as of a record per topic, as with nulls."""
-    lists = {field: each for field, each in columns.items() if isinstance(each, list)}
+    lists = {field: column for field, column in columns.items() if isinstance(column, list)}
     if any(... not in row for row in zip(*lists.values(), strict=False)):
         return columns
-    return columns | {f: [None if x is ... else x for x in each] for f, each in lists.items()}
+    return columns | {f: [None if x is ... else x for x in column] for f, column in lists.items()}
 
 
-def _column(path: Path, name: str, found: Any, field: str) -> NDArray[Any]:  # noqa: ANN401 - any JSON
-    values = [found[key] for key in sorted(found, key=int)] if isinstance(found, dict) else found
+def _column(path: Path, name: str, column: Any, field: str) -> NDArray[Any]:  # noqa: ANN401 - any JSON
+    values = (
+        [column[key] for key in sorted(column, key=int)] if isinstance(column, dict) else column
+    )
     dated = field == "time" and {*map(type, values)} <= {str, type(None)}
     if dated and (stamps := dates(values)) is not None:
         return stamps
-    for k, each in enumerate(values):
-        if type(each) not in {float, int, type(None)}:
-            what = "nothing" if each is ... else repr(each)
+    for k, value in enumerate(values):
+        if type(value) not in {float, int, type(None)}:
+            what = "nothing" if value is ... else repr(value)
             raise InputError(path, name, f"{what} in record {k}", "a number, or null")
     return np.array(values, dtype=None if {*map(type, values)} == {int} else np.float64)

@@ -66,8 +66,8 @@ _NOTHING = Meaning(field="")
 def meaning_of(name: str) -> Meaning:
     """Return what the name of a column says by a usual word, or else by a unit."""
     parts = parts_of(name)
-    words = {"volt" if each == "V" else each.lower() for each in parts}
-    units = {each for each in parts if len(each) > 1 or each.isupper()}
+    words = {"volt" if part == "V" else part.lower() for part in parts}
+    units = {part for part in parts if len(part) > 1 or part.isupper()}
     if words & _OTHERS:
         return _NOTHING
     fields = {field for field, usual in _FIELDS.items() if words & usual}
@@ -93,18 +93,18 @@ def _kinds_by_unit(words: set[str]) -> set[InputKind]:
 
 def _fields_by_unit(words: set[str]) -> set[str]:
     pairs = [(field, word) for field in ("time", "angle") for word in words]
-    found = {field for field, word in pairs if UNITS[field].keys() & {*units_spelt(field, word)}}
-    return found | ({"angle"} if any(map(counts_without_turn, words)) else set())
+    fields = {field for field, word in pairs if UNITS[field].keys() & {*units_spelt(field, word)}}
+    return fields | ({"angle"} if any(map(counts_without_turn, words)) else set())
 
 
 def columns_meant(names: Sequence[str], kind: InputKind | None = None) -> dict[str, str]:
-    """Return the columns of time, input and angle that one name each says.
+    """Return the columns of time, input and angle, by field, where exactly one name fits.
 
     An input of the given ``kind``, if there is one; and rather one that is called a command.
     """
     meant = {name: meaning_of(name) for name in names}
-    found = {f: [n for n in names if meant[n].field == f] for f in ("time", "input", "angle")}
-    inputs = [n for n in found["input"] if kind is None or meant[n].kind in {kind, None}]
+    candidates = {f: [n for n in names if meant[n].field == f] for f in ("time", "input", "angle")}
+    inputs = [n for n in candidates["input"] if kind is None or meant[n].kind in {kind, None}]
     inputs = [n for n in inputs if kind and meant[n].kind is kind] or inputs
-    found["input"] = [n for n in inputs if meant[n].commanded] or inputs
-    return {field: own[0] for field, own in found.items() if len(own) == 1}
+    candidates["input"] = [n for n in inputs if meant[n].commanded] or inputs
+    return {field: columns[0] for field, columns in candidates.items() if len(columns) == 1}

@@ -161,7 +161,7 @@ class Log:
         The loop that is simulated from the setpoint; None if the input drives the joint.
     input_kind, intersample
         What the command means, and what it does between timestamps: zero_order_hold or
-        first_order_hold; None if nobody knows, so that a fit by output error compares both.
+        first_order_hold; None if unknown: a fit by output error compares both.
     added_mass
         Mass added to the joint.
     excitation
@@ -241,8 +241,8 @@ class Log:
                 raise InputError(self.source, "input", "nothing", expected)
             object.__setattr__(self, "input", np.zeros(self.time.size))
         elif free and np.any(self.input):
-            found = f"{self.input[np.flatnonzero(self.input)[0]]:g}"
-            raise InputError(self.source, "input", found, "0 throughout, for the input kind none")
+            value = f"{self.input[np.flatnonzero(self.input)[0]]:g}"
+            raise InputError(self.source, "input", value, "0 throughout, for the input kind none")
 
     def _require_lengths(self) -> None:
         n = self.time.size
@@ -292,8 +292,8 @@ class Log:
             except (KeyError, IndexError, ValueError, TypeError):
                 raise InputError("frame", column, name, "the name of a column") from None
         headings = {column: Heading(name=str(named[column])) for column in columns}
-        own = {"source": "frame", **properties}
-        return cls.of_columns(columns, headings, Units.of(units, "frame"), **own)
+        fields = {"source": "frame", **properties}
+        return cls.of_columns(columns, headings, Units.of(units, "frame"), **fields)
 
     @classmethod
     def of_columns(
@@ -312,30 +312,34 @@ class Log:
         interval = properties.pop("interval", None)
         columns, headings, start = with_clock(columns, headings, interval)
         log = cls(**columns, **properties)
-        layout, found = list(log.reading.layout), {}
-        own = {name: head for name, head in headings.items() if name != "enabled"}  # yes or no
-        for name, heading in apportioned(own, {each: log.quantities(each) for each in own}).items():
-            told = name == "input" and log.input_kind is InputKind.SETPOINT
-            field = "setpoint" if told else name
+        layout, readings = list(log.reading.layout), {}
+        heads = {name: head for name, head in headings.items() if name != "enabled"}  # yes or no
+        for name, heading in apportioned(
+            heads, {column: log.quantities(column) for column in heads}
+        ).items():
+            is_setpoint = name == "input" and log.input_kind is InputKind.SETPOINT
+            field = "setpoint" if is_setpoint else name
             try:
-                found[name] = read_unit(log.source, field, heading, units, log.quantities(name))
+                readings[name] = read_unit(log.source, field, heading, units, log.quantities(name))
             except InputError as error:
                 if name not in unasked:
                     raise
                 layout.append(f"{name} ignored: {error.value} is unknown")
-        if "time" in found:
-            found["time"], start = clock_reading(log.source, found["time"], start, log.time)
-        reading = replace(log.reading, layout=tuple(layout), columns=found)
+        if "time" in readings:
+            readings["time"], start = clock_reading(log.source, readings["time"], start, log.time)
+        reading = replace(log.reading, layout=tuple(layout), columns=readings)
         changed: dict[str, Any] = dict.fromkeys(unasked)
-        for name, each in found.items():
+        for name, conversion in readings.items():
             values, (scale, offset) = getattr(log, name), headings[name].scale
             values = values - start if name == "time" and start else values
             values = values if (scale, offset) == (1.0, 0.0) else values * scale + offset
-            changed[name] = values if each.factor == 1.0 else values * each.factor
+            changed[name] = values if conversion.factor == 1.0 else values * conversion.factor
         log = replace(log, **changed, reading=reading)
         _refuse_percents(log)
         if interval is not None:
-            found["time"] = interval_reading(log.source, interval, found.get("time"), log.time)
+            readings["time"] = interval_reading(
+                log.source, interval, readings.get("time"), log.time
+            )
         return log
 
     @property
@@ -346,13 +350,17 @@ class Log:
     def quantities(self, name: str) -> tuple[str, ...]:
         """Return the quantities that a sampled column may hold, the project's own unit first."""
         turns = self.added_mass.joint is JointKind.HINGE
-        own = {InputKind.VOLTAGE: "voltage", InputKind.CURRENT: "current", InputKind.DUTY: "share"}
+        drives = {
+            InputKind.VOLTAGE: "voltage",
+            InputKind.CURRENT: "current",
+            InputKind.DUTY: "share",
+        }
         if name == "setpoint" or (name == "input" and self.input_kind is InputKind.SETPOINT):
             name = "velocity" if self.servo and self.servo.of_speed else "angle"
         if name == "input" and self.input_kind is InputKind.NONE:
             return ("voltage", "torque", "force", "current", "share")
-        if name == "input" and self.input_kind in own:
-            return (own[self.input_kind],)
+        if name == "input" and self.input_kind in drives:
+            return (drives[self.input_kind],)
         if name == "input":
             return ("torque" if turns else "force", "current", "share")
         kinds = {"angle": ("angle", "length"), "velocity": ("rate", "speed")}
@@ -362,11 +370,11 @@ class Log:
         """Return the log and its loop at the joint, ``ratio`` turns of the encoder per turn."""
         columns = ["angle", "velocity", "setpoint"]
         columns += ["input"] if self.input_kind is InputKind.SETPOINT else []
-        told = {name: getattr(self, name) for name in columns}
-        own = {name: each / ratio for name, each in told.items() if each is not None}
+        values = {name: getattr(self, name) for name in columns}
+        scaled = {name: column / ratio for name, column in values.items() if column is not None}
         zero = None if self.zero is None else self.zero.times(1 / ratio)
         servo = None if self.servo is None else self.servo.at_joint(ratio)
-        return replace(self, **own, zero=zero, servo=servo)
+        return replace(self, **scaled, zero=zero, servo=servo)
 
     def timed(self, factor: float) -> Log:
         """Return the log with its timestamps multiplied by a factor, and speeds divided by it."""
@@ -376,7 +384,7 @@ class Log:
             time=factor * self.time,
             velocity=None if velocity is None else velocity / factor,
             lead=None if lead is None else replace(lead, time=factor * lead.time),
-            regimes=tuple(Regime(factor * each, factor * step) for each, step in self.regimes),
+            regimes=tuple(Regime(factor * begin, factor * step) for begin, step in self.regimes),
         )
 
     def tuned(self, factor: float) -> Log:
@@ -398,7 +406,7 @@ class Log:
             raise InputError(self.source, name, "values that are not numbers", "numbers") from None
 
     def _choice(self, name: str, kind: type[StrEnum]) -> StrEnum | None:
-        value, known = getattr(self, name), [str(each) for each in kind]
+        value, known = getattr(self, name), [str(member) for member in kind]
         if value is None and name == "intersample":
             return None
         if value not in known:
@@ -430,9 +438,9 @@ class Log:
             return cut
         time, inputs = self.command
         begin = time.size - self.time.size + first
-        own = slice(min(int(np.searchsorted(time, self.time[first] - LONGEST_LEAD)), begin), begin)
-        setpoint = None if self.setpoint is None else self.goal[1][own]
-        return replace(cut, lead=Lead(time=time[own], input=inputs[own], setpoint=setpoint))
+        rows = slice(min(int(np.searchsorted(time, self.time[first] - LONGEST_LEAD)), begin), begin)
+        setpoint = None if self.setpoint is None else self.goal[1][rows]
+        return replace(cut, lead=Lead(time=time[rows], input=inputs[rows], setpoint=setpoint))
 
     @property
     def command(self) -> tuple[Samples, Samples]:
@@ -458,8 +466,8 @@ class Log:
     def is_slow(self, limit: float) -> NDArray[np.bool_]:
         """(n,) whether the mean interval of the clock is above a limit in s at each command."""
         time, regimes = self.command[0], self.clock_regimes
-        last = np.searchsorted([each.begin for each in regimes], time, side="right") - 1
-        return np.array([0 < limit < each.interval for each in regimes])[np.maximum(last, 0)]
+        last = np.searchsorted([regime.begin for regime in regimes], time, side="right") - 1
+        return np.array([0 < limit < regime.interval for regime in regimes])[np.maximum(last, 0)]
 
     def arrivals(self, late: float, limit: float) -> Samples:
         """(n,) timestamps in s of `command`, shifted by ``late`` s where the clock `is_slow`."""
@@ -575,7 +583,7 @@ class Log:
 
 
 def _refuse_percents(log: Log) -> None:
-    """Refuse a duty above 1 of which nobody says that it is meant so."""
+    """Refuse a duty above 1 whose unit nobody gave."""
     read = log.reading.columns.get("input")
     if log.input_kind is InputKind.DUTY and read is not None and read.assumed:
         largest = np.nanmax(np.abs(log.input), initial=0.0)
@@ -594,7 +602,7 @@ def slow_interval(logs: Sequence[Log]) -> float:
 def _in_steady_swing(time: Samples, angle: Samples, omega: float) -> InitialState | None:
     """Return the initial state of a steady sine; None if the first periods hold other motion.
 
-    That of a start from rest is as large as the swing, or is left over where it begins.
+    After a start from rest it is as large as the swing, or largest at the very beginning.
     """
     period = 2 * np.pi / omega
     count, few = np.searchsorted(time, time[0] + period * np.array([_PERIODS, 1 / _PERIODS**2]))
@@ -607,9 +615,12 @@ def _in_steady_swing(time: Samples, angle: Samples, omega: float) -> InitialStat
     coefficients = np.linalg.solve(columns.T @ columns, columns.T @ angle[:count])
     mean, cosines, sines = np.split(coefficients, [1, 1 + _HARMONICS])
     other = angle[:count] - columns @ coefficients
-    left, noise = np.square(other), np.square(np.diff(other)).mean() / 2
+    squares, noise = np.square(other), np.square(np.diff(other)).mean() / 2
     swing, velocity = math.hypot(cosines[0], sines[0]), float(harmonics @ sines)
-    calm = left.mean() - noise < (_CALM * swing) ** 2 and left[:few].mean() < _OVER**2 * left.mean()
+    calm = (
+        squares.mean() - noise < (_CALM * swing) ** 2
+        and squares[:few].mean() < _OVER**2 * squares.mean()
+    )
     if not calm or abs(velocity) < _TURNING * omega * swing:
         return None
     return InitialState(float(mean[0] + cosines.sum()), velocity)
@@ -623,10 +634,10 @@ def _moves(time: Samples, angle: Samples, speed: float) -> bool:
     while time.size > _FEWEST or not moves:
         count = max(time.size // 2, _FEWEST)
         time, angle = time[:count], angle[:count]
-        found, error = _fitted(time, angle, 2, finest)
+        state, error = _fitted(time, angle, 2, finest)
         if _SURE * error >= before:
             break
-        velocity = abs(found.velocity)  # from rest, in the end a quarter to a half of that before
+        velocity = abs(state.velocity)  # from rest, in the end a quarter to a half of that before
         if velocity < _NOTABLE * speed or abs(velocity - before) > _SETTLED * velocity:
             return False
         before, moves = velocity, True
@@ -634,9 +645,9 @@ def _moves(time: Samples, angle: Samples, speed: float) -> bool:
 
 
 def _rest(angle: Samples) -> float:
-    """Return the angle that (n,) first samples begin at, by all during which the joint rests.
+    """Return the angle at which (n,) first samples begin: the mean while the joint rests.
 
-    It has rested if the mean of as many samples that follow is the same, by what noise makes of it.
+    It rests while the mean of as many samples that follow is the same, within its noise.
     """
     count = 0
     while 2 * (half := max(2 * count, _FEW)) <= angle.size:
@@ -655,8 +666,8 @@ def _fitted(
     span = float(time[-1] - time[0])
     columns = polynomial.polyvander((time - time[0]) / span, order)
     coefficients, *_ = np.linalg.lstsq(columns, angle, rcond=None)
-    left = angle - columns @ coefficients
-    variance = max(float(left @ left) / max(angle.size - order - 1, 1), finest**2 / 12)
+    residuals = angle - columns @ coefficients
+    variance = max(float(residuals @ residuals) / max(angle.size - order - 1, 1), finest**2 / 12)
     spread = np.linalg.inv(columns.T @ columns)[1, 1]
     value, slope = coefficients[:2].tolist()
     return InitialState(value, slope / span), float(np.sqrt(variance * spread)) / span

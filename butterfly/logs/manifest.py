@@ -231,13 +231,13 @@ class Manifest(StrictModel):
                     expected = f"arm in m, since {entry.file} has an added mass"
                     raise InputError("manifest", "arm", "nothing", expected)
         for entry in self.logs:
-            told = entry.input or self.input
-            if told is InputKind.SETPOINT and "law" not in self.loop_of(entry):
+            kind = entry.input or self.input
+            if kind is InputKind.SETPOINT and "law" not in self.loop_of(entry):
                 expected = "the servo's law for a setpoint, such as {law: dynamixel-x, kp: 400}"
                 raise InputError(entry.file, "loop.law", "nothing", expected)
         carried = {rounded(known_of(entry.added_mass).value) for entry in self.logs}
-        for each in self.zeros:
-            if rounded(each.added_mass) not in carried:
+        for zero in self.zeros:
+            if rounded(zero.added_mass) not in carried:
                 masses = ", ".join(f"{mass:g}" for mass in sorted(carried))
                 raise ValueError(f"zeros of the logs' added masses: {masses} kg")
         return self
@@ -283,8 +283,8 @@ class Manifest(StrictModel):
             raise InputError("data", name, value, expected)
         if begin is not None and end is not None and not begin < end:
             raise InputError("data", "from", begin, f"less than to, {end:g} s")
-        own = entry.model_copy(update={"begin": begin, "end": end, "split": None})
-        return self.model_copy(update={"logs": [own]})
+        piece = entry.model_copy(update={"begin": begin, "end": end, "split": None})
+        return self.model_copy(update={"logs": [piece]})
 
     def loop_of(self, entry: LogEntry) -> dict[str, Any]:
         """Return the facts about the servo in a log."""
@@ -293,8 +293,8 @@ class Manifest(StrictModel):
     def zero_of(self, entry: LogEntry) -> Known | None:
         """Return the encoder zero of a log, if known."""
         mass = rounded(known_of(entry.added_mass).value)
-        of_mass = (each.zero for each in self.zeros if rounded(each.added_mass) == mass)
-        given = next((each for each in (entry.zero, *of_mass, self.zero) if each is not None), None)
+        of_mass = (zero.zero for zero in self.zeros if rounded(zero.added_mass) == mass)
+        given = next((zero for zero in (entry.zero, *of_mass, self.zero) if zero is not None), None)
         return None if given is None else known_of(given)
 
     def added_mass(self, entry: LogEntry) -> AddedMass:
@@ -331,7 +331,7 @@ class Manifest(StrictModel):
             "added_mass": self.added_mass(entry),
             "excitation": self.excitation(entry),
             "zero": self.zero_of(entry),
-            "servo": ServoLoop.of(told, entry.file) if (told := self.loop_of(entry)) else None,
+            "servo": ServoLoop.of(loop, entry.file) if (loop := self.loop_of(entry)) else None,
         }
 
 
@@ -355,8 +355,8 @@ def _options() -> type[StrictModel]:
 def checked_options(given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the options or keywords that are not None, checked: fields, from and to."""
     some = {name: value for name, value in given.items() if value is not None}
-    found = validate([], some, _options(), source="data")
-    return {name: getattr(found, name) for name in some}
+    options = validate([], some, _options(), source="data")
+    return {name: getattr(options, name) for name in some}
 
 
 def described(
@@ -376,11 +376,11 @@ def described(
         if name not in content or not set(field.metadata) & set(_Rule):
             both[name] = given[name]
         if _Rule.ADDS in field.metadata:
-            own: Any = content.get(name, field.get_default(call_default_factory=True))
-            if isinstance(own, Mapping):
-                both[name] = {**own, **given[name]}
-            elif isinstance(own, list | frozenset):  # another value is wrong, to be refused
-                both[name] = [*own, *given[name]]
+            value: Any = content.get(name, field.get_default(call_default_factory=True))
+            if isinstance(value, Mapping):
+                both[name] = {**value, **given[name]}
+            elif isinstance(value, list | frozenset):  # another value is wrong, to be refused
+                both[name] = [*value, *given[name]]
     manifest = validate(documents, both, Manifest, source=source)
     return manifest.with_zero(known_of(given["zero"])) if "zero" in given else manifest
 
@@ -401,13 +401,13 @@ def require_columns(path: Path, manifest: Manifest) -> None:
     """Refuse the manifest in a file if it leaves a column to be chosen from those of a log."""
     for entry in manifest.logs:
         columns = manifest.columns if entry.columns is None else entry.columns
-        own = {"at": entry.at} if entry.at else {}
+        place = {"at": entry.at} if entry.at else {}
         about = {
             "interval": entry.interval or manifest.interval,
             "input_kind": entry.input or manifest.input,
         }
         for field in () if columns is None else unsaid(columns, about):
-            names = column_names(Path(manifest.root) / entry.file, **own)
+            names = column_names(Path(manifest.root) / entry.file, **place)
             which = f"one of the columns of {entry.file}, by name or by number from 0"
             expected = f"{which}: {', '.join(map(repr, names))}" if names else which
             raise InputError(path, f"columns.{field}", "nothing", expected)
@@ -415,7 +415,10 @@ def require_columns(path: Path, manifest: Manifest) -> None:
 
 def own_units(kind: InputKind) -> dict[str, str | float]:
     """Return the unit of a hinge's input as this program records it, for ``units``."""
-    units = {each: each.unit for each in (InputKind.VOLTAGE, InputKind.CURRENT, InputKind.DUTY)}
+    units = {
+        quantity: quantity.unit
+        for quantity in (InputKind.VOLTAGE, InputKind.CURRENT, InputKind.DUTY)
+    }
     units[InputKind.TORQUE] = "Nm"
     return {"input": units[kind]} if kind in units else {}
 

@@ -82,7 +82,7 @@ def _entries_by_name(folder: Path, units: Units) -> list[LogEntry]:
         elif path.suffix.lower() not in OFTEN_OTHERS:
             expected = "Data_<grams>__<rad/s>__<0amplitude>, or a manifest"
             raise InputError(path, "file name", path.stem, expected)
-    return sorted(entries, key=lambda each: (known_of(each.added_mass).value, each.omega or 0.0))
+    return sorted(entries, key=lambda log: (known_of(log.added_mass).value, log.omega or 0.0))
 
 
 def _entries(folder: Path, given: Mapping[str, Any]) -> list[LogEntry]:
@@ -99,15 +99,17 @@ def _entries(folder: Path, given: Mapping[str, Any]) -> list[LogEntry]:
     names = [path.relative_to(folder).as_posix() for path in paths]
     pairs = zip(names, masses, strict=True)
     entries = [LogEntry(file=name, added_mass=mass) for name, mass in pairs]
-    return [each for entry in entries for each in _each_log(entry, folder, given)]
+    return [log for entry in entries for log in _each_log(entry, folder, given)]
 
 
 def _each_log(entry: LogEntry, folder: Path, given: Mapping[str, Any]) -> list[LogEntry]:
     """Return an entry for each log in a file, unless the given columns name one."""
     path, names = folder / entry.file, [*map(str, given.get("columns", {}).values())]
     places = logs_in(path) if FORMATS[path.suffix.lower()] == "json" else []
-    named = {each.partition(".")[0] for each in names} & {each.partition(".")[0] for each in places}
-    return [entry.model_copy(update={"at": each}) for each in places if not named] or [entry]
+    named = {name.partition(".")[0] for name in names} & {
+        place.partition(".")[0] for place in places
+    }
+    return [entry.model_copy(update={"at": place}) for place in places if not named] or [entry]
 
 
 def of_logs(
@@ -134,15 +136,15 @@ def with_columns(manifest: Manifest, given: Mapping[str, Any] = MappingProxyType
         common = entries[0].columns
         for k, entry in enumerate(entries):
             columns = DEFAULT_COLUMNS if entry.columns is None else entry.columns
-            own = {"columns": None if entry.columns == common else columns}
-            entries[k] = entry.model_copy(update=own)
+            update = {"columns": None if entry.columns == common else columns}
+            entries[k] = entry.model_copy(update=update)
         manifest = manifest.model_copy(update={"columns": common})
-    names = {(each.columns or manifest.columns or {}).get("input") for each in entries}
+    names = {(log.columns or manifest.columns or {}).get("input") for log in entries}
     kinds = {meaning_of(str(name)).kind for name in names}
     if kind is None and len(kinds) == 1 and None not in kinds:
         manifest = manifest.model_copy(update={"input": kinds.pop()})
     return manifest.model_copy(
-        update={"logs": [_with_facts(each, manifest, given) for each in entries]}
+        update={"logs": [_with_facts(log, manifest, given) for log in entries]}
     )
 
 
@@ -172,18 +174,18 @@ def _is_json(entry: LogEntry) -> bool:
 
 def _names(manifest: Manifest, entry: LogEntry) -> list[str]:
     """Return the names of the columns of a log; none if it has none."""
-    own = {"at": entry.at} if entry.at else {}
-    return column_names(Path(manifest.root) / entry.file, **own)
+    place = {"at": entry.at} if entry.at else {}
+    return column_names(Path(manifest.root) / entry.file, **place)
 
 
 def _with_facts(entry: LogEntry, manifest: Manifest, given: Mapping[str, Any]) -> LogEntry:
     """Return an entry with what its file says of mass and loop, except what is given."""
-    facts = {_FACTS[key]: each for key, each in _facts(manifest, entry).items()}
+    facts = {_FACTS[key]: number for key, number in _facts(manifest, entry).items()}
     mass, arm = facts.pop("added_mass", None), facts.pop("arm", None)
     if mass is not None and (arm or "arm" in given) and not known_of(entry.added_mass).value:
-        own = {} if "arm" in given else {"arm": arm}
-        entry = entry.model_copy(update={"added_mass": mass, **own})
-    loop = {key: each for key, each in facts.items() if key not in given.get("loop", {})}
+        extra = {} if "arm" in given else {"arm": arm}
+        entry = entry.model_copy(update={"added_mass": mass, **extra})
+    loop = {key: number for key, number in facts.items() if key not in given.get("loop", {})}
     if manifest.input is InputKind.SETPOINT and loop:
         entry = entry.model_copy(update={"loop": loop})
     return entry
@@ -191,8 +193,8 @@ def _with_facts(entry: LogEntry, manifest: Manifest, given: Mapping[str, Any]) -
 
 def _facts(manifest: Manifest, entry: LogEntry) -> dict[str, float]:
     """Return the numbers beside a log that are facts of a manifest, by their keys."""
-    found = numbers_in(Path(manifest.root) / entry.file) if _is_json(entry) else {}
-    return {key: each for key, each in found.items() if key in _FACTS and each >= 0}
+    numbers = numbers_in(Path(manifest.root) / entry.file) if _is_json(entry) else {}
+    return {key: number for key, number in numbers.items() if key in _FACTS and number >= 0}
 
 
 def open_questions(manifest: Manifest, given: Collection[str], *, named: bool) -> dict[str, str]:
@@ -212,11 +214,11 @@ def open_questions(manifest: Manifest, given: Collection[str], *, named: bool) -
             questions["columns"] = questions["columns"].format(" and the ".join(lacking)) + which
             settled.discard("columns")
             break
-    kinds = {name: each.kind for name in called if (each := meaning_of(name)).kind}
-    said = " or ".join(f"{kind} by the name of {name!r}" for name, kind in kinds.items())
-    questions["input"] += f" It is {said}." if said else " No name of a column says it."
+    kinds = {name: meaning.kind for name in called if (meaning := meaning_of(name)).kind}
+    answer = " or ".join(f"{kind} by the name of {name!r}" for name, kind in kinds.items())
+    questions["input"] += f" It is {answer}." if answer else " No name of a column says it."
     for entry in manifest.logs[:_MOST]:
-        if facts := [f"{key} {each:g}" for key, each in _facts(manifest, entry).items()]:
+        if facts := [f"{key} {number:g}" for key, number in _facts(manifest, entry).items()]:
             questions["logs"] += f" {entry.file} says {', '.join(facts)}."
     if manifest.input is not InputKind.SETPOINT or "law" in manifest.loop:
         settled.add("loop")
@@ -293,9 +295,9 @@ def _mass_by_name(path: Path, given: Mapping[str, Any]) -> float:
     """Return the mass that a name gives in grams, else 0: not of 120_5g, which is unclear."""
     parts = ["", *re.split("[_-]", path.stem)]
     pairs = zip(parts, (_GRAMS.fullmatch(part) for part in parts[1:]), strict=False)
-    found = [each for before, each in pairs if each and not before.isdigit()]
+    matches = [match for before, match in pairs if match and not before.isdigit()]
     factor = Units.of(given.get("units")).factor("mass")
-    return _in_unit(float(found[0][1]) / 1e3, factor) if len(found) == 1 else 0.0
+    return _in_unit(float(matches[0][1]) / 1e3, factor) if len(matches) == 1 else 0.0
 
 
 def _in_unit(value: float, factor: float) -> float:

@@ -33,19 +33,19 @@ def read_mat(path: Path, columns: ColumnMap | None, units: Units, about: dict[st
     array) or a column of a matrix (``M.0``, or ``0`` of ``D``; a row, if samples are columns). By
     default: ``D``; else variables named like the fields of `Log`, or the only table with them.
     """
-    at, said = about.pop("at", None), dict[str, Mapping[str, Any]]()
+    at, metadata = about.pop("at", None), dict[str, Mapping[str, Any]]()
     if columns is None:
         parts = _parts(at or _MATRIX)
-        variables, names = load_variables(path, {parts[0]}, said)
-        found = _found(path, variables, names, parts) if at or _MATRIX in variables else {}
-        if isinstance(found, dict | MatlabObject):
-            own = _columns_in(path, at, found, about) if at else None
-            columns = own or _columns_of_table(path, names, about)
+        variables, names = load_variables(path, {parts[0]}, metadata)
+        value = _found(path, variables, names, parts) if at or _MATRIX in variables else {}
+        if isinstance(value, dict | MatlabObject):
+            fields = _columns_in(path, at, value, about) if at else None
+            columns = fields or _columns_of_table(path, names, about)
     elif at is not None:
         columns = {field: f"{at}.{name}" for field, name in columns.items()}
     if columns is None:
         least = 3 if about.get("interval") is None else 2
-        matrix = _matrix(path, at or _MATRIX, found, names, least)
+        matrix = _matrix(path, at or _MATRIX, value, names, least)
         timed = matrix.shape[1] > 2  # noqa: PLR2004 - u, q
         arrays: dict[str, Any] = dict(zip(SAMPLED[not timed :], matrix.T, strict=False))
         named = dict.fromkeys(arrays, at or _MATRIX)
@@ -53,16 +53,16 @@ def read_mat(path: Path, columns: ColumnMap | None, units: Units, about: dict[st
         wanted = checked_map(path, columns, about)
         mapping = {field: _parts(name) for field, name in wanted.items()}
         wanted_names = {parts[0] for parts in mapping.values()} | NAMING
-        variables, names = load_variables(path, wanted_names, said)
-        arrays = {f: _vector(path, variables, names, own, f) for f, own in mapping.items()}
-        named = {field: ".".join(own) for field, own in mapping.items()}
+        variables, names = load_variables(path, wanted_names, metadata)
+        arrays = {f: _vector(path, variables, names, keys, f) for f, keys in mapping.items()}
+        named = {field: ".".join(keys) for field, keys in mapping.items()}
     sayings = Sayings(path, [*named.values()])
     sayings.metadata(variables)
-    for name, attributes in said.items():
+    for name, attributes in metadata.items():
         sayings.metadata(attributes, "attribute", tuple(filter(None, name.split("."))))
     headings = sayings.headings({field: k for k, field in enumerate(named)})
     if columns is not None:
-        headings = {field: replace(each, number=None) for field, each in headings.items()}
+        headings = {field: replace(heading, number=None) for field, heading in headings.items()}
     return Log.of_columns(arrays, headings, units, source=str(path), **about)
 
 
@@ -86,13 +86,13 @@ def _columns_in(path: Path, name: str, table: Any, about: Mapping[str, Any]) -> 
         raise table.refused(path, name)
     keys = [*_below(table)]
     places, unasked = chosen_columns(path, [key.lower() for key in keys], None, about)
-    own = {field: keys[k] for field, k in places.items()}
-    own = {f: key for f, key in own.items() if f not in unasked or _is_vector(table[key])}
-    return {field: f"{name}.{key}".lstrip(".") for field, key in own.items()}
+    columns = {field: keys[k] for field, k in places.items()}
+    columns = {f: key for f, key in columns.items() if f not in unasked or _is_vector(table[key])}
+    return {field: f"{name}.{key}".lstrip(".") for field, key in columns.items()}
 
 
-def _is_vector(found: object) -> bool:
-    return isinstance(found, np.ndarray) and found.dtype.kind in "fiu"
+def _is_vector(value: object) -> bool:
+    return isinstance(value, np.ndarray) and value.dtype.kind in "fiu"
 
 
 def _columns_of_table(path: Path, names: list[str], about: Mapping[str, Any]) -> ColumnMap | None:
@@ -101,9 +101,9 @@ def _columns_of_table(path: Path, names: list[str], about: Mapping[str, Any]) ->
     with suppress(InputError):
         return _columns_in(path, "", variables, about)
     tables: dict[str, ColumnMap] = {}
-    for name, each in variables.items():
+    for name, table in variables.items():
         with suppress(InputError):
-            tables[name] = _columns_in(path, name, each, about)
+            tables[name] = _columns_in(path, name, table, about)
     if len(tables) > 1:
         first = next(iter(tables))
         expected = f"columns of one of them: at: {first} in a manifest, or --columns time={first}.T"
@@ -113,20 +113,20 @@ def _columns_of_table(path: Path, names: list[str], about: Mapping[str, Any]) ->
     return next(iter(tables.values()), None)
 
 
-def _matrix(path: Path, name: str, found: object, names: list[str], least: int) -> Samples:
-    """Return the matrix of columns, of which there are ``least``."""
-    if isinstance(found, dict) and not found:
-        found = f"no such variable (there are: {', '.join(names) or 'none'})"
+def _matrix(path: Path, name: str, value: object, names: list[str], least: int) -> Samples:
+    """Return the (n, k) matrix of columns t, u, q[, dq]; refuse fewer than ``least`` columns."""
+    if isinstance(value, dict) and not value:
+        problem = f"no such variable (there are: {', '.join(names) or 'none'})"
         expected = "a matrix D with columns t, u, q[, dq], or --columns time=T,input=U,angle=Q"
         expected += " (without time=T: --interval S)"
-        raise InputError(path, name, found, expected)
-    matrix = _upright(found)
+        raise InputError(path, name, problem, expected)
+    matrix = _upright(value)
     width = matrix.shape[-1] if isinstance(matrix, np.ndarray) and matrix.ndim == 2 else 0  # noqa: PLR2004
     if width not in range(least, 5):
-        found = matrix if isinstance(matrix, str) else type(matrix).__name__
-        found = f"shape {matrix.shape}" if isinstance(matrix, np.ndarray) else found
+        problem = matrix if isinstance(matrix, str) else type(matrix).__name__
+        problem = f"shape {matrix.shape}" if isinstance(matrix, np.ndarray) else problem
         expected = "shape (n, 3) or (n, 4): t, u, q[, dq]; or (n, 2): u, q, and --interval S"
-        raise InputError(path, name, found, expected)
+        raise InputError(path, name, problem, expected)
     return _real(path, name, matrix)
 
 
@@ -137,71 +137,71 @@ def _real(path: Path, name: str, values: NDArray[Any], kinds: str = "fiu") -> ND
     return np.array(values, dtype=np.float64 if values.dtype.kind == "f" else None, order="F")
 
 
-def _upright(found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
+def _upright(value: Any) -> Any:  # noqa: ANN401 - whatever the file holds
     """Transpose a matrix with too few rows for samples but enough columns."""
-    matrix = isinstance(found, np.ndarray) and found.ndim == 2  # noqa: PLR2004
-    return found.T if matrix and found.shape[0] < MIN_SAMPLES <= found.shape[1] else found
+    matrix = isinstance(value, np.ndarray) and value.ndim == 2  # noqa: PLR2004
+    return value.T if matrix and value.shape[0] < MIN_SAMPLES <= value.shape[1] else value
 
 
 def _found(path: Path, variables: dict[str, Any], names: list[str], parts: list[str]) -> Any:  # noqa: ANN401 - whatever the file holds
     """Return what the parts of a name lead to."""
-    wanted, found = ".".join(parts), variables
+    wanted, value = ".".join(parts), variables
     if parts[0] not in variables:
         _refuse_objects(path, wanted, variables)
         expected = _listing(parts[0], names)
         raise NoColumnError.among(names, path, wanted, "no such variable", expected)
     for k, part in enumerate(parts):
-        if isinstance(found, MatlabObject):
-            raise found.refused(path, wanted)
-        below = _below(found)
-        columns = {name: _rows(each) for name, each in below.items()}
-        if own := components(columns).get(".".join(parts[k:])):
-            return own.of(columns)
+        if isinstance(value, MatlabObject):
+            raise value.refused(path, wanted)
+        below = _below(value)
+        columns = {name: _rows(column) for name, column in below.items()}
+        if component := components(columns).get(".".join(parts[k:])):
+            return component.of(columns)
         if part not in below:
             where = ".".join(parts[:k])
             raise InputError(path, wanted, f"no {part} in {where}", _listing(part, [*below]))
-        found = below[part]
-    return found
+        value = below[part]
+    return value
 
 
 def _vector(
     path: Path, variables: dict[str, Any], names: list[str], parts: list[str], field: str
 ) -> NDArray[Any]:
     """Return a vector by the parts of its name."""
-    found, wanted = _found(path, variables, names, parts), ".".join(parts)
-    if isinstance(found, MatlabObject):
-        raise found.refused(path, wanted)
-    if isinstance(found, dict | list):
-        expected = f"one of its fields: {', '.join(f'{wanted}.{each}' for each in _below(found))}"
+    value, wanted = _found(path, variables, names, parts), ".".join(parts)
+    if isinstance(value, MatlabObject):
+        raise value.refused(path, wanted)
+    if isinstance(value, dict | list):
+        expected = f"one of its fields: {', '.join(f'{wanted}.{key}' for key in _below(value))}"
         raise InputError(path, wanted, "a struct", expected)
-    values = _real(path, wanted, np.asarray(found), "fiumM" if field == "time" else "fiu")
+    values = _real(path, wanted, np.asarray(value), "fiumM" if field == "time" else "fiu")
     if values.size != max(values.shape, default=0):
         expected = f"a vector, or one of its columns: {wanted}.0, ..."
         raise InputError(path, wanted, f"shape {values.shape}", expected)
     return values.ravel()
 
 
-def _below(found: Any) -> dict[str, Any]:  # noqa: ANN401 - whatever the file holds
+def _below(value: Any) -> dict[str, Any]:  # noqa: ANN401 - whatever the file holds
     """Return the parts of a struct, an array of structs or a matrix, by name or number."""
-    if isinstance(found, dict):
-        return found
-    matrix = isinstance(found, np.ndarray) and found.ndim == 2  # noqa: PLR2004
-    columns = _upright(found).T if matrix else found if isinstance(found, list) else []
-    return {str(k): each for k, each in enumerate(columns)}
+    if isinstance(value, dict):
+        return value
+    matrix = isinstance(value, np.ndarray) and value.ndim == 2  # noqa: PLR2004
+    columns = _upright(value).T if matrix else value if isinstance(value, list) else []
+    return {str(k): column for k, column in enumerate(columns)}
 
 
-def _rows(found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
+def _rows(value: Any) -> Any:  # noqa: ANN401 - whatever the file holds
     """Return a matrix with samples in its rows, and the texts of a cell array as they are."""
-    cells = [each for each in found if isinstance(each, np.ndarray)] if type(found) is list else []
-    texts = [each.item() for each in cells if each.dtype.kind == "U" and each.size == 1]
-    return texts or _upright(found)
+    cells = [cell for cell in value if isinstance(cell, np.ndarray)] if type(value) is list else []
+    texts = [cell.item() for cell in cells if cell.dtype.kind == "U" and cell.size == 1]
+    return texts or _upright(value)
 
 
 def _refuse_objects(path: Path, wanted: str, variables: dict[str, Any]) -> None:
     """Raise InputError if there are objects, which are probably meant."""
-    for name, each in variables.items():
-        if isinstance(each, MatlabObject):
-            raise each.refused(path, wanted, name)
+    for name, variable in variables.items():
+        if isinstance(variable, MatlabObject):
+            raise variable.refused(path, wanted, name)
 
 
 def _listing(wanted: str, valid: list[str]) -> str:

@@ -37,20 +37,20 @@ class MatlabObject:
         line = re.sub(r"\bx\b", name, _CONVERSIONS.get(self.kind, _SIGNAL.format(x="x.")))
         kind = f" ({self.kind})" if self.kind else ""
         why = "mat-io does not read" if find_spec("matio") else _EXTRA
-        found = f"a MATLAB object{kind}, which {why}"
-        return InputError(path, wanted, found, f"plain vectors or a table; in MATLAB: {line}")
+        value = f"a MATLAB object{kind}, which {why}"
+        return InputError(path, wanted, value, f"plain vectors or a table; in MATLAB: {line}")
 
 
-def is_skipped(found: Any) -> bool:  # noqa: ANN401 - whatever a file holds
-    """Whether anything in what was read was left out, so that it may be damaged."""
-    left = [each for each in _leaves(found) if isinstance(each, str | MatlabObject)]
-    return not all(isinstance(each, MatlabObject) and each.kind for each in left)
+def is_skipped(value: Any) -> bool:  # noqa: ANN401 - whatever a file holds
+    """Whether anything but objects of known classes was left out; such data may be damaged."""
+    unread = [leaf for leaf in _leaves(value) if isinstance(leaf, str | MatlabObject)]
+    return not all(isinstance(leaf, MatlabObject) and leaf.kind for leaf in unread)
 
 
-def _leaves(found: Any) -> list[Any]:  # noqa: ANN401 - whatever a file holds
-    below = [*found.values()] if isinstance(found, dict) else found
+def _leaves(value: Any) -> list[Any]:  # noqa: ANN401 - whatever a file holds
+    below = [*value.values()] if isinstance(value, dict) else value
     return (
-        [leaf for each in below for leaf in _leaves(each)] if isinstance(below, list) else [found]
+        [leaf for part in below for leaf in _leaves(part)] if isinstance(below, list) else [value]
     )
 
 
@@ -59,14 +59,14 @@ def opened(path: Path, variables: Mapping[str, Any], wanted: Collection[str]) ->
     # only of whole parts, which mat-io takes for granted
     known = [name for name in wanted if name in variables and not is_skipped(variables[name])]
     leaves = {name: _leaves(variables[name]) for name in known}
-    names = [n for n in known if any(isinstance(each, MatlabObject) for each in leaves[n])]
+    names = [n for n in known if any(isinstance(leaf, MatlabObject) for leaf in leaves[n])]
     with warnings.catch_warnings(), suppress(Exception):  # an object that is not read is refused
         warnings.simplefilter("ignore")
         if names:
             from matio import load_from_mat  # noqa: PLC0415 - an extra
 
-            found = load_from_mat(str(path), variable_names=[*names], add_table_attrs=True)
-            return {name: _filled(variables[name], found[name]) for name in names}
+            objects = load_from_mat(str(path), variable_names=[*names], add_table_attrs=True)
+            return {name: _filled(variables[name], objects[name]) for name in names}
     return {}
 
 
@@ -74,34 +74,36 @@ def _filled(before: Any, after: Any) -> Any:  # noqa: ANN401 - whatever a file h
     """Return what was read, its objects as mat-io reads them."""
     if isinstance(before, dict):
         (one,) = np.ravel(after)
-        return {name: _filled(each, one[name]) for name, each in before.items()}
+        return {name: _filled(part, one[name]) for name, part in before.items()}
     if isinstance(before, list):
         return [_filled(*pair) for pair in zip(before, np.ravel(after, "F"), strict=True)]
-    found = _plain(after) if isinstance(before, MatlabObject) else before
-    is_clock = isinstance(found, np.ndarray) and found.dtype.kind in "mM"
-    return found if is_clock or not isinstance(found, np.ndarray) else before
+    value = _plain(after) if isinstance(before, MatlabObject) else before
+    is_clock = isinstance(value, np.ndarray) and value.dtype.kind in "mM"
+    return value if is_clock or not isinstance(value, np.ndarray) else before
 
 
-def _plain(found: Any) -> Any:  # noqa: ANN401 - whatever a file holds
+def _plain(value: Any) -> Any:  # noqa: ANN401 - whatever a file holds
     """Return an object as a struct, if it is of a known kind."""
-    if hasattr(found, "attrs"):
-        return _frame(found)
-    if not isinstance(getattr(found, "properties", None), dict):
-        return found
-    own = {name.rstrip("_"): _plain(each) for name, each in found.properties.items()}
-    known = _series(own) if found.classname == "timeseries" else MatlabObject(found.classname)
-    return own if found.classname.startswith("tsdata.") else known
+    if hasattr(value, "attrs"):
+        return _frame(value)
+    if not isinstance(getattr(value, "properties", None), dict):
+        return value
+    properties = {name.rstrip("_"): _plain(part) for name, part in value.properties.items()}
+    known = (
+        _series(properties) if value.classname == "timeseries" else MatlabObject(value.classname)
+    )
+    return properties if value.classname.startswith("tsdata.") else known
 
 
-def _series(own: dict[str, Any]) -> dict[str, Any]:
+def _series(properties: dict[str, Any]) -> dict[str, Any]:
     """Return the columns of a timeseries, whose times may be a start and an increment."""
-    about = own["TimeInfo"]
-    time = np.ravel(own.get("Time", about.get("Time", ())))
+    about = properties["TimeInfo"]
+    time = np.ravel(properties.get("Time", about.get("Time", ())))
     if not time.size:
         start, step, count = (np.ravel(about[key])[0] for key in ("Start", "Increment", "Length"))
-        time = start + step * np.arange(min(int(count), np.size(own["Data"])))
-    said = {"Time": about.get("Units"), "Data": own.get("DataInfo", {}).get("Units")}
-    return {"Time": time, "Data": np.squeeze(own["Data"]), "Properties": {"units": said}}
+        time = start + step * np.arange(min(int(count), np.size(properties["Data"])))
+    units = {"Time": about.get("Units"), "Data": properties.get("DataInfo", {}).get("Units")}
+    return {"Time": time, "Data": np.squeeze(properties["Data"]), "Properties": {"units": units}}
 
 
 def _frame(frame: Any) -> dict[str, Any]:  # noqa: ANN401 - pandas'
@@ -110,10 +112,10 @@ def _frame(frame: Any) -> dict[str, Any]:  # noqa: ANN401 - pandas'
         frame.attrs.get(f"Variable{key}") or frame.attrs.get(f"var{key}") or [""] * frame.shape[1]
         for key in ("Units", "Descriptions")
     )
-    said = [
-        {"name": name, "unit": "" if each.dtype.kind in "mM" else unit, "description": text}
-        for (name, each), unit, text in zip(frame.items(), units, texts, strict=True)
+    headings = [
+        {"name": name, "unit": "" if column.dtype.kind in "mM" else unit, "description": text}
+        for (name, column), unit, text in zip(frame.items(), units, texts, strict=True)
     ]
     frame = frame if frame.index.name is None else frame.reset_index()
-    columns = {str(name): each.to_numpy() for name, each in frame.items()}
-    return columns | {"Properties": {"columns": said}}
+    columns = {str(name): column.to_numpy() for name, column in frame.items()}
+    return columns | {"Properties": {"columns": headings}}

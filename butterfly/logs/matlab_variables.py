@@ -22,25 +22,25 @@ _HDF5 = b"\x00\x02"
 
 
 def load_variables(
-    path: Path, wanted: Collection[str], said: dict[str, Mapping[str, Any]] | None = None
+    path: Path, wanted: Collection[str], attributes: dict[str, Mapping[str, Any]] | None = None
 ) -> tuple[dict[str, Any], list[str]]:
     """Return variables, including the wanted ones if present, and the names of all.
 
-    The attributes of variables, which only version 7.3 has, are added to ``said``. Variables named
-    like units are always wanted. Objects in wanted ones are structs, if mat-io reads them.
+    The attributes of variables, which only version 7.3 has, are added to ``attributes``. Variables
+    named like units are always wanted. Objects in wanted ones are structs, if mat-io reads them.
     """
     require_file(path, "an existing .mat file")
     with whole(path, "a whole .mat file"), path.open("rb") as file:
         header = file.read(_HEADER)
         if header[_VERSION] == _HDF5:
-            found, names = _load73(path, wanted, {} if said is None else said)
+            variables, names = _load73(path, wanted, {} if attributes is None else attributes)
             openable = True
         else:
             data = memoryview(header + file.read())  # mapped, a truncation now would crash us
-            found = _load4(data) if 0 in header[:4] else _load5(data)
-            openable = not is_skipped(found.pop("", MatlabObject()))
-            names = [*found]
-    return found | (opened(path, found, wanted) if openable else {}), names
+            variables = _load4(data) if 0 in header[:4] else _load5(data)
+            openable = not is_skipped(variables.pop("", MatlabObject()))
+            names = [*variables]
+    return variables | (opened(path, variables, wanted) if openable else {}), names
 
 
 # Level 4 (MATLAB, MAT-File Format, 2019, chapter 1, appendix): arrays one after the other, each
@@ -53,7 +53,7 @@ _MACHINES = "numbers in VAX or Cray format, not IEEE floats"
 
 def _load4(data: Bytes) -> dict[str, Any]:
     """Return the variables of a file of level 4 by their names."""
-    found: dict[str, Any] = {}
+    variables: dict[str, Any] = {}
     while data:
         if len(data) < 20:  # noqa: PLR2004 - bytes of five numbers
             raise ValueError(f"{len(data)} bytes instead of five numbers")
@@ -74,11 +74,13 @@ def _load4(data: Bytes) -> dict[str, Any]:
         parts = np.frombuffer(data[begin:end], numbers).reshape((-1, columns, rows))
         values = parts[0].T if not imaginary else parts[0].T + 1j * parts[1].T
         if text == 1:
-            lines = ["".join(chr(int(each) % 0x110000) for each in line) for line in values]
+            lines = ["".join(chr(int(code) % 0x110000) for code in line) for line in values]
             values, text = _texts(lines or [""]), 0
-        found[name] = values if text == 0 else _OTHERS_OF_4.get(text, f"an array of type {kind}")
+        variables[name] = (
+            values if text == 0 else _OTHERS_OF_4.get(text, f"an array of type {kind}")
+        )
         data = data[end:]
-    return found
+    return variables
 
 
 # Level 5 (the same, chapter 1). SciPy's compiled reader takes the tags of a
@@ -116,10 +118,10 @@ class _Elements:
             raise ValueError(f"an element of {size} bytes, {room} present")
         if kind not in types:
             raise ValueError(f"{what} of type {kind}")
-        found = self.data[begin : begin + size]
+        content = self.data[begin : begin + size]
         padding = 0 if kind == _COMPRESSED else -(begin + size) % 8
         self.data = self.data[begin + size + padding :]
-        return kind, found
+        return kind, content
 
     def numbers(self, what: str, kind: int) -> list[int]:
         """Return the integers of the next element."""
@@ -139,7 +141,7 @@ def _load5(data: Bytes) -> dict[str, Any]:
     order = {b"IM": "<", b"MI": ">"}.get(bytes(data[_ORDER]))
     if order is None:
         raise ValueError("no byte order in its header")
-    elements, found, most = _Elements(data[_HEADER:], order), {}, most_in(len(data))
+    elements, variables, most = _Elements(data[_HEADER:], order), {}, most_in(len(data))
     system: Any = None  # what objects and functions need, where the header says
     while elements.data:
         at = struct.pack(f"{order}q", len(data) - len(elements.data))
@@ -149,28 +151,28 @@ def _load5(data: Bytes) -> dict[str, Any]:
             most -= len(unpacked)
             _, variable = _Elements(unpacked, order).next("a variable", {_ARRAY})
         name, value = _array(_Elements(variable, order), 0)
-        found[name] = value
+        variables[name] = value
         system = value if at == data[_SYSTEM] and not name else system
-    found.pop("", None)
+    variables.pop("", None)
     with suppress(ValueError):
         content = memoryview(np.asarray(system).tobytes())
         if content[2:4] == data[_ORDER]:
             _, values = _Elements(content[8:], order).next("values of objects", {_ARRAY})
-            found[""] = _array(_Elements(values, order), 0)[1]
-    return found
+            variables[""] = _array(_Elements(values, order), 0)[1]
+    return variables
 
 
 def _inflated(packed: Bytes, most: int) -> Bytes:
     engine = zlib.decompressobj()
     try:
-        found = engine.decompress(packed, most + 1)
+        content = engine.decompress(packed, most + 1)
     except zlib.error as error:
         raise ValueError(f"damaged compressed data ({error})") from None
-    if len(found) > most:
+    if len(content) > most:
         raise ValueError(f"compressed data that expand to more than {most:,} bytes")
     if not engine.eof:
         raise ValueError("truncated compressed data")
-    return memoryview(found)
+    return memoryview(content)
 
 
 def _array(elements: _Elements, depth: int) -> tuple[str, Any]:
@@ -234,7 +236,7 @@ def _numbers(elements: _Elements, shape: list[int]) -> NDArray[Any]:
 
 def _texts(rows: list[str]) -> Any:  # noqa: ANN401 - whatever the file holds
     """Return an array of characters as a text, or as the texts in its rows."""
-    return np.asarray(rows[0]) if len(rows) == 1 else np.asarray([each.rstrip() for each in rows])
+    return np.asarray(rows[0]) if len(rows) == 1 else np.asarray([row.rstrip() for row in rows])
 
 
 def _fields(elements: _Elements) -> list[str]:
@@ -267,50 +269,50 @@ _OF_NODE = 1 << 14  # bytes that count for a node besides its own: of nodes in a
 
 
 def _load73(
-    path: Path, wanted: Collection[str], said: dict[str, Mapping[str, Any]]
+    path: Path, wanted: Collection[str], attributes: dict[str, Mapping[str, Any]]
 ) -> tuple[dict[str, Any], list[str]]:
     try:
         import h5py  # noqa: PLC0415 - an extra
     except ImportError:
         expected = "h5py (pip install 'butterfly-testbed[hdf5]'), or a file saved with '-v7'"
         raise InputError(path, "content", "MATLAB v7.3 (HDF5)", expected) from None
-    left = most_in(path.stat().st_size)
+    room = most_in(path.stat().st_size)
 
     def value(node: Any) -> Any:  # noqa: ANN401 - whatever the file holds
         """Return a variable with MATLAB's order of dimensions, which HDF5 reverses."""
-        nonlocal left
-        said[node.name.strip("/").replace("/", ".")] = dict(node.attrs)
+        nonlocal room
+        attributes[node.name.strip("/").replace("/", ".")] = dict(node.attrs)
         kind = node.attrs.get("MATLAB_class", b"")
         is_object = "MATLAB_object_decode" in node.attrs or kind.decode() not in {*_PLAIN, ""}
         sizes = [_OF_NODE + getattr(node, "nbytes", 0)]
         if is_object:  # its values may be anywhere
-            file.visititems(lambda _, each: sizes.append(getattr(each, "nbytes", 0)))
-        left -= sum(sizes)
-        if min(sizes) < 0 or left < 0:  # a file may claim any size
+            file.visititems(lambda _, part: sizes.append(getattr(part, "nbytes", 0)))
+        room -= sum(sizes)
+        if min(sizes) < 0 or room < 0:  # a file may claim any size
             raise ValueError(f"an array of {size_text(sum(sizes))}, more than the file can hold")
         if is_object:
             return MatlabObject(kind.decode())
         if hasattr(node, "items"):
-            found = {key: value(_own_node(path, node, key)) for key in node}
-            lists = [each for each in found.values() if isinstance(each, list)]
-            if not lists or len(lists) < len(found):
-                return found
-            return [dict(zip(found, each, strict=True)) for each in zip(*lists, strict=True)]
+            fields = {key: value(_own_node(path, node, key)) for key in node}
+            lists = [field for field in fields.values() if isinstance(field, list)]
+            if not lists or len(lists) < len(fields):
+                return fields
+            return [dict(zip(fields, row, strict=True)) for row in zip(*lists, strict=True)]
         _require_written(path, node)
-        values = _stored(node, left)
+        values = _stored(node, room)
         if h5py.check_ref_dtype(values.dtype) and kind in {b"", b"cell"}:  # or a field of structs
-            return [value(file[each]) for each in values.ravel(order="F")]
+            return [value(file[reference]) for reference in values.ravel(order="F")]
         return _texts_of(values) if kind == b"char" else values.T
 
     with h5py.File(path, "r") as file:
-        names, said[""] = list(file), dict(file.attrs)
-        own = [name for name in names if name in wanted or _is_of_texts(file, name)]
-        found = {name: value(_own_node(path, file, name)) for name in own}
-        return found, [name for name in names if not name.startswith(_OWN)]
+        names, attributes[""] = list(file), dict(file.attrs)
+        chosen = [name for name in names if name in wanted or _is_of_texts(file, name)]
+        variables = {name: value(_own_node(path, file, name)) for name in chosen}
+        return variables, [name for name in names if not name.startswith(_OWN)]
 
 
 def _stored(node: Any, most: int) -> NDArray[Any]:  # noqa: ANN401 - h5py's
-    """Return the values of a node, of which lists take so many bytes at most."""
+    """Return the values of a node; its lists may take at most ``most`` bytes."""
     import h5py  # noqa: PLC0415 - an extra
 
     if h5py.check_string_dtype(node.dtype):
@@ -349,12 +351,12 @@ def _own_node(path: Path, parent: Any, name: str) -> Any:  # noqa: ANN401 - h5py
 def _require_written(path: Path, data: Any) -> None:  # noqa: ANN401 - h5py's
     """Refuse numbers in other files, and those never written, which HDF5 reads as zeros."""
     if data.external or data.is_virtual:
-        found = "numbers stored in another file"
+        problem = "numbers stored in another file"
     elif data.chunks:
         counts = [-(-n // chunk) for n, chunk in zip(data.shape, data.chunks, strict=True)]
         written = data.id.get_num_chunks()
-        found = f"{written} of {math.prod(counts)} chunks" if written < math.prod(counts) else ""
+        problem = f"{written} of {math.prod(counts)} chunks" if written < math.prod(counts) else ""
     else:
-        found = "numbers never written" if data.nbytes and not data.id.get_storage_size() else ""
-    if found:
-        raise InputError(path, data.name.strip("/"), found, "all numbers written in this file")
+        problem = "numbers never written" if data.nbytes and not data.id.get_storage_size() else ""
+    if problem:
+        raise InputError(path, data.name.strip("/"), problem, "all numbers written in this file")

@@ -64,22 +64,22 @@ def _rows(
     clock = chosen["time"][1] if "time" in chosen else "log_time"
     stamps = {topic: topics[topic][clock] for topic, _ in chosen.values()}
     if len(stamps) == 1:
-        found = {field: topics[topic][name] for field, (topic, name) in chosen.items()}
+        columns = {field: topics[topic][name] for field, (topic, name) in chosen.items()}
         times = {field for field, (_, name) in chosen.items() if name in _TIMES}
-        return found | {f: (found[f] - found[f][:1].sum()) / 1e9 for f in times}
-    for topic, each in stamps.items():
-        if not each.any() or np.any(np.diff(each) < 0) or "time" not in chosen:
+        return columns | {f: (columns[f] - columns[f][:1].sum()) / 1e9 for f in times}
+    for topic, instants in stamps.items():
+        if not instants.any() or np.any(np.diff(instants) < 0) or "time" not in chosen:
             expected = f"messages in order of time, or time={topic}:log_time"
             raise InputError(path, f"{topic}:{clock}", "stamps that fall, or none", expected)
-    keys = [_distinct(each) for each in stamps.values()]
+    keys = [_distinct(series) for series in stamps.values()]
     every, places = np.unique(np.concatenate(keys), axis=0, return_inverse=True)
-    ends = np.cumsum([len(each) for each in keys])
+    ends = np.cumsum([len(key) for key in keys])
     rows = dict(zip(stamps, np.split(places.ravel(), ends[:-1]), strict=True))
-    found = {}
+    columns = {}
     for field, (topic, name) in chosen.items():
-        found[field] = np.full(len(every), np.nan)
-        found[field][rows[topic]] = topics[topic][name]
-    return found | {"time": (every[:, 0] - every[:1, 0].sum()) / 1e9}
+        columns[field] = np.full(len(every), np.nan)
+        columns[field][rows[topic]] = topics[topic][name]
+    return columns | {"time": (every[:, 0] - every[:1, 0].sum()) / 1e9}
 
 
 def _distinct(stamps: NDArray[Any]) -> NDArray[Any]:
@@ -93,10 +93,10 @@ def _only_joint(path: Path, names: list[str]) -> dict[str, str | int]:
     if len(joints) != 1 or ":" in joints[0]:
         expected = "--columns time=time,input=JOINT.effort,angle=JOINT.position"
         raise InputError(path, "joints", ", ".join(joints) or "none", f"one, or {expected}")
-    found: dict[str, str | int] = {f: f"{joints[0]}.{key}" for f, key in _FIELDS.items()}
-    if found["velocity"] not in names:
-        del found["velocity"]
-    return {"time": "time"} | found
+    columns: dict[str, str | int] = {f: f"{joints[0]}.{key}" for f, key in _FIELDS.items()}
+    if columns["velocity"] not in names:
+        del columns["velocity"]
+    return {"time": "time"} | columns
 
 
 def _topics(path: Path) -> dict[str, Mapping[str, Samples]]:
@@ -112,16 +112,16 @@ def _topics(path: Path) -> dict[str, Mapping[str, Samples]]:
         summary = reader.get_summary()
         if summary is None:
             raise InputError(path, "content", "no summary at its end", _WHOLE)
-        unpacked = sum(each.uncompressed_size for each in summary.chunk_indexes)
+        unpacked = sum(chunk.uncompressed_size for chunk in summary.chunk_indexes)
         if unpacked > most_in(size):
             raise InputError(path, "content", f"chunks of {size_text(unpacked)}", _WHOLE)
-        kinds = {number: each.name for number, each in summary.schemas.items()}
+        kinds = {number: schema.name for number, schema in summary.schemas.items()}
         channels = summary.channels.values()
         topics = sorted({c.topic for c in channels if kinds.get(c.schema_id) in _TYPES})
         if not topics:
-            found = ", ".join(sorted({*kinds.values()})) or "no messages"
-            raise InputError(path, "content", found, "sensor_msgs/msg/JointState messages")
-        return {each: _columns(reader.iter_decoded_messages(topics=[each])) for each in topics}
+            listing = ", ".join(sorted({*kinds.values()})) or "no messages"
+            raise InputError(path, "content", listing, "sensor_msgs/msg/JointState messages")
+        return {topic: _columns(reader.iter_decoded_messages(topics=[topic])) for topic in topics}
 
 
 def _columns(messages: Any) -> Mapping[str, Samples]:  # noqa: ANN401 - mcap's
@@ -140,5 +140,5 @@ def _columns(messages: Any) -> Mapping[str, Samples]:  # noqa: ANN401 - mcap's
         if len({*map(len, rows[key])}) == 1:
             rows[key] = np.array(rows[key])
     times = {"time": stamps, "log_time": received}
-    exact = {name: np.array(each, dtype=np.int64) for name, each in times.items()}
+    exact = {name: np.array(column, dtype=np.int64) for name, column in times.items()}
     return exact | {name: part.of(rows) for name, part in components(rows).items()}

@@ -28,24 +28,24 @@ def read_npz(path: Path, columns: ColumnMap | None, units: Units, about: dict[st
         with unpacked(path, _WHOLE) as parts:
             contents = {name.removesuffix(".npy"): parts.read(name) for name in parts.namelist()}
     with whole(path, _WHOLE, trusting=True):
-        arrays = {name: _array(path, name, each) for name, each in contents.items()}
-    short = [name for name, each in arrays.items() if each.dtype.kind in "SU"]
+        arrays = {name: _array(path, name, content) for name, content in contents.items()}
+    short = [name for name, values in arrays.items() if values.dtype.kind in "SU"]
     texts = {name: arrays.pop(name) for name in short if arrays[name].size < MIN_SAMPLES}
     if (at := about.pop("at", None)) is not None:
         arrays = {at: part_at(path, arrays, at, at)}
     table: Any = {}
     listed = components(arrays | texts)
-    for name, each in arrays.items():
-        wide = each.ndim == 2 and 1 not in each.shape  # noqa: PLR2004 - a matrix
+    for name, array in arrays.items():
+        wide = array.ndim == 2 and 1 not in array.shape  # noqa: PLR2004 - a matrix
         numbered = {k: part for k, part in listed.items() if part.column == name} if wide else {}
-        own = {k: part.of(arrays) for k, part in numbered.items()} or {name: each.ravel()}
-        table = each if len(arrays) == 1 and (wide or each.dtype.names) else table | own
-    return log_of_table(table, columns, units, said=texts, **about | {"source": str(path)})
+        vectors = {k: part.of(arrays) for k, part in numbered.items()} or {name: array.ravel()}
+        table = array if len(arrays) == 1 and (wide or array.dtype.names) else table | vectors
+    return log_of_table(table, columns, units, metadata=texts, **about | {"source": str(path)})
 
 
 def _array(path: Path, name: str, content: bytes) -> NDArray[Any]:
     """Return an array, with samples along its first dimension."""
     if b"'|O'" in content[:1000]:
         raise InputError(path, name or "content", "a pickle, which may run any code", _PLAIN)
-    found = np.asarray(np.lib.format.read_array(io.BytesIO(content), allow_pickle=False))
-    return found.T if found.ndim > 1 and found.shape[0] < MIN_SAMPLES <= found.shape[1] else found
+    array = np.asarray(np.lib.format.read_array(io.BytesIO(content), allow_pickle=False))
+    return array.T if array.ndim > 1 and array.shape[0] < MIN_SAMPLES <= array.shape[1] else array

@@ -46,7 +46,7 @@ def read_parquet(path: Path, columns: ColumnMap | None, units: Units, about: dic
             sayings.cell(name, text)
         headings = sayings.headings(places)
         single = {field: parts[names[k]] for field, k in places.items() if k >= len(leaves)}
-        wanted = {each: lists[each] for part in single.values() for each in part.needs}
+        wanted = {column: lists[column] for part in single.values() for column in part.needs}
         _refuse_many(path, file, len(places) + len(wanted))
         tables = {name: _rows(file, leaf) for name, leaf in wanted.items()}
         arrays = {
@@ -74,7 +74,7 @@ def _sayings_of(path: Path, schema: pa.Schema, names: Sequence[str]) -> Sayings:
 
 def _texts(file: parquet.ParquetFile) -> dict[str, str]:
     """Return the first text of each column of texts, such as one of units, by its name."""
-    names = [each.name for each in file.schema_arrow if pa.types.is_string(each.type)]
+    names = [field.name for field in file.schema_arrow if pa.types.is_string(field.type)]
     first = next(file.iter_batches(1, columns=names), None) if names else None
     return {name: str(first[name][0]) for name in names if first is not None and len(first)}
 
@@ -92,16 +92,16 @@ class _Leaf(NamedTuple):
 def _leaves(schema: pa.Schema) -> list[_Leaf]:
     """Return the columns of a file, and then the fields of those of structs."""
     names = schema.names
-    found = [
+    leaves = [
         _Leaf(name, name, names[:k].count(name), (), schema.types[k])
         for k, name in enumerate(names)
     ]
-    for leaf in found:  # which grows
+    for leaf in leaves:  # which grows
         if pa.types.is_struct(leaf.kind):
             for k, field in enumerate(leaf.kind):
-                own = leaf._replace(name=f"{leaf.name}.{field.name}", kind=field.type)
-                found.append(own._replace(way=(*leaf.way, k)))
-    return found
+                part = leaf._replace(name=f"{leaf.name}.{field.name}", kind=field.type)
+                leaves.append(part._replace(way=(*leaf.way, k)))
+    return leaves
 
 
 def _heads(file: parquet.ParquetFile, leaves: Iterable[_Leaf]) -> dict[str, list[Any]]:
@@ -109,8 +109,8 @@ def _heads(file: parquet.ParquetFile, leaves: Iterable[_Leaf]) -> dict[str, list
     batches = {leaf: file.iter_batches(_FIRST, columns=[leaf.column]) for leaf in leaves}
     return {
         leaf.name: _part(batch, leaf).to_pylist()
-        for leaf, found in batches.items()
-        for batch in islice(found, 1)
+        for leaf, stream in batches.items()
+        for batch in islice(stream, 1)
     }
 
 
@@ -118,9 +118,9 @@ def _refuse_many(path: Path, file: parquet.ParquetFile, columns: int) -> None:
     """Refuse a file that claims more rows than it can hold."""
     most = most_in(path.stat().st_size)
     if not 0 <= file.metadata.num_rows * columns * _BYTES <= most:
-        found = f"{file.metadata.num_rows} rows in {size_text(path.stat().st_size)}"
+        claim = f"{file.metadata.num_rows} rows in {size_text(path.stat().st_size)}"
         expected = f"a whole Parquet file of at most {size_text(most)}"
-        raise InputError(path, "content", found, expected)
+        raise InputError(path, "content", claim, expected)
 
 
 def _column(path: Path, file: parquet.ParquetFile, leaf: _Leaf, field: str) -> NDArray[Any]:
@@ -150,8 +150,8 @@ def _whole_column(file: parquet.ParquetFile, leaf: _Leaf) -> pa.ChunkedArray:
 
 def _part(batch: pa.RecordBatch, leaf: _Leaf) -> pa.Array:
     """Return a column of a batch, which may hold others whose names begin as its name does."""
-    own = [k for k, name in enumerate(batch.schema.names) if name == leaf.column]
-    column = batch.column(own[leaf.which])
+    numbers = [k for k, name in enumerate(batch.schema.names) if name == leaf.column]
+    column = batch.column(numbers[leaf.which])
     return compute.struct_field(column, [*leaf.way]) if leaf.way else column
 
 

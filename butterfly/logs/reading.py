@@ -24,8 +24,8 @@ from butterfly.progress import Track, untracked
 
 def read_logs(manifest: Manifest, track: Track = untracked) -> tuple[Manifest, list[Log]]:
     """Read all logs of a manifest as recorded; return it with an entry for each, and the logs."""
-    found = [read_pieces(manifest, entry) for entry in track(manifest.logs, "Reading logs")]
-    pairs = [pair for pairs in found for pair in pairs]
+    pieces = [read_pieces(manifest, entry) for entry in track(manifest.logs, "Reading logs")]
+    pairs = [pair for pairs in pieces for pair in pairs]
     entries = [entry for entry, _ in pairs]
     return manifest.model_copy(update={"logs": entries}), [log for _, log in pairs]
 
@@ -38,7 +38,7 @@ def with_parts(manifest: Manifest) -> Manifest:
             wanted = read_pieces(manifest, entry) if entry.split or manifest.split else []
         except InputError:
             wanted = []
-        entries += [own for own, _ in wanted] or [entry]
+        entries += [piece for piece, _ in wanted] or [entry]
     return manifest.model_copy(update={"logs": entries})
 
 
@@ -68,7 +68,7 @@ def pieces_of(manifest: Manifest, entry: LogEntry, whole: Log) -> list[tuple[Log
         return [(entry, whole)]
     owns = [entry.model_copy(update={"part": k, "split": None}) for k in range(1, len(parts) + 1)]
     pairs = zip(owns, parts, strict=True)
-    return [(own, replace(part, name=piece_name(own))) for own, part in pairs]
+    return [(piece, replace(part, name=piece_name(piece))) for piece, part in pairs]
 
 
 def piece_name(entry: LogEntry) -> str:
@@ -88,8 +88,8 @@ def _parts(whole: Log) -> list[Log]:
     edges = list(pairwise([0, *restarts(whole.time), whole.time.size]))
     for first, last in edges:
         if last - first < MIN_SAMPLES:
-            found = f"{last - first} samples after the clock falls back at sample {first}"
-            raise InputError(whole.source, "time", found, f"at least {MIN_SAMPLES} per recording")
+            length = f"{last - first} samples after the clock falls back at sample {first}"
+            raise InputError(whole.source, "time", length, f"at least {MIN_SAMPLES} per recording")
     return [whole.take(np.arange(first, last)) for first, last in edges]
 
 
@@ -99,8 +99,8 @@ def _piece(whole: Log, entry: LogEntry) -> Log:
     if entry.part is not None:
         parts = _parts(whole)
         if entry.part > len(parts):
-            found = f"a number up to {len(parts)}, the recordings in this file"
-            raise InputError(whole.source, "part", entry.part, found)
+            bound = f"a number up to {len(parts)}, the recordings in this file"
+            raise InputError(whole.source, "part", entry.part, bound)
         part = parts[entry.part - 1]
     if entry.begin is None and entry.end is None:
         return part
@@ -109,11 +109,11 @@ def _piece(whole: Log, entry: LogEntry) -> Log:
     numbers = np.flatnonzero((part.time >= begin) & (part.time <= end))
     if numbers.size < MIN_SAMPLES:
         span = f"{np.nanmin(part.time):g} s to {np.nanmax(part.time):g} s"
-        found = f"{numbers.size} samples in {piece_name(entry)}"
+        length = f"{numbers.size} samples in {piece_name(entry)}"
         expected = f"at least {MIN_SAMPLES} samples within {span}"
-        raise InputError(whole.source, "from, to", found, expected)
+        raise InputError(whole.source, "from, to", length, expected)
     first, last = int(numbers[0]), int(numbers[-1]) + 1
-    return deepcopy(part.piece(first, last))  # so that the whole is not kept
+    return deepcopy(part.piece(first, last))  # a copy, which does not hold the whole log
 
 
 def with_unique_names(logs: Sequence[Log]) -> list[Log]:
@@ -123,7 +123,7 @@ def with_unique_names(logs: Sequence[Log]) -> list[Log]:
     taken, seen = set(firsts), set[str]()
     for first in firsts:
         numbered = (f"{first} ({number})" for number in count(2))
-        name = next(each for each in numbered if each not in taken) if first in seen else first
+        name = next(label for label in numbered if label not in taken) if first in seen else first
         seen.add(first)
         taken.add(name)
         names.append(name)
@@ -139,12 +139,12 @@ def numbers_named(logs: Sequence[Log], names: Sequence[str], source: str) -> lis
     chosen = set[int]()
     for name in names:
         exact = [k for k, form in enumerate(forms) if name in form]
-        own = exact or [
-            k for k, form in enumerate(forms) if any(fnmatchcase(each, name) for each in form)
+        matches = exact or [
+            k for k, form in enumerate(forms) if any(fnmatchcase(label, name) for label in form)
         ]
-        if not own:
+        if not matches:
             known = [log.name for log in logs]
             (close,) = get_close_matches(name, known, n=1, cutoff=0.0) or known[:1]
             raise InputError(source, "holdout", name, f"a log name, such as {close}")
-        chosen.update(own)
+        chosen.update(matches)
     return sorted(chosen)

@@ -55,12 +55,14 @@ def between_regimes(logs: Sequence[tuple[Regime, ...]], ends: Iterable[float]) -
     """Return an interval between fast and slow regimes (Otsu, IEEE Trans. SMC 9, 1979), or 0."""
     if all(len(regimes) == 1 for regimes in logs):
         return 0.0
-    found = sorted(
+    stretches = sorted(
         (here.interval, after - here.begin)
         for regimes, end in zip(logs, ends, strict=True)
-        for here, after in zip(regimes, [*(each.begin for each in regimes[1:]), end], strict=True)
+        for here, after in zip(
+            regimes, [*(regime.begin for regime in regimes[1:]), end], strict=True
+        )
     )
-    interval, weight = np.array(found).T
+    interval, weight = np.array(stretches).T
     fast, slow = np.cumsum(weight)[:-1], np.cumsum(weight[::-1])[-2::-1]
     sums = np.cumsum(weight * interval)
     lower, upper = sums[:-1] / fast, (sums[-1] - sums[:-1]) / slow
@@ -70,30 +72,30 @@ def between_regimes(logs: Sequence[tuple[Regime, ...]], ends: Iterable[float]) -
 
 def _switches(intervals: Samples) -> list[int]:
     """Return the numbers of the intervals at which a regime begins, except the first."""
-    found, waiting = [], [(0, intervals.size, 0)]
+    switches, waiting = [], [(0, intervals.size, 0)]
     while waiting:
         begin, end, halved = waiting.pop()
         if end - begin < 2 * _LEAST * _BLOCK:
             continue
         cut = _switch(intervals[begin:end])
         if cut is not None:
-            found.append(begin + cut)
+            switches.append(begin + cut)
         elif halved == _HALVES:
             continue
         middle = begin + (cut or (end - begin) // 2)
-        own = halved + (cut is None)
-        waiting += [(begin, middle, own), (middle, end, own)]
-    found.sort()
+        halvings = halved + (cut is None)
+        waiting += [(begin, middle, halvings), (middle, end, halvings)]
+    switches.sort()
     while True:  # drop the smallest false switch
-        pieces = np.split(intervals, found)
+        pieces = np.split(intervals, switches)
         wrong = [
             (abs(before.mean() - after.mean()), number)
             for number, (before, after) in enumerate(pairwise(pieces))
             if not _is_step(before, after)
         ]
         if not wrong:
-            return found
-        del found[min(wrong)[1]]
+            return switches
+        del switches[min(wrong)[1]]
 
 
 def _switch(intervals: Samples) -> int | None:
@@ -104,8 +106,8 @@ def _switch(intervals: Samples) -> int | None:
     sums = np.cumsum(intervals - intervals.mean())[:-1]
     count = np.arange(1, intervals.size)
     least = _LEAST * block - 1
-    apart = np.abs(sums) / np.sqrt(count * (intervals.size - count))
-    return int(np.argmax(apart[least:-least])) + least + 1
+    contrast = np.abs(sums) / np.sqrt(count * (intervals.size - count))
+    return int(np.argmax(contrast[least:-least])) + least + 1
 
 
 def _is_step(before: Samples, after: Samples) -> bool:

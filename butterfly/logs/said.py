@@ -1,7 +1,7 @@
 """What a file says of the units of its columns: keys of any depth, rows of units, lines of text.
 
-Each format hands over what it finds, and `Sayings` tells of which columns it is. `read_unit` judges
-the words.
+Each format hands over the texts that it finds, and `Sayings` tells which columns they concern.
+`read_unit` judges the words.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ _HOLDERS = {
     *("meta", "metadata", "attrs", "attributes", "info", "datainfo", "properties", "header"),
     *("headers", "column", "columns", "field", "fields", "channel", "channels", "signals"),
     *("variables", "schema", "pandas"),
-}  # keys of what concerns the file, or what they stand in
+}  # keys that hold others and name no column
 _OWN_NAMES = ("name", "column", "field", "field_name", "id")
 _SCALES = {"scale_factor": 0, "add_offset": 1}  # of the conventions for netCDF
 _LETTERS = frozenset("VANsmhg")  # that are units
@@ -87,15 +87,15 @@ class Sayings:
         self._left = _MOST  # lines of text
         self._hear(PurePath(str(source)).stem, "file name")
 
-    def metadata(self, found: Any, place: str = "", way: Way = ()) -> None:  # noqa: ANN401 - whatever a file holds
+    def metadata(self, entries: Any, place: str = "", way: Way = ()) -> None:  # noqa: ANN401 - whatever a file holds
         """Collect keys and their values, or rows of them, which concern what ``way`` names."""
-        if isinstance(found, list):
-            self._listed(found, place, way, ())
+        if isinstance(entries, list):
+            self._listed(entries, place, way, ())
             return
-        first = str(next(iter(found), ""))
+        first = str(next(iter(entries), ""))
         if place.count(".") > _DEEPEST or first.isdecimal():  # an index of pandas
             return
-        for name, given in found.items():
+        for name, given in entries.items():
             key, value = _text(name), _opened(given)
             mark = "." if place and not place.endswith(("metadata", "attribute")) else " "
             where = f"{place}{mark}{key}".strip(" .")
@@ -119,23 +119,23 @@ class Sayings:
             else:
                 self.text([f"{key}: {value}", *value.splitlines()], where)
 
-    def _listed(self, found: list[Any], place: str, way: Way, own: Way) -> None:
+    def _listed(self, entries: list[Any], place: str, way: Way, tail: Way) -> None:
         """Collect from a list of columns, or of rows that repeat the unit of theirs."""
         rows: dict[str, dict[str, Any]] = {}
-        if all(isinstance(each, str) for each in found[:_MOST]):
-            self._hear(", ".join(found[:_MOST]), place, (*way, *own))
-        for each in found:
-            if not isinstance(each, Mapping):
+        if all(isinstance(text, str) for text in entries[:_MOST]):
+            self._hear(", ".join(entries[:_MOST]), place, (*way, *tail))
+        for entry in entries:
+            if not isinstance(entry, Mapping):
                 continue
-            names = [each[key] for key in _OWN_NAMES if isinstance(each.get(key), str)]
+            names = [entry[key] for key in _OWN_NAMES if isinstance(entry.get(key), str)]
             if names:
-                self.metadata(each, place, (*way, names[0]))
+                self.metadata(entry, place, (*way, names[0]))
             else:
-                rows.setdefault("", {k: v for k, v in each.items() if isinstance(v, str | dict)})
-                said = _units_within(each)
-                rows[repr(said)] = said
-        for each in rows.values():
-            self.metadata(each, place, (*way, *own))
+                rows.setdefault("", {k: v for k, v in entry.items() if isinstance(v, str | dict)})
+                units = _units_within(entry)
+                rows[repr(units)] = units
+        for entry in rows.values():
+            self.metadata(entry, place, (*way, *tail))
 
     def row(self, cells: Sequence[str], place: str) -> None:
         """Collect a row with the unit of each column."""
@@ -148,8 +148,8 @@ class Sayings:
 
     def cell(self, name: str, text: str) -> None:
         """Collect the first text in a column of such, perhaps of units."""
-        own = f"{name}: {text}" if _besides_unit(name) is not None else text
-        self.text([own], f"column {name}")
+        line = f"{name}: {text}" if _besides_unit(name) is not None else text
+        self.text([line], f"column {name}")
 
     def note(self, number: int, text: str, place: str) -> None:
         """Collect a text about a column."""
@@ -162,10 +162,10 @@ class Sayings:
         split: Callable[[str], list[str]] | None = None,
     ) -> None:
         """Collect lines: keys and values of any depth, rows of units, tables of columns, prose."""
-        kept = [plain_text(line[:_LONGEST]) for line in [*dict.fromkeys(lines)][: self._left]]
-        self._left -= len(kept)
-        self.metadata(nested(kept), place)
-        for line in kept:
+        texts = [plain_text(line[:_LONGEST]) for line in [*dict.fromkeys(lines)][: self._left]]
+        self._left -= len(texts)
+        self.metadata(nested(texts), place)
+        for line in texts:
             if pairs := record(line):
                 self.metadata([pairs], place)
                 continue
@@ -187,7 +187,7 @@ class Sayings:
         first, *rest = split(line)
         ways = [[first, *rest], _cells(line), _WIDE.split(line), _IN_BRACKETS.findall(line)]
         after = [line.partition(mark)[2] for mark in ":= "]
-        ways += [*map(_cells, after), *(each.split("/") for each in (line, *after))]
+        ways += [*map(_cells, after), *(text.split("/") for text in (line, *after))]
         if _besides_unit(first) == ():
             ways += [rest, ["", *rest]]
         row = next((cells for cells in ways if self._is_row(cells)), None)
@@ -197,8 +197,8 @@ class Sayings:
         for cells in (_DIVIDED.split(line), _WIDE.split(line)):
             if len(cells) > _WORDS:
                 continue
-            columns = [each for each in cells if len(self._columns((each,))) == 1]
-            units = [each.strip(" [](){}") for each in cells if is_unit(each)]
+            columns = [cell for cell in cells if len(self._columns((cell,))) == 1]
+            units = [cell.strip(" [](){}") for cell in cells if is_unit(cell)]
             if len(columns) == len(units) == 1:
                 self._add((columns[0],), units[0], place, Said.AS_VALUE)
                 return True
@@ -206,21 +206,21 @@ class Sayings:
 
     def headings(self, places: Mapping[str, int]) -> dict[str, Heading]:
         """Return the headings of the columns with these numbers, by field of the log."""
-        found = {field: Heading(name=self._names[k], number=k) for field, k in places.items()}
+        headings = {field: Heading(name=self._names[k], number=k) for field, k in places.items()}
         in_texts = self._from_texts()
         for way, words in self._said:
             fields, alone = self._of(way, places)
             for name in fields:
                 kind = "said" if alone else "shared"
-                more: Any = {kind: (*getattr(found[name], kind), words)}
-                found[name] = replace(found[name], **more)
+                more: Any = {kind: (*getattr(headings[name], kind), words)}
+                headings[name] = replace(headings[name], **more)
         for way, (factor, offset) in self._scales.items():
             for name in self._of(way, places)[0]:
-                found[name] = replace(found[name], scale=(factor, offset))
-        if "input" in found:
+                headings[name] = replace(headings[name], scale=(factor, offset))
+        if "input" in headings:
             mentioned = tuple(self._mentioned(places["input"], in_texts))
-            found["input"] = replace(found["input"], mentioned=mentioned)
-        return found
+            headings["input"] = replace(headings["input"], mentioned=mentioned)
+        return headings
 
     def _hear(self, text: str, place: str, way: Way = (), name: Way = ()) -> None:
         """Keep a text about what ``way`` leads to, unless it is the ``name`` of a column."""
@@ -229,28 +229,28 @@ class Sayings:
 
     def _from_texts(self) -> list[tuple[Way, Words, set[str]]]:
         """Collect the units in all texts; return each, what it may be of, and where it is."""
-        found = []
+        units = []
         for way, text, place in self._texts:
             whole = self._columns(way)
-            for each in mentions(text)[:_MANY]:
-                if {*each.words, *_words(place)} & _OF_OTHERS:
+            for mention in mentions(text)[:_MANY]:
+                if {*mention.words, *_words(place)} & _OF_OTHERS:
                     continue
-                beside = () if each.of_one else self._subject(each)
-                of = beside or (way if whole and each.meant and not each.of_one else ())
+                subject = () if mention.of_one else self._subject(mention)
+                of = subject or (way if whole and mention.meant and not mention.of_one else ())
                 if of and self._columns(of) == (whole or self._columns(of)):
-                    sure = each.marked and (beside or each.bracket != "(")
-                    how = Said.AS_VALUE if sure or each.named_alone else Said.IN_PROSE
-                    self._add(of, each.text, place, how)
-                listed = len(each.rest) < _MANY and each.of_list and not way
-                alone = listed and all(map(_is_of_list, each.rest))
+                    sure = mention.marked and (subject or mention.bracket != "(")
+                    how = Said.AS_VALUE if sure or mention.named_alone else Said.IN_PROSE
+                    self._add(of, mention.text, place, how)
+                listed = len(mention.rest) < _MANY and mention.of_list and not way
+                alone = listed and all(map(_is_of_list, mention.rest))
                 how = Said.AS_VALUE if of or alone else Said.IN_PROSE
-                if of or alone or each.sure or each.bracket:
-                    words = Words(each.text, f"{place}: {text[:_SHOWN]!r}", how)
-                    found.append((of or way, words, {*each.words} - {*_words(place)}))
-        return found
+                if of or alone or mention.sure or mention.bracket:
+                    words = Words(mention.text, f"{place}: {text[:_SHOWN]!r}", how)
+                    units.append((of or way, words, {*mention.words} - {*_words(place)}))
+        return units
 
     def _subject(self, mention: Mention) -> Way:
-        """Return the way to what a unit stands beside, but for words and marks between."""
+        """Return the way to the column next to a unit, past words and marks between; else ()."""
         for tokens, turn in ((mention.before[::-1], -1), (mention.after, 1)):
             run = [*takewhile(_is_word, dropwhile(_is_between, tokens))][:_WORDS]
             for count in range(len(run), 0, -1):
@@ -262,18 +262,18 @@ class Sayings:
         return ()
 
     def _mentioned(
-        self, number: int, found: Iterable[tuple[Way, Words, set[str]]]
+        self, number: int, units: Iterable[tuple[Way, Words, set[str]]]
     ) -> Iterable[Words]:
         """Yield the units that may be of the input: as values, if hardly of anything else."""
         name = self._names[number]
-        others = {_key(without_unit(each)) for each in self._names if each != name}
+        others = {_key(without_unit(other)) for other in self._names if other != name}
         others -= {_key(without_ending(name))}
-        for each in (*mentions(name.replace(".", " ")), *mentions(name[1:])):  # umV
-            yield Words(each.text, _OF_NAME, Said.AS_VALUE)
-        for of, words, around in found:
+        for mention in (*mentions(name.replace(".", " ")), *mentions(name[1:])):  # umV
+            yield Words(mention.text, _OF_NAME, Said.AS_VALUE)
+        for of, words, around in units:
             columns, fields = self._columns(of), self._fields(of)
-            own = (columns and number in columns) or "input" in fields
-            if own or not (columns or fields or around & others):
+            is_input = (columns and number in columns) or "input" in fields
+            if is_input or not (columns or fields or around & others):
                 yield words
 
     @cached_property
@@ -285,8 +285,8 @@ class Sayings:
             for depth in range(1, len(keys) + 1):
                 whole[keys[:depth]].append(k)
             ends[keys[-1]].append(k)
-            for each in {_key(without_unit(name)), _key(without_ending(name))}:
-                bare[each].append(k)
+            for key in {_key(without_unit(name)), _key(without_ending(name))}:
+                bare[key].append(k)
         return whole, ends, bare
 
     def _add(self, way: Way, text: object, place: str, how: Said) -> None:
@@ -310,16 +310,16 @@ class Sayings:
         return number
 
     def _units(self, value: Any, way: Way, place: str) -> None:  # noqa: ANN401 - whatever a file holds
-        """Collect what stands under a key of units."""
+        """Collect the units found under a key of units."""
         if isinstance(value, Mapping):
             for key, below in value.items():
-                own = () if key in _OWN_NAMES else _text(key).split(".")
-                self._units(_opened(below), (*way, *own), place)
+                keys = () if key in _OWN_NAMES else _text(key).split(".")
+                self._units(_opened(below), (*way, *keys), place)
         elif isinstance(value, list | tuple) and len(value) == len(self._names):
-            self.row([_text(each) for each in value], place)
+            self.row([_text(cell) for cell in value], place)
         elif isinstance(value, list | tuple):
-            for each in value:
-                self._add(way, _text(each), place, Said.AS_UNIT)
+            for unit in value:
+                self._add(way, _text(unit), place, Said.AS_UNIT)
         elif isinstance(value, str) and (way or is_unit(value)):
             self._add(way, value, place, Said.AS_UNIT)
         elif isinstance(value, str):
@@ -330,7 +330,7 @@ class Sayings:
         cells = _cells(text)
         if self._is_row(cells):
             self.row(cells, place)
-        elif any(each in text for each in ":=[({"):
+        elif any(mark in text for mark in ":=[({"):
             for segment in _segments(text):
                 self._segment(segment, place, Said.AS_UNIT)
         elif is_unit(text) or not mentions(text):
@@ -361,29 +361,29 @@ class Sayings:
         """Return the fields that something is said of, and whether of a single column."""
         if not way:
             return [*places], len(self._names) == 1
-        if found := self._columns(way):
-            return [field for field, k in places.items() if k in found], len(found) == 1
+        if columns := self._columns(way):
+            return [field for field, k in places.items() if k in columns], len(columns) == 1
         return [f for f in places if f in self._fields(way)], True
 
     def _fields(self, way: Way) -> list[str]:
         """Return the fields that ``way`` means by usual words."""
         last = str(way[-1]) if way and isinstance(way[-1], str) else ""
-        words = {each for each in _words(last) if each not in _ASIDE}
-        plural = {each.removesuffix("s") for each in words}
+        words = {word for word in _words(last) if word not in _ASIDE}
+        plural = {word.removesuffix("s") for word in words}
         usual = [(f, USUAL.get(f, {f})) for f in UNITS]
-        return [f for f, own in usual if words and (words <= own or plural <= own)]
+        return [f for f, names in usual if words and (words <= names or plural <= names)]
 
     def _columns(self, way: Way) -> list[int]:
         """Return the columns that ``way`` leads to."""
         if not way or isinstance(way[0], int):
-            return [each for each in way[:1] if isinstance(each, int)]
+            return [number for number in way[:1] if isinstance(number, int)]
         whole, ends, bare = self._index
-        keys = tuple(_key(part) for each in way for part in str(each).split("."))
-        found, last = whole.get(keys) or ends.get(keys[-1]) or [], str(way[-1])
-        words = " ".join(each for each in _words(last) if each not in _ASIDE)
+        keys = tuple(_key(part) for key in way for part in str(key).split("."))
+        columns, last = whole.get(keys) or ends.get(keys[-1]) or [], str(way[-1])
+        words = " ".join(word for word in _words(last) if word not in _ASIDE)
         for text in map(_key, (last, without_unit(last), words)):
-            found = found or bare.get(text or None, [])
-        return found
+            columns = columns or bare.get(text or None, [])
+        return columns
 
 
 def _is_between(token: str) -> bool:
@@ -419,19 +419,19 @@ def nested(lines: Iterable[str]) -> dict[str, Any]:
             stack.pop()
         if not mark or not key:
             continue
-        own = stack[-1][1]
+        mapping = stack[-1][1]
         if item:
             record: dict[str, Any] = {}
-            own.setdefault("", []).append(record)
+            mapping.setdefault("", []).append(record)
             stack.append((depth, record))
-            own = record
+            mapping = record
             depth += 1
         if value in {"", "{", "["}:
-            own[key] = {}
-            stack.append((depth, own[key]))
+            mapping[key] = {}
+            stack.append((depth, mapping[key]))
         else:
-            own[key] = value
-    return {key: each for key, each in root.items() if not isinstance(each, str) and each}
+            mapping[key] = value
+    return {key: below for key, below in root.items() if not isinstance(below, str) and below}
 
 
 def record(line: str) -> dict[str, str]:
@@ -441,10 +441,10 @@ def record(line: str) -> dict[str, str]:
 
 
 def _units_within(row: Mapping[str, Any]) -> dict[str, Any]:
-    """Return of a row only what stands under keys of units, at any depth."""
-    found = {k: v for k, v in row.items() if _besides_unit(k) is not None}
-    below = {k: _units_within(v) for k, v in row.items() if isinstance(v, dict) and k not in found}
-    return found | {k: v for k, v in below.items() if v}
+    """Return only those entries of a row that have a key of units, at any depth."""
+    units = {k: v for k, v in row.items() if _besides_unit(k) is not None}
+    below = {k: _units_within(v) for k, v in row.items() if isinstance(v, dict) and k not in units}
+    return units | {k: v for k, v in below.items() if v}
 
 
 def _key(name: object) -> str:
@@ -452,7 +452,7 @@ def _key(name: object) -> str:
 
 
 def _words(text: str) -> list[str]:
-    return [each.lower() for each in parts_of(text)]
+    return [word.lower() for word in parts_of(text)]
 
 
 @lru_cache(4096)
@@ -461,10 +461,10 @@ def _besides_unit(key: str) -> tuple[str, ...] | None:
     words = _words(key)
     if not _UNITS & {*words}:
         return None
-    named = [each for each in words if each not in _UNITS]
-    rest = [each for each in named if each not in _ASIDE]
-    own = set().union(*USUAL.values())
-    if rest and not ({*rest} & own or (len(rest) == 1 and words[-1] in _UNITS)):
+    named = [word for word in words if word not in _UNITS]
+    rest = [word for word in named if word not in _ASIDE]
+    usual = set().union(*USUAL.values())
+    if rest and not ({*rest} & usual or (len(rest) == 1 and words[-1] in _UNITS)):
         return None  # unitsPerRotation
     return ("_".join(named),) if rest else ()
 
@@ -478,13 +478,13 @@ def _halves(text: str) -> tuple[str, str, str]:
 
 
 def _segments(text: str) -> list[str]:
-    return [each.strip() for each in re.split(r"[,;|\t]|\s{3,}", text)]
+    return [segment.strip() for segment in re.split(r"[,;|\t]|\s{3,}", text)]
 
 
 def _cells(text: str) -> list[str]:
     parts = _DIVIDED.split(text)
     parts = parts if len(parts) > 1 else text.split()
-    return [each.strip() for each in (parts if len(parts) > 1 else text.split("/"))]
+    return [cell.strip() for cell in (parts if len(parts) > 1 else text.split("/"))]
 
 
 def _text(value: Any) -> str:  # noqa: ANN401 - whatever a file holds
@@ -498,7 +498,7 @@ def _opened(value: Any) -> Any:  # noqa: ANN401 - whatever a file holds
     if hasattr(value, "tolist") and value.dtype.kind in "OSU":
         value = value.tolist()
     if isinstance(value, list | tuple) and value and isinstance(_opened(value[0]), str):
-        texts = [_text(_opened(each)) for each in value]
+        texts = [_text(_opened(cell)) for cell in value]
         return texts[0] if len(texts) == 1 else texts
     if isinstance(value, bytes):
         value = _text(value)

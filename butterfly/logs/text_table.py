@@ -97,7 +97,7 @@ def table_of_text(path: Path, text: str, encoding: str, delimiters: str = ";\t, 
     before = [line for line in (*comments, *body[:first]) if line.number < rows[0].number]
     headless = repr(max(before).text.strip()) if before else "no line"
     is_cut = _CUT.search if named else _CUT.fullmatch
-    if delimiter == "," and (halves := [each for each in rows if is_cut(each.text)]):
+    if delimiter == "," and (halves := [row for row in rows if is_cut(row.text)]):
         expected = "numbers without commas (decimal commas and thousands need another delimiter)"
         raise InputError(path, f"line {halves[0].number}", halves[0].text, expected)
     group, decimal = _marks(rows, delimiter)
@@ -149,21 +149,21 @@ def _marks(rows: list[_Line], delimiter: str) -> tuple[str, str]:
 
 
 def _grouped(rows: list[_Line], delimiter: str) -> dict[int, str]:
-    """Return the first number with a point in each column where all may group thousands so."""
-    found: dict[int, str] = {}
+    """Return the first number like 1.000, by column, where all numbers may group thousands."""
+    firsts: dict[int, str] = {}
     if delimiter == ";":
         for few in (rows[:_SAMPLE], rows):
             columns = zip(*(_cells(line.text, delimiter) for line in few), strict=False)
             every = [[cell for cell in column if is_number(cell)] for column in columns]
             points = [[cell for cell in cells if not _UNGROUPED.fullmatch(cell)] for cells in every]
-            found = {
-                k: own[0]
-                for k, own in enumerate(points)
-                if own and all(map(GROUPED.fullmatch, own))
+            firsts = {
+                k: column[0]
+                for k, column in enumerate(points)
+                if column and all(map(GROUPED.fullmatch, column))
             }
-            if not found:
+            if not firsts:
                 break
-    return found
+    return firsts
 
 
 def _decoded(path: Path) -> tuple[str, str]:
@@ -204,9 +204,9 @@ def _dialect(path: Path, body: list[_Line], delimiters: str) -> tuple[str, int]:
         filled = [[cell for cell in row if cell] for row in rows if len(row) > 1]
         data = [sum(map(_is_datum, row)) for row in filled]
         numbers = sum(count for count in data if count > 1)
-        own = numbers / max(sum(map(len, filled)), 1)
-        if own > share:
-            best, share = delimiter, own
+        fraction = numbers / max(sum(map(len, filled)), 1)
+        if fraction > share:
+            best, share = delimiter, fraction
     for k, line in enumerate(body if share else []):
         cells = _cells(line.text, best)
         if sum(map(_is_datum, cells)) > 1 and 2 * sum(map(_is_value, cells)) >= len(cells):
@@ -278,7 +278,7 @@ def _names_and_units(heads: list[list[str]]) -> tuple[list[str] | None, list[str
 def _are_units(cells: list[str], *, most: bool = True) -> bool:
     """Whether a row holds units: in most cells (in one if not ``most``), or all in brackets."""
     given = [cell for cell in cells if cell not in {"", "-"}]
-    known = [each for each in given if is_unit(each)]
+    known = [cell for cell in given if is_unit(cell)]
     bracketed = all(words_in(cell) and not without_unit(cell) for cell in given)
     return 2 * len(known) > len(given) or bracketed or (bool(known) and not most)
 
@@ -290,14 +290,14 @@ def _parsed(
     for line in rows:
         count = len(line.text.split()) if blanks else line.text.count(delimiter) + 1
         if count != width and len(_cells(line.text, delimiter)) != width:
-            found = f"{len(_cells(line.text, delimiter))} values"
+            length = f"{len(_cells(line.text, delimiter))} values"
             expected = f"{width}, as in the first row"
             if delimiter == ",":
                 expected += " (decimal commas need another delimiter, as thousands do)"
-            raise InputError(path, f"line {line.number}", found, expected)
+            raise InputError(path, f"line {line.number}", length, expected)
     texts = ("\t".join(line.text.split()) if blanks else line.text.strip(" ") for line in rows)
     if group:
-        mark, split = "\t" if blanks else delimiter, [_cells(each.text, delimiter) for each in rows]
+        mark, split = "\t" if blanks else delimiter, [_cells(row.text, delimiter) for row in rows]
         bare = ([x.replace(group, "") if is_number(x) else f'"{x}"' for x in row] for row in split)
         texts = (mark.join(row) for row in bare)
     with whole(path, "a table"):
@@ -308,13 +308,16 @@ def _parsed(
             convert_options=csv.ConvertOptions(decimal_point=decimal),
         )
     return [
-        np.asarray(each.to_numpy()) if is_number_type(each.type) else each for each in table.columns
+        np.asarray(column.to_numpy()) if is_number_type(column.type) else column
+        for column in table.columns
     ]
 
 
 def require_narrow(path: Path, number: int, line: str) -> None:
     """Refuse a line of too many cells, since pyarrow allocates each."""
-    cells = max(len(line.split(None if each == " " else each)) for each in _DELIMITERS)
+    cells = max(
+        len(line.split(None if delimiter == " " else delimiter)) for delimiter in _DELIMITERS
+    )
     if cells > _WIDEST:
         raise InputError(path, f"line {number}", f"{cells} cells", f"at most {_WIDEST} columns")
 

@@ -60,8 +60,8 @@ def found_folder() -> Path | None:
     """Return the folder that `VARIABLE` names, else the user's own if it holds all logs."""
     if named := os.environ.get(VARIABLE):
         return Path(named)
-    own = own_folder()
-    return own if all((own / name).is_file() for name in pins()) else None
+    folder = own_folder()
+    return folder if all((folder / name).is_file() for name in pins()) else None
 
 
 def fetch(folder: Path, source: str = PUBLISHED, track: Track = untracked) -> int:
@@ -71,10 +71,10 @@ def fetch(folder: Path, source: str = PUBLISHED, track: Track = untracked) -> in
         raise InputError("logs fetch", "--from", source, expected)
     waiting = {name: Future[bytes]() for name in pins() if not _is_there(folder, name)}
     count = len(waiting)
-    left, stop, end = iter(list(waiting.items())), Event(), time.monotonic() + _DEADLINE
+    queue, stop, end = iter(list(waiting.items())), Event(), time.monotonic() + _DEADLINE
 
     def bring() -> None:
-        for name, future in left:
+        for name, future in queue:
             if stop.is_set():
                 break
             try:
@@ -88,8 +88,8 @@ def fetch(folder: Path, source: str = PUBLISHED, track: Track = untracked) -> in
         for name in track(list(waiting), "Fetching logs"):
             write_file(folder / name, waiting.pop(name).result(max(end - time.monotonic(), 0.0)))
     except TimeoutError:
-        found = f"{len(waiting) + 1} logs still missing after {_DEADLINE:g} s"
-        raise InputError(source, "transfer", found, _GOES_ON) from None
+        missing = f"{len(waiting) + 1} logs still missing after {_DEADLINE:g} s"
+        raise InputError(source, "transfer", missing, _GOES_ON) from None
     finally:
         stop.set()
     return count
@@ -117,9 +117,9 @@ def _content(origin: str, pin: Pin, stop: Event) -> bytes:
 
 
 def _require(pin: Pin, content: bytes, source: object, more: str) -> None:
-    found = hashlib.sha256(content).hexdigest()
-    if found != pin.sha256:
-        raise InputError(source, "SHA-256", found, f"{pin.sha256}, {more}")
+    digest = hashlib.sha256(content).hexdigest()
+    if digest != pin.sha256:
+        raise InputError(source, "SHA-256", digest, f"{pin.sha256}, {more}")
 
 
 def _downloaded(address: str, size: int, stop: Event) -> bytes:

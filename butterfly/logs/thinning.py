@@ -35,8 +35,8 @@ def thinned(log: Log, enough: int = ENOUGH) -> Log:
     columns = {name: _blocks(values, block) @ share for name, values in log.columns().items()}
     if log.between_samples is Intersample.ZERO_ORDER_HOLD:
         columns["input"] = _held(log, block)
-    kept = _without_gap(log.time, block)  # without an incomplete stretch at the end
-    means: dict[str, Any] = {name: values[kept] for name, values in columns.items()}
+    mask = _without_gap(log.time, block)  # without an incomplete stretch at the end
+    means: dict[str, Any] = {name: values[mask] for name, values in columns.items()}
     return replace(log, **means)
 
 
@@ -70,9 +70,9 @@ def _without_gap(time: Samples, block: int) -> NDArray[np.bool_]:
     intervals = np.diff(time)
     gaps = np.flatnonzero(intervals > GAP_FACTOR * np.median(intervals))
     within = gaps[(gaps + 1) % block > 0] // block
-    kept = np.ones(time.size // block, dtype=np.bool_)
-    kept[within[within < kept.size]] = False
-    return kept
+    mask = np.ones(time.size // block, dtype=np.bool_)
+    mask[within[within < mask.size]] = False
+    return mask
 
 
 def _block(angle: Samples, wanted: int) -> int:

@@ -20,36 +20,36 @@ def joined(log: Log) -> tuple[Log, str]:
     no order of time.
     """
     clock, columns = np.isfinite(log.time), log.columns()
-    own = clock & np.isfinite(log.measured)
-    there = {name: clock & np.isfinite(each) for name, each in columns.items()}
-    lacking = {name: int((own & ~each).sum()) for name, each in there.items() if each.any()}
+    measured = clock & np.isfinite(log.measured)
+    there = {name: clock & np.isfinite(column) for name, column in columns.items()}
+    lacking = {name: int((measured & ~mask).sum()) for name, mask in there.items() if mask.any()}
     lacking.pop("time", None)
     if log.input_kind is InputKind.NONE:
         lacking.pop("input", None)
-    sparse = {name: count for name, count in lacking.items() if 2 * count > own.sum()}
+    sparse = {name: count for name, count in lacking.items() if 2 * count > measured.sum()}
     if not sparse:
         return log, ""
     for name, count in sparse.items():
-        if any(np.any(np.diff(log.time[each]) < 0) for each in (own, there[name])):
-            found = f"nothing in {count} of {own.sum()} rows with the {log.measures}"
+        if any(np.any(np.diff(log.time[mask]) < 0) for mask in (measured, there[name])):
+            problem = f"nothing in {count} of {measured.sum()} rows with the {log.measures}"
             expected = "rows in ascending order of time, so that its last value can be held"
-            raise InputError(log.source, name, found, expected)
-    rows = own
+            raise InputError(log.source, name, problem, expected)
+    rows = measured
     if "input" in sparse:
         time, inputs = log.command
-        rows = own & (log.time >= time[np.isfinite(time) & np.isfinite(inputs)].min())
+        rows = measured & (log.time >= time[np.isfinite(time) & np.isfinite(inputs)].min())
     if rows.sum() < MIN_SAMPLES:
-        found = f"{rows.sum()} rows with the {log.measures} after the first input"
-        raise InputError(log.source, "input", found, f"at least {MIN_SAMPLES}")
+        problem = f"{rows.sum()} rows with the {log.measures} after the first input"
+        raise InputError(log.source, "input", problem, f"at least {MIN_SAMPLES}")
     straight = log.between_samples is Intersample.FIRST_ORDER_HOLD
-    joint: dict[str, Any] = {name: each[rows] for name, each in columns.items()}
+    joint: dict[str, Any] = {name: column[rows] for name, column in columns.items()}
     for name in sparse:
         every = log.command if name == "input" else (log.time, columns[name])
         line = straight and name == "input"
         joint[name] = _filled(joint["time"], joint[name], *every, straight=line)
     how = "interpolated" if straight and "input" in sparse else "held"
-    told = ", ".join(f"{name} in {count} samples" for name, count in sparse.items())
-    return replace(log, **joint), f"a row per topic: {how} between its rows: {told}"
+    listing = ", ".join(f"{name} in {count} samples" for name, count in sparse.items())
+    return replace(log, **joint), f"a row per topic: {how} between its rows: {listing}"
 
 
 def _filled(

@@ -121,8 +121,8 @@ def units_meant(text: str) -> tuple[str, ...]:
     plain = re.sub(r"(?:^|[\s*.]+)([a-zA-Z]+) -1", r"/\1", plain)  # s^-1
     plain = re.sub(r"(?i)\bper\b", "/", plain)
     plain = re.sub(r"(?i)\bduty[\s-]*cycle\b", "duty", plain)
-    found = _looked_up(plain, exact=True) or _looked_up(plain, exact=False)
-    return tuple(unit for unit in found if unit not in _PARTS)
+    units = _looked_up(plain, exact=True) or _looked_up(plain, exact=False)
+    return tuple(unit for unit in units if unit not in _PARTS)
 
 
 def _looked_up(text: str, *, exact: bool) -> tuple[str, ...]:
@@ -134,8 +134,8 @@ def _looked_up(text: str, *, exact: bool) -> tuple[str, ...]:
         first, second = (known.get(fold(token), ()) for token in tokens)
         pairs = [(one, two) for one in first for two in second]
         pairs += [] if len(parts) > 1 else [(two, one) for one, two in pairs]
-        if found := [_PRODUCTS[pair] for pair in pairs if pair in _PRODUCTS]:
-            return tuple(dict.fromkeys(found))
+        if products := [_PRODUCTS[pair] for pair in pairs if pair in _PRODUCTS]:
+            return tuple(dict.fromkeys(products))
         if len(parts) > 1 and whole not in known:
             return ()
     return known.get(whole, ())
@@ -144,10 +144,10 @@ def _looked_up(text: str, *, exact: bool) -> tuple[str, ...]:
 @cache
 def _spellings(*, exact: bool) -> dict[str, tuple[str, ...]]:
     """Return the units of each spelling, of lower-case ones unless ``exact``."""
-    found: dict[str, dict[str, None]] = {}
+    spellings: dict[str, dict[str, None]] = {}
     for unit, spelt in _spelt():
-        found.setdefault(spelt if exact else spelt.lower(), {})[unit] = None
-    return {spelt: tuple(units) for spelt, units in found.items()}
+        spellings.setdefault(spelt if exact else spelt.lower(), {})[unit] = None
+    return {spelt: tuple(units) for spelt, units in spellings.items()}
 
 
 def _spelt() -> Iterable[tuple[str, str]]:
@@ -155,13 +155,13 @@ def _spelt() -> Iterable[tuple[str, str]]:
     parts = [*_KINDS, *_PARTS]
     for unit in parts:
         yield unit, unit.replace(" ", "")
-        yield from ((unit, each) for each in _ALSO.get(unit, "").split())
+        yield from ((unit, spelling) for spelling in _ALSO.get(unit, "").split())
     for base, words in _NAMES.items():
-        names = [each + s for each in words.split() for s in ("", "s")]
-        yield from ((base, each) for each in [*names, base])
+        names = [noun + s for noun in words.split() for s in ("", "s")]
+        yield from ((base, name) for name in [*names, base])
         for prefix, word in _PREFIXES.items():
             if prefix + base in parts:
-                yield from ((prefix + base, word + each) for each in [*names, base])
+                yield from ((prefix + base, word + name) for name in [*names, base])
 
 
 def counts_without_turn(text: str) -> bool:
@@ -188,20 +188,20 @@ class Mention:
     text: str
     before: tuple[str, ...]
     after: tuple[str, ...]
-    bracket: str  # that it stands in, apart from words, if any
+    bracket: str  # opening bracket that it is in, without other words; "" if none
     rest: tuple[str, ...]  # all other tokens of the text
     of_one: bool  # whether it is what 1, or a digit, is worth
 
     @cached_property
     def words(self) -> list[str]:
         """The words around it, in lower case."""
-        tokens = (each.lower().strip(".'") for each in (*self.before, *self.after))
-        return [each for each in tokens if any(map(str.isalnum, each))]
+        tokens = (token.lower().strip(".'") for token in (*self.before, *self.after))
+        return [token for token in tokens if any(map(str.isalnum, token))]
 
     @property
     def sure(self) -> bool:
         """Whether nothing else is spelt so: mV or volts, but not A, %, ma or duty."""
-        letters = [each for each in self.text if each.isalpha()]
+        letters = [letter for letter in self.text if letter.isalpha()]
         mixed = any(map(str.isupper, letters)) and any(map(str.islower, letters))
         long = len(letters) > len("amp") and self.text.lower() != "duty"
         return mixed or long or (bool(letters) and "%" in self.text)
@@ -210,7 +210,7 @@ class Mention:
     def marked(self) -> bool:
         """Whether it is marked as a value: by a bracket, a colon, or ``in`` before it."""
         plural = (self.bracket, self.text) == ("(", "s")  # the angle(s)
-        return not plural and (self.within or self.before[-1:] in {(each,) for each in "([{:="})
+        return not plural and (self.within or self.before[-1:] in {(mark,) for mark in "([{:="})
 
     @property
     def within(self) -> bool:
@@ -226,7 +226,7 @@ class Mention:
     @property
     def of_list(self) -> bool:
         """Whether its spelling, or another unit or number in the text, makes a list likely."""
-        return self.sure or any(is_value(each) or units_meant(each) for each in self.rest)
+        return self.sure or any(is_value(token) or units_meant(token) for token in self.rest)
 
     @property
     def meant(self) -> bool:
@@ -252,14 +252,14 @@ def _mentions(tokens: Sequence[str]) -> Iterator[Mention]:
     while first < len(tokens):
         begin = first if tokens[first] in _BREAKS else begin
         ends = range(min(first + _WORDS, len(tokens)), first, -1)
-        end = next((each for each in ends if _is_unit(tokens[first:each])), 0)
+        end = next((stop for stop in ends if _is_unit(tokens[first:stop])), 0)
         numbered = first == 1 and end == len(tokens) and tokens[0].isdecimal()  # a column
         of_one = tokens[first - 1 : first] == ["1"] and not numbered
         value = first and is_value(tokens[first - 1]) and not numbered and not of_one
         if end and not value and not _joined(tokens, first, end):
-            marks = [each for each in tokens[:first] if each in _BRACKETS]
-            beside = {*tokens[max(first - 1, 0) : first], *tokens[end : end + 1]}
-            within = marks and marks[-1] in "([{" and beside <= {*_MARKS}
+            marks = [token for token in tokens[:first] if token in _BRACKETS]
+            neighbours = {*tokens[max(first - 1, 0) : first], *tokens[end : end + 1]}
+            within = marks and marks[-1] in "([{" and neighbours <= {*_MARKS}
             until = next((k for k in range(end, len(tokens)) if tokens[k] in _BREAKS), len(tokens))
             yield Mention(
                 text=" ".join(tokens[first:end]),
@@ -274,7 +274,7 @@ def _mentions(tokens: Sequence[str]) -> Iterator[Mention]:
 
 def _is_unit(tokens: Sequence[str]) -> bool:
     ends = (tokens[0], tokens[-1])
-    words = all(any(c.isalnum() or c in "%°" for c in each) for each in ends)
+    words = all(any(c.isalnum() or c in "%°" for c in token) for token in ends)
     return words and not {*tokens} & {*_MARKS} and bool(units_meant(" ".join(tokens)))
 
 

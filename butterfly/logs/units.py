@@ -41,7 +41,7 @@ _HOLDS = {
 }
 
 UNITS = {
-    name: {unit: factor for each in kinds for unit, factor in QUANTITIES[each].items()}
+    name: {unit: factor for kind in kinds for unit, factor in QUANTITIES[kind].items()}
     for name, kinds in _HOLDS.items()
 }
 """Units, each with its factor, of the sampled columns and of a log's ``omega``, added mass and arm
@@ -111,9 +111,9 @@ class Units:
                 names[name] = known
         return cls(factors=factors, names=names, turned=frozenset(turned))
 
-    def factor(self, name: str, found: float = 1.0) -> float:
-        """Return the factor of a key of `UNITS`; ``found`` is that of the file."""
-        factor = self.factors.get(name, found)
+    def factor(self, name: str, default: float = 1.0) -> float:
+        """Return the factor of a key of `UNITS`, given or the file's ``default``, with its sign."""
+        factor = self.factors.get(name, default)
         return -factor if name in self.turned else factor
 
     def with_sign(self, sign: int) -> Units:
@@ -215,17 +215,17 @@ def read_unit(
     """
     given = units.names.get(field)
     if field in units.factors and given is None:
-        unit, said, factor = f"times {abs(units.factors[field]):g}", GIVEN, 1.0
+        unit, origin, factor = f"times {abs(units.factors[field]):g}", GIVEN, 1.0
     else:
-        unit, said = _unit_and_place(source, field, heading, given, fitting)
+        unit, origin = _unit_and_place(source, field, heading, given, fitting)
         factor = factor_of(unit)
     factor = units.factor(field, factor)
-    unread = _unread(heading, unit, fitting) if (field, said) == ("input", ASSUMED) else None
+    unread = _unread(heading, unit, fitting) if (field, origin) == ("input", ASSUMED) else None
     if heading.scale != (1.0, 0.0):
-        said += ", scale_factor {:g} and add_offset {:g}".format(*heading.scale)
+        origin += ", scale_factor {:g} and add_offset {:g}".format(*heading.scale)
     name, number = heading.name, heading.number
     return ColumnReading(
-        name=name, number=number, unit=unit, said=said, factor=factor, unread=unread
+        name=name, number=number, unit=unit, said=origin, factor=factor, unread=unread
     )
 
 
@@ -247,9 +247,9 @@ def _unread(heading: Heading, taken: str, fitting: Sequence[str]) -> Unread | No
     """
     for words in heading.mentioned:
         for unit in units_spelt("input", words.text):
-            quantity, own = quantity_of(unit), quantity_of(taken)
+            quantity, assumed = quantity_of(unit), quantity_of(taken)
             kinds = fitting if words.how is Said.IN_PROSE else _HOLDS["input"]
-            if quantity in kinds and (quantity, factor_of(unit)) != (own, factor_of(taken)):
+            if quantity in kinds and (quantity, factor_of(unit)) != (assumed, factor_of(taken)):
                 return Unread(
                     taken, unit, words.place, "" if quantity in fitting else _kind_of(unit)
                 )
@@ -260,16 +260,16 @@ def apportioned(
     headings: Mapping[str, Heading], fitting: Mapping[str, Sequence[str]]
 ) -> dict[str, Heading]:
     """Return headings by field, each with the shared words that fit it."""
-    found = dict(headings)
-    for words in dict.fromkeys(each for head in headings.values() for each in head.shared):
-        own = [name for name, head in headings.items() if words in head.shared]
-        kinds = {quantity_of(unit) for unit in units_spelt(own[0], words.text)}
-        fits = [name for name in own if kinds & {*fitting[name]}]
+    completed = dict(headings)
+    for words in dict.fromkeys(phrase for head in headings.values() for phrase in head.shared):
+        names = [name for name, head in headings.items() if words in head.shared]
+        kinds = {quantity_of(unit) for unit in units_spelt(names[0], words.text)}
+        fits = [name for name in names if kinds & {*fitting[name]}]
         if not fits and not (kinds or words.how is Said.AS_UNIT):
             continue
-        for name in fits or [own["input" in own and own.index("input")]]:  # to be refused
-            found[name] = replace(found[name], said=(*found[name].said, words))
-    return found
+        for name in fits or [names["input" in names and names.index("input")]]:  # to be refused
+            completed[name] = replace(completed[name], said=(*completed[name].said, words))
+    return completed
 
 
 def _unit_and_place(
@@ -277,7 +277,7 @@ def _unit_and_place(
 ) -> tuple[str, str]:
     where = heading.name or f"column {heading.number}"
     option = f"--units {field}=... or units: in the manifest"
-    fits = [unit for each in fitting for unit in QUANTITIES[each]]
+    fits = [unit for quantity in fitting for unit in QUANTITIES[quantity]]
     fits += ["counts/4096 (counts per turn)"] if "angle" in fitting else []
     known: dict[str, str] = {}
     for words in (*_in_name(field, heading.name, fitting), *heading.said):
@@ -346,7 +346,9 @@ def _in_name(field: str, name: str, fitting: Sequence[str]) -> list[Words]:
     texts = words_in(name)
     if texts:
         known = [text for text in texts if units_spelt(field, text)]
-        known = known or [each.text for text in texts for each in mentions(text) if each.sure]
+        known = known or [
+            mention.text for text in texts for mention in mentions(text) if mention.sure
+        ]
         return [Words(text, _NAME) for text in known or texts]
     bare = without_unit(name)
     for start, words in _endings(bare):
@@ -355,26 +357,26 @@ def _in_name(field: str, name: str, fitting: Sequence[str]) -> list[Words]:
             small = units_spelt(field, words[0].lower() + words[1:])
             named = [*dict.fromkeys([*small, *named])] if len(words) < len("MNms") else small
         fits = any(quantity_of(unit) in fitting for unit in named)
-        apart = before.rstrip(" ")[-1:] in {"/", ":", "="} or (
+        separated = before.rstrip(" ")[-1:] in {"/", ":", "="} or (
             before.endswith(" ") and _QUANTITY.fullmatch(before.strip()) is not None
         )
         if len(words) == 1 and units_spelt(field, before[-1:] + words) not in ([], named):
-            said = False  # umV
+            meant = False  # umV
         elif len(words) == 1 and words.isalpha():
             of_quantity = _QUANTITY.search(before) or re.fullmatch(r"[a-z][ _]", before)
-            said = bool(before) and (fits or apart or bool(words in _LETTERS and of_quantity))
+            meant = bool(before) and (fits or separated or bool(words in _LETTERS and of_quantity))
         elif words.lower() in _NOT_IN_NAMES:
-            said = words.lower() == "min" and (fits or apart)
+            meant = words.lower() == "min" and (fits or separated)
         else:
-            said = bool(fits or before or words[0] != "u")
-        if named and said:
+            meant = bool(fits or before or words[0] != "u")
+        if named and meant:
             how = Said.AS_UNIT if len(named) > 1 else Said.AS_VALUE
             return [Words(words, _NAME, how) if len(named) > 1 else Words(named[0], _NAME, how)]
         if before and counts_without_turn(words):
             return [Words(words, _NAME)]
     within = mentions(re.sub(r"[./-]|(?<=[a-zA-Z])(?=[A-Z][a-z])", " ", bare))
-    sure = [each.text for each in within if each.sure and each.words]
-    return [Words(each, _NAME, Said.AS_VALUE) for each in sure[:1]]
+    sure = [mention.text for mention in within if mention.sure and mention.words]
+    return [Words(text, _NAME, Said.AS_VALUE) for text in sure[:1]]
 
 
 def _endings(name: str) -> Iterable[tuple[int, str]]:
@@ -395,9 +397,9 @@ def is_unit(text: str) -> bool:
 
 def units_spelt(name: str, text: str) -> list[str]:
     """Return the units that a text may mean: those of a key of `UNITS`, if any, else of others."""
-    found = units_meant(text)
-    own = [each for each in found if each in UNITS[name] or each.startswith("counts/")]
-    return own or list(found)
+    units = units_meant(text)
+    fitting = [unit for unit in units if unit in UNITS[name] or unit.startswith("counts/")]
+    return fitting or list(units)
 
 
 def _factor_and_name(name: str, unit: object, source: object) -> tuple[float, str]:
@@ -411,9 +413,9 @@ def _factor_and_name(name: str, unit: object, source: object) -> tuple[float, st
         try:
             factor = float(text)
         except ValueError:
-            counts = {each for each in units_meant(text) if each.startswith("counts/")}
-            own = UNITS[name].keys() | (counts if name == "angle" else set())
-            spelt = [each for each in units_spelt(name, text) if each in own]
+            counts = {count for count in units_meant(text) if count.startswith("counts/")}
+            valid = UNITS[name].keys() | (counts if name == "angle" else set())
+            spelt = [spelling for spelling in units_spelt(name, text) if spelling in valid]
             if len(spelt) > 1:
                 raise InputError(source, f"units.{name}", unit, " or ".join(spelt)) from None
             known = "".join(spelt)

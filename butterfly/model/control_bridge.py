@@ -86,15 +86,15 @@ def discretised(
     late = max(float(parameters.delay), 0.0) / step
     whole = math.floor(late + _ROUNDING)
     rest = late - whole if late - whole > _ROUNDING else 0.0
-    count, kept = system.nstates, whole + (rest > 0)
+    count, commands = system.nstates, whole + (rest > 0)
     generator = np.zeros((count + 1, count + 1))
     generator[:count] = np.hstack([system.A, system.B])
     newer, older = (expm(generator * step * share) for share in (1 - rest, rest))
     now = newer[:count, count]  # of the command that acts at a step's end,
     before = newer[:count, :count] @ older[:count, count]  # and of the one before it
-    a, b = np.zeros((count + kept, count + kept)), np.eye(count + kept, 1, -count)
+    a, b = np.zeros((count + commands, count + commands)), np.eye(count + commands, 1, -count)
     a[:count, :count] = newer[:count, :count] @ older[:count, :count]
-    a[count + 1 :, count:-1] = np.eye(max(kept - 1, 0))
+    a[count + 1 :, count:-1] = np.eye(max(commands - 1, 0))
     for back, effect in enumerate([now, before][: 1 + (rest > 0)], whole):
         if back:
             a[:count, count + back - 1] = effect
@@ -103,12 +103,12 @@ def discretised(
     return control.ss(
         a,
         b,
-        np.eye(2, count + kept),
+        np.eye(2, count + commands),
         np.zeros((2, 1)),
         step,
         inputs=["command"],
         outputs=["angle", "velocity"],
-        states=[*system.state_labels, *(f"command[{-k}]" for k in range(1, kept + 1))],
+        states=[*system.state_labels, *(f"command[{-k}]" for k in range(1, commands + 1))],
         name="hand",
     )
 

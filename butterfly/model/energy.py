@@ -172,7 +172,7 @@ class Orbit:
 
     @property
     def least(self) -> float:
-        """Energy in J that orbits of its kind have more than: of rest, or at the top."""
+        """Lower limit in J of the energy of orbits of its kind: that at rest, or at the top."""
         if self.direction:
             return _turning(self.parameters)[1]
         return float(potential(self.parameters, np.linspace(self.lower, self.upper, _GRID)).min())

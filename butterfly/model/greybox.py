@@ -59,8 +59,8 @@ def derived(p: Any) -> tuple[float, ...]:  # noqa: ANN401 - also translated
 def of_base(p: Any) -> tuple[float, ...]:  # noqa: ANN401 - also translated
     """Return the derived constants of a moving base."""
     w = p.base_frequency
-    moment, beside = first_moments(p)
-    return p.base_compliance, 1 / w**2, 2 * p.base_damping / w, moment, beside
+    moment, moment_offset = first_moments(p)
+    return p.base_compliance, 1 / w**2, 2 * p.base_damping / w, moment, moment_offset
 
 
 _IN_ORDER = itemgetter(*Constants._fields)
@@ -73,10 +73,10 @@ def constants_of(p: LumpedParameters, *, moving: bool | None = None) -> Constant
     may try negative friction under a load; it counts as 0, since it would drive the motion.
     Bristles without Coulomb friction are ignored.
     """
-    own = dict(zip(DERIVED, derived(p), strict=True)) | {"geared": p.geared}
+    constants = dict(zip(DERIVED, derived(p), strict=True)) | {"geared": p.geared}
     gives = of_base(p) if moving or p.base_gives else (0.0,) * len(OF_BASE)
-    own |= dict(zip(OF_BASE, gives, strict=True))
-    return Constants(*map(float, _IN_ORDER(vars(p) | own)))
+    constants |= dict(zip(OF_BASE, gives, strict=True))
+    return Constants(*map(float, _IN_ORDER(vars(p) | constants)))
 
 
 class Simulated(NamedTuple):
@@ -158,7 +158,7 @@ class Columns:
     joint: LumpedParameters  # with its added mass
     column: NDArray[np.int64]  # (k,) of the kernel's `COLUMNS`
     initial: Samples  # (4, k) derivatives of the initial state
-    mixture: Samples  # (k, n) derivatives of what the columns stand for by the parameters
+    mixture: Samples  # (k, n) derivatives of the quantities of the columns by the parameters
 
     @classmethod
     def of(
@@ -175,19 +175,19 @@ class Columns:
         to what such a base would add, which takes a quarter of the time.
         """
         loaded = parameters.with_added_mass(added)
-        own = _parts(loaded, added)
+        parts = _parts(loaded, added)
         if loaded.base_gives or (exact and not {*BASE_TERMS}.isdisjoint(names)):
-            own |= _parts_of_base(parameters, added, own["tilt"]["p3"])
+            parts |= _parts_of_base(parameters, added, parts["tilt"]["p3"])
         elif not exact:
-            own |= {each: {} for each in BASE_TERMS}
-            own["base_compliance"] = {"begin_to_give": 1.0}
+            parts |= {term: {} for term in BASE_TERMS}
+            parts["base_compliance"] = {"begin_to_give": 1.0}
         for name in names:
-            _require_derivative(name, own, loaded)
-        keys = dict.fromkeys(key for name in names for key in own[name])
+            _require_derivative(name, parts, loaded)
+        keys = dict.fromkeys(key for name in names for key in parts[name])
         different = {key: number for number, key in enumerate(keys)}
         mixture = np.zeros((len(different), len(names)))
         for column, name in enumerate(names):
-            for key, share in own[name].items():
+            for key, share in parts[name].items():
                 mixture[different[key], column] = share
         initial = np.zeros((4, len(different)))
         for state, (name, slope) in enumerate(INITIAL.items()):
@@ -289,7 +289,7 @@ _NAMES = {*TERMS, *INITIAL}
 def _parts(loaded: LumpedParameters, added: AddedMass) -> dict[str, Mapping[str, float]]:
     """Return derivatives of the kernel's constants, drives and `INITIAL` by each parameter."""
     brakes = loaded.coulomb >= 0
-    held = loaded.stribeck < -max(loaded.coulomb, 0.0)  # at that, so that friction is none at rest
+    held = loaded.stribeck < -max(loaded.coulomb, 0.0)  # at that limit friction at rest is 0
     level = {"coulomb": 1.0} | ({"stribeck": -1.0} if held else {}) if brakes else {}
     return _ALONE | {
         "p2": {"viscous": 1.0},
@@ -324,11 +324,11 @@ def _parts_of_base(
 
 
 def _require_derivative(
-    name: str, own: Mapping[str, Mapping[str, float]], loaded: LumpedParameters
+    name: str, parts: Mapping[str, Mapping[str, float]], loaded: LumpedParameters
 ) -> None:
     """Raise InputError unless the model has a derivative by a parameter at its value."""
-    if name not in _NAMES or name not in own:
-        known = [each for each in (*TERMS, *INITIAL) if each in own]
+    if name not in _NAMES or name not in parts:
+        known = [term for term in (*TERMS, *INITIAL) if term in parts]
         raise InputError("sensitivities", "parameter", name, nearest(name, known))
     if name == "time_constant" and not loaded.time_constant > 0:
         expected = "more than 0 s, for its derivative (at 0 s the current has no lag)"
@@ -339,5 +339,5 @@ def _require_derivative(
     if name.startswith("bristle_") and not constants_of(loaded).bristle_stiffness > 0:
         stiffness, coulomb = loaded.bristle_stiffness, loaded.coulomb
         expected = "both more than 0, for their derivatives"
-        found = f"{stiffness:g} N m/rad and {coulomb:g} N m"
-        raise InputError("sensitivities", "bristle_stiffness and coulomb", found, expected)
+        values = f"{stiffness:g} N m/rad and {coulomb:g} N m"
+        raise InputError("sensitivities", "bristle_stiffness and coulomb", values, expected)

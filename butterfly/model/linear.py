@@ -49,13 +49,13 @@ class LinearJoint:
         """Linearise the loaded joint about an angle in rad at which a constant input holds it."""
         p = parameters
         # by an imaginary step, exact to rounding (Squire & Trapp, SIAM Review 40, 1998)
-        beside = p.motion(angle + 1j * _ASIDE, 0.0)
+        motion = p.motion(angle + 1j * _ASIDE, 0.0)
         back_emf = p.back_emf if p.time_constant > 0 else 0.0
         return cls(
             inertia=p.p1,
             damping=p.p2 - back_emf,
             back_emf=back_emf,
-            stiffness=float(np.imag(torque_of(p, beside, CONSERVATIVE)) / _ASIDE),
+            stiffness=float(np.imag(torque_of(p, motion, CONSERVATIVE)) / _ASIDE),
             gain=p.p4,
             time_constant=p.time_constant,
             delay=p.delay,

@@ -123,9 +123,9 @@ class Friction(FrictionTerms):
                 "Friction", "coulomb", self.coulomb, "more than 0 with bristle_stiffness"
             )
         if self.bristle_stiffness > 0 and (self.geared or self.coulomb_slope):
-            found = f"{self.bristle_stiffness:g} N m/rad"
+            stiffness = f"{self.bristle_stiffness:g} N m/rad"
             expected = "0 with friction that depends on torque or angle (not simulated together)"
-            raise InputError("Friction", "bristle_stiffness", found, expected)
+            raise InputError("Friction", "bristle_stiffness", stiffness, expected)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -269,8 +269,8 @@ class AddedMass:
     @property
     def inertia_and_moment(self) -> tuple[float, float]:
         """Z and X (81) of the `key`: its effect on the motion, except friction by its weight."""
-        mass, arm, own, gravity, joint = self.key
-        inertia = mass if joint is JointKind.SLIDE else mass * arm**2 + own
+        mass, arm, own_inertia, gravity, joint = self.key
+        inertia = mass if joint is JointKind.SLIDE else mass * arm**2 + own_inertia
         return rounded(inertia), rounded(mass * gravity * arm)
 
     def __str__(self) -> str:
@@ -278,8 +278,8 @@ class AddedMass:
             return "no added mass"
         if self.joint is JointKind.SLIDE:
             return f"{1e3 * self.mass:g} g"
-        own = f" with {self.own_inertia:g} kg m²" if self.own_inertia else ""
-        return f"{1e3 * self.mass:g} g at {1e3 * self.arm:g} mm{own}"
+        suffix = f" with {self.own_inertia:g} kg m²" if self.own_inertia else ""
+        return f"{1e3 * self.mass:g} g at {1e3 * self.arm:g} mm{suffix}"
 
 
 NO_ADDED_MASS = AddedMass()

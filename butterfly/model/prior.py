@@ -73,8 +73,8 @@ class Known:
 
     def precision(self, at: float) -> float:
         """Return the weight of the equivalent square at a value."""
-        apart = (at - self.value) / self.uncertainty
-        return (2 / (1 + apart**2) if self.heavy else 1.0) / self.uncertainty**2
+        distance = (at - self.value) / self.uncertainty
+        return (2 / (1 + distance**2) if self.heavy else 1.0) / self.uncertainty**2
 
     def penalty(self, at: float) -> float:
         """Return -2 log of the density at a value relative to its peak."""
@@ -105,8 +105,8 @@ class Prior:
                 expected = nearest(name, valid)
                 raise InputError(str(source), f"known.{name}", "an unknown name", expected)
         values = {name: known_of(value, source, f"known.{name}") for name, value in given.items()}
-        for name, each in values.items():
-            _require_possible(source, name, each)
+        for name, known in values.items():
+            _require_possible(source, name, known)
         return cls(values)
 
     def __bool__(self) -> bool:
@@ -119,32 +119,32 @@ class Prior:
     @cached_property
     def parameters(self) -> dict[str, Known]:
         """Known parameters of the model."""
-        return {name: each for name, each in self.values.items() if name in TERMS}
+        return {name: known for name, known in self.values.items() if name in TERMS}
 
     @property
     def lower(self) -> dict[str, float]:
         """Lower ends of the half distributions."""
-        return {name: each.value for name, each in self.parameters.items() if each.heavy}
+        return {name: known.value for name, known in self.parameters.items() if known.heavy}
 
     @cached_property
     def physical(self) -> dict[str, Known]:
         """Known physical values of motor and joint."""
-        return {name: each for name, each in self.values.items() if name in PHYSICAL}
+        return {name: known for name, known in self.values.items() if name in PHYSICAL}
 
     @cached_property
     def scales(self) -> dict[str, float]:
         """Uncertainties of the scales."""
-        return {name: each.uncertainty for name, each in self.values.items() if name in SCALES}
+        return {name: known.uncertainty for name, known in self.values.items() if name in SCALES}
 
     @cached_property
     def fixed(self) -> dict[str, float]:
         """Values of the exactly known parameters."""
-        return {name: each.value for name, each in self.parameters.items() if each.fixed}
+        return {name: known.value for name, known in self.parameters.items() if known.fixed}
 
     @cached_property
     def uncertain(self) -> dict[str, Known]:
         """Parameters known with an uncertainty."""
-        return {name: each for name, each in self.parameters.items() if not each.fixed}
+        return {name: known for name, known in self.parameters.items() if not known.fixed}
 
     def scale(self, carried: AddedMass = NO_ADDED_MASS) -> tuple[str, ...]:
         """Names of the known torques that are not 0 with an added mass: they set the scale."""
@@ -184,13 +184,15 @@ class Prior:
     @property
     def held(self) -> str | None:
         """Name of the uncertain parameter that is held, if any."""
-        return next((name for name, each in self.values.items() if each.held), None)
+        return next((name for name, known in self.values.items() if known.held), None)
 
     @property
     def given(self) -> Prior:
         """The values that were given: no guess of the delay, no uncertain parameter held."""
         values = self.values.items()
-        return Prior({name: replace(each, held=False) for name, each in values if not each.heavy})
+        return Prior(
+            {name: replace(known, held=False) for name, known in values if not known.heavy}
+        )
 
     def open(self, names: Iterable[str]) -> tuple[str, ...]:
         """Return the names without a fixed value."""
@@ -198,13 +200,13 @@ class Prior:
 
     def fitted(self, names: Iterable[str]) -> tuple[str, ...]:
         """Return the names to fit, and other uncertain parameters."""
-        found = self.open(names)
-        return (*found, *(name for name in self.uncertain if name not in found))
+        unknown = self.open(names)
+        return (*unknown, *(name for name in self.uncertain if name not in unknown))
 
     def within(self, names: Iterable[str]) -> Prior:
         """Return the prior of some parameters, with physical values and scales."""
         wanted = {*names, *PHYSICAL, *SCALES, LAG}
-        return Prior({name: each for name, each in self.values.items() if name in wanted})
+        return Prior({name: known for name, known in self.values.items() if name in wanted})
 
     def agreeing(self, other: Prior, source: object) -> Prior:
         """Return both priors of one robot; InputError if they differ."""
@@ -217,7 +219,7 @@ class Prior:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for `of`."""
-        return {name: plain(each) for name, each in self.values.items()}
+        return {name: plain(known) for name, known in self.values.items()}
 
 
 NO_PRIOR = Prior()
@@ -299,14 +301,14 @@ class Penalty:
 
         ``values``: where heavy tails are linearised, by default at their peak.
         """
-        own = [known[n] if n in known and known[n].uncertainty else None for n in names]
-        if not any(own):
+        priors = [known[n] if n in known and known[n].uncertainty else None for n in names]
+        if not any(priors):
             return None
-        mean = np.array([each.value if each else 0.0 for each in own])
+        mean = np.array([prior.value if prior else 0.0 for prior in priors])
         weight = np.array(
             [
-                variance * each.precision((values or {}).get(name, each.value)) if each else 0.0
-                for name, each in zip(names, own, strict=True)
+                variance * prior.precision((values or {}).get(name, prior.value)) if prior else 0.0
+                for name, prior in zip(names, priors, strict=True)
             ]
         )
         return cls(mean=mean, weight=weight, variance=variance)
@@ -321,19 +323,19 @@ class Penalty:
         weight = self.weight * (variance / self.variance)
         return replace(self, weight=weight, variance=variance)
 
-    def take(self, kept: NDArray[np.intp] | NDArray[np.bool_]) -> Penalty:
+    def take(self, index: NDArray[np.intp] | NDArray[np.bool_]) -> Penalty:
         """Return the penalty of some of the values."""
-        return replace(self, mean=self.mean[kept], weight=self.weight[kept])
+        return replace(self, mean=self.mean[index], weight=self.weight[index])
 
     def without(self, lost: NDArray[np.bool_]) -> Penalty:
         """Return the penalty without some of the values, by a mask."""
         return replace(self, weight=np.where(lost, 0.0, self.weight))
 
     def beside(self, other: Penalty | None, at: int) -> Penalty:
-        """Return it with what another penalty, of all values but that numbered ``at``, has more."""
+        """Return the penalty with what another, of all values but that numbered ``at``, adds."""
         if other is None:
             return self
-        mean, weight = (np.insert(each, at, 0.0) for each in (other.mean, other.weight))
+        mean, weight = (np.insert(array, at, 0.0) for array in (other.mean, other.weight))
         mean = np.where(self.active, self.mean, mean)
         weight *= self.variance / other.variance
         return replace(self, mean=mean, weight=np.where(self.active, self.weight, weight))
@@ -382,7 +384,7 @@ TAKES = {
 
 def usable(method: str, known: Prior) -> Prior:
     """Return the part of a prior that a method can use; any can use a term's absence."""
-    return known.within(n for n, each in known.parameters.items() if _can_use(method, n, each))
+    return known.within(n for n, value in known.parameters.items() if _can_use(method, n, value))
 
 
 def require_usable(method: str, known: Prior, names: tuple[str, ...] = PARAMETERS) -> None:
@@ -391,10 +393,10 @@ def require_usable(method: str, known: Prior, names: tuple[str, ...] = PARAMETER
         expected = "at least one unknown parameter (to use known ones only: `predict`)"
         raise InputError(method, "known", f"{', '.join(names)}, all exactly", expected)
     for name in known.parameters.keys() - usable(method, known).parameters.keys():
-        each = known.parameters[name]
-        others = " or ".join(other for other in TAKES if _can_use(other, name, each))
+        value = known.parameters[name]
+        others = " or ".join(other for other in TAKES if _can_use(other, name, value))
         expected = f"the method {others}" if others else "an exact value"
-        raise InputError(method, f"known.{name}", each, expected)
+        raise InputError(method, f"known.{name}", value, expected)
 
 
 def _can_use(method: str, name: str, known: Known) -> bool:

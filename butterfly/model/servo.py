@@ -229,18 +229,18 @@ class ServoLoop:
     @property
     def uncertain(self) -> dict[str, Known]:
         """Priors of the gains to identify, as factors on the given values."""
-        found = {}
+        priors = {}
         for name in _GAINS:
             gain = getattr(self, name)
             if gain.uncertainty:
-                found[f"loop_{name}"] = Known(value=1.0, uncertainty=gain.uncertainty / gain.value)
-        return found
+                priors[f"loop_{name}"] = Known(value=1.0, uncertainty=gain.uncertainty / gain.value)
+        return priors
 
     def __str__(self) -> str:
-        told = {each.name: getattr(self, each.name) for each in fields(self)[1:]}
-        usual = {each.name: each.default for each in fields(self)}
-        said = (f"{name} {each}" for name, each in told.items() if each != usual[name])
-        return ", ".join([self.law, *said])
+        values = {field.name: getattr(self, field.name) for field in fields(self)[1:]}
+        usual = {field.name: field.default for field in fields(self)}
+        texts = (f"{name} {value}" for name, value in values.items() if value != usual[name])
+        return ", ".join([self.law, *texts])
 
     def at_joint(self, ratio: float) -> ServoLoop:
         """Return the loop at the joint of an encoder that turns ``ratio`` times as fast."""

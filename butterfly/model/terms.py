@@ -79,13 +79,13 @@ class Term:
     state: str = ""  # State that it adds to the joint, if any
     # Name of a residual torque of this shape; empty if not searched for
     looks_like: str = ""
-    follows: frozenset[str] = frozenset()  # Terms of which it needs one
-    shows_as: frozenset[str] = frozenset()  # Terms of which it leaves one where it is not fitted
+    follows: frozenset[str] = frozenset()  # It needs one of these terms
+    shows_as: frozenset[str] = frozenset()  # It shows as one of these terms where it is not fitted
     # Names of the estimators that can estimate it when asked to
     offered: frozenset[str] = frozenset()
     tried: Literal["", "common", "rare"] = ""  # How common it is, if it is tried unasked
     of_servo: bool = False  # Whether it is common in servos
-    most: float = math.inf  # Above which one that was not asked for stands for something else
+    most: float = math.inf  # Above it, one that was not asked for is taken for something else
     setting: bool = False  # Whether other terms are taken at it, and closed forms know it
     positive: bool = False  # Whether no joint has a 0 of it
     # What logs need to show it at all: gravity, an angle that is measured, a drive, or an input
@@ -231,9 +231,9 @@ class DriveTerms:
 
     def slope(self, name: str, inputs: Samples) -> Samples:
         """Return the (n,) derivatives of the output for (n,) commands by one term."""
-        left = DriveTerms(dead_zone=self.dead_zone).delivered(inputs)
-        slopes = -np.sign(left) if name == "dead_zone" else -left * abs(left)
-        weaker = (1 + self.compression * abs(left)) ** 2 if self.compression else 1.0
+        excess = DriveTerms(dead_zone=self.dead_zone).delivered(inputs)
+        slopes = -np.sign(excess) if name == "dead_zone" else -excess * abs(excess)
+        weaker = (1 + self.compression * abs(excess)) ** 2 if self.compression else 1.0
         return np.asarray(slopes / weaker)
 
 
@@ -504,8 +504,8 @@ _ROWS = (
 
 GEAR = tuple(
     f"{which}_{kind}"
-    for kind, each in (("friction", 2), ("stribeck", 4))
-    for which in ("motor", "load", "lifting", "lowering")[:each]
+    for kind, count in (("friction", 2), ("stribeck", 4))
+    for which in ("motor", "load", "lifting", "lowering")[:count]
 )
 """Friction that grows with torque."""
 _OF_GEAR = attrgetter(*GEAR)
@@ -613,7 +613,7 @@ def made_up(parameters: FrictionTerms, motion: Motion, rows: Sequence[Term]) -> 
 
 
 def companions(names: Iterable[str]) -> set[str]:
-    """Return the names of the terms that follow some terms."""
+    """Return the names of the terms that need one of some terms."""
     leaders = {*names}
     return {row.name for row in _ROWS if row.follows & leaders}
 

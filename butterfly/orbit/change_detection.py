@@ -61,15 +61,15 @@ class Alarm:
     @property
     def possible(self) -> tuple[Cause, ...]:
         """Parameters each of which may have changed alone; none if several have."""
-        return tuple(each for each in self.causes if each.possible)
+        return tuple(cause for cause in self.causes if cause.possible)
 
 
 class ChangeDetector:
     """Generalised likelihood ratio of a change of one parameter, p1 or a ratio to it.
 
     It tests whether the rows since any instant in the last ``window`` s have other parameters than
-    the reference before them, which is at least and at most so many s long. The statistic is the
-    largest score in standard errors. On a sound robot it exceeds the threshold once in
+    the ``reference`` before them, given by its least and its greatest length in s. The statistic is
+    the largest score in standard errors. On a sound robot it exceeds the threshold once in
     ``false_alarms_every`` s by Siegmund & Venkatraman's rate (Annals of Statistics 23, 1995) and
     Bonferroni's inequality. What follows a change is the next reference.
     """
@@ -89,7 +89,7 @@ class ChangeDetector:
         if not _FEWEST * length <= least <= most < math.inf:
             expected = f"two times in s, the shorter first and {_FEWEST * length:g} or more"
             raise InputError("ChangeDetector", "reference", reference, expected)
-        counts = (math.ceil(each / length) for each in (least, most, window))
+        counts = (math.ceil(duration / length) for duration in (least, most, window))
         self._least, self._most, self._window = counts
         self._rate, self._half_width = length / false_alarms_every, half_width
         self._names: tuple[str, ...] = ()
@@ -161,7 +161,7 @@ class _Reference:
 
     def __init__(self, names: tuple[str, ...], stretches: list[_Stretch]) -> None:
         self._names = names
-        self._scale = np.sqrt(np.diag(np.sum([each.sums for each in stretches], axis=0)))
+        self._scale = np.sqrt(np.diag(np.sum([s.sums for s in stretches], axis=0)))
         self._scale[self._scale == 0] = self._scale[-1] = 1.0
         self._values, self._freedom = np.zeros(len(names)), len(stretches) - len(names)
         squares, products = self._sums(stretches)
@@ -176,17 +176,17 @@ class _Reference:
 
     def _sums(self, stretches: list[_Stretch]) -> tuple[Samples, Samples]:
         """Return the (k, n, n) A and (k, n) scores of k stretches."""
-        sums = np.array([each.sums for each in stretches]) / np.outer(self._scale, self._scale)
+        sums = np.array([s.sums for s in stretches]) / np.outer(self._scale, self._scale)
         squares = sums[:, :-1, :-1]
         return squares, sums[:, :-1, -1] - squares @ self._values
 
     def _powers(self, squares: Samples) -> Samples:
         """(..., n + 1) sums of squares along each direction, of (..., n, n) A."""
-        found = np.einsum("ih,...ij,jh->...h", self._directions, squares, self._directions)
-        return np.asarray(np.maximum(found, _LEAST))
+        powers = np.einsum("ih,...ij,jh->...h", self._directions, squares, self._directions)
+        return np.asarray(np.maximum(powers, _LEAST))
 
     def _spreads(self, squares: Samples) -> Samples:
-        """(..., n + 1) what variances of scores go with, those of the ratios' own error added."""
+        """(..., n + 1) factors of the scores' variances, the error of the ratios included."""
         powers = self._powers(squares)
         return powers * (1 + powers / self._powers(self._total))
 
@@ -211,7 +211,7 @@ class _Reference:
         The likeliest parameter comes first. As the covariance is estimated, what a parameter does
         not explain makes less certain what it does (Kelly, IEEE Trans. AES 22, 1986).
         """
-        square, score = (each.sum(axis=0) for each in self._sums(stretches))
+        square, score = (stack.sum(axis=0) for stack in self._sums(stretches))
         covariance = self._covariance(square)
         precision = np.linalg.pinv(covariance, hermitian=True)
         moved = square @ self._directions

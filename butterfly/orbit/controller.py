@@ -89,9 +89,8 @@ class EnergyShaping:
     believed; gamma is in units of the input per rad/s and J. A ``kick`` along the velocity starts a
     hand that stands still, which (109) would leave alone.
 
-    A hand that is to turn over makes up for its bias, too, and goes over the top in the direction
-    of the orbit: while it moves the other way, E* is as many times below the top's energy as it is
-    above it otherwise.
+    For an orbit that turns over, bias is compensated, too. While the hand moves against the orbit's
+    direction, E* is below the top's energy by the factor by which it is above it otherwise.
     """
 
     def __init__(

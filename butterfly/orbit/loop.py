@@ -142,9 +142,9 @@ def calibrate(
     """Hold the orbit, re-calibrate next to it, and hold it better.
 
     ``believed`` are parameters of the bare hand to begin with, from small swings say, ``zero`` is
-    the encoder reading in rad of the hanging hand; the dither is drawn from ``rng``. Of a simulated
-    rig the intervals include the simulator's own error: what changes from the first of its
-    ``plants`` to the second, which is solved more finely, if both draw the same random numbers.
+    the encoder reading in rad of the hanging hand; the dither is drawn from ``rng``. ``plants`` are
+    a simulated rig solved roughly and finely, with the same random numbers: the intervals then
+    include the simulator's error, which is the change of the estimate between them.
     """
     require_number("believed parameters", positive=True, p1=believed.p1, p4=believed.p4)
     loaded = {mass: believed.with_added_mass(mass) for mass in schedule.added_masses}
@@ -153,7 +153,10 @@ def calibrate(
     for _ in track(range(schedule.rounds), "Calibrating"):
         logs = _runs(rig, loaded, zero, schedule, rng)
         before = loaded[schedule.added_masses[0]]
-        orbit, found = schedule.target(before), recalibrate(logs, zero, schedule.recalibration)
+        orbit, recalibration = (
+            schedule.target(before),
+            recalibrate(logs, zero, schedule.recalibration),
+        )
         turns, settled = orbit.direction != 0, _settled(logs[0])
         last = Round(
             believed=before,
@@ -162,10 +165,10 @@ def calibrate(
             logs=tuple(logs),
             starts=len(schedule.starts),
             reached=(mean_speed if turns else swing)(logs[0], zero, settled),
-            recalibration=found,
+            recalibration=recalibration,
         )
         rounds.append(last)
-        loaded = {mass: found.loaded(mass, before.p1) for mass in schedule.added_masses}
+        loaded = {mass: recalibration.loaded(mass, before.p1) for mass in schedule.added_masses}
         if abs(last.error) <= (schedule.speed_tolerance if turns else schedule.amplitude_tolerance):
             ending = f"the {'speed' if turns else 'amplitude'} error is within its bound"
             break
@@ -176,12 +179,14 @@ def calibrate(
             ending = "the parameters have converged"
             break
     if plants is not None:
-        found = rounds[-1].recalibration
+        recalibration = rounds[-1].recalibration
         of_plants = (_runs(p, loaded, zero, schedule, np.random.default_rng(0)) for p in plants)
         equations = [LoopEquations(logs, zero, schedule.recalibration) for logs in of_plants]
-        rough, fine = (each.fit(found.estimate.names)[0].values for each in equations)
-        found = replace(found, estimate=found.estimate.resting_on(fine - rough))
-        rounds[-1] = replace(rounds[-1], recalibration=found)
+        rough, fine = (loop.fit(recalibration.estimate.names)[0].values for loop in equations)
+        recalibration = replace(
+            recalibration, estimate=recalibration.estimate.resting_on(fine - rough)
+        )
+        rounds[-1] = replace(rounds[-1], recalibration=recalibration)
     return Calibration(rounds=tuple(rounds), ending=ending)
 
 
@@ -196,7 +201,7 @@ def _runs(
     logs: list[Log] = []
     for added, model in loaded.items():
         runs = [(start, schedule.target(model)) for start in schedule.starts]
-        runs += [(each, Orbit.of_amplitude(model, each)) for each in schedule.orbits]
+        runs += [(amplitude, Orbit.of_amplitude(model, amplitude)) for amplitude in schedule.orbits]
         for start, orbit in runs:
             law: ControlLaw = schedule.law(orbit, zero)
             if schedule.dither > 0 and logs:
@@ -296,8 +301,8 @@ def study_orbit(
 
     last, generic = calibration.rounds[-1], calibration.rounds[0].believed
     nominal = last.orbit.of_same_size(final)
-    beside = schedule.starts[0] if nominal.direction else _BESIDE * nominal.upper
-    held_out = run(nominal, beside)
+    angle = schedule.starts[0] if nominal.direction else _BESIDE * nominal.upper
+    held_out = run(nominal, angle)
     before, after = (beside_orbit(held_out, model, zero, nominal) for model in (generic, final))
     followed = Finding(FindingKind.FOLLOWED, number=1 - after.fit / 100)
     judged = judge_fit(np.array([after.followed]))
@@ -306,8 +311,8 @@ def study_orbit(
         orbit = Orbit.of_amplitude(final, amplitude)
         fresh.append(run(orbit, _BESIDE * amplitude))
         logs = [run(orbit, share * amplitude) for share in _AROUND]
-        found = recalibrate(logs, zero, schedule.recalibration)
-        models_at.append(found.loaded(carried, final.p1))
+        recalibration = recalibrate(logs, zero, schedule.recalibration)
+        models_at.append(recalibration.loaded(carried, final.p1))
     other = watched = None
     if schedule.also is not None:
         plan = replace(schedule, target=schedule.also)
@@ -365,10 +370,10 @@ def watch(
 def beside_orbit(
     log: Log, loaded: LumpedParameters, zero: float, orbit: Orbit | None = None
 ) -> FreeRun:
-    """Return a free run of `PERIODS` from where a log is at rest, its first sample.
+    """Return a free run of `PERIODS` from the first sample of a log, where the hand is at rest.
 
-    Of an ``orbit`` that turns over from where the log is settled on it: how fast a hand goes over
-    the top that it hardly reaches cannot be foretold.
+    For an ``orbit`` that turns over it begins where the log is settled on it: the speed over a top
+    that is hardly reached cannot be predicted.
     """
     setting = Setting(parameters=loaded, zero=zero)
     if orbit is not None and orbit.direction:

@@ -40,14 +40,14 @@ def loop_margins(orbit: Orbit, gamma: float, *, lag: float = 0.0) -> Margins:
     """Return the gain and delay margins of the loop about its orbit, by bisection.
 
     The loop is a periodic one and has no single frequency response. What is multiplied is the
-    feedback of the energy; what is delayed is the whole command. The first factor and delay are
-    given with which either
+    feedback of the energy; what is delayed is the whole command. The margins are the first factor
+    and the first delay with which either
 
     - a nontrivial Floquet multiplier leaves the unit circle, or
-    - friction, made up for late, takes more energy from every smaller swing than the feedback
-      gives, so that the hand comes to rest: a balance of powers over a period, in which the
-      swing is the orbit of that energy, slowed by what of the command is in phase with the angle;
-      from every slower turn over the top, so that the hand falls back.
+    - friction, compensated late, takes more energy from every smaller swing than the feedback
+      gives, and the hand comes to rest; or from every slower turn, and it falls back. Powers are
+      balanced over a period of the orbit of that energy; a swing is slowed by the part of the
+      command in phase with the angle.
 
     Within the margins the loop holds an orbit, but with friction and a delay not quite the wanted
     one, and a wrong p4 moves it too. The delay of the orbit's parameters is in the loop, and the
@@ -65,9 +65,9 @@ def loop_margins(orbit: Orbit, gamma: float, *, lag: float = 0.0) -> Margins:
 
     multiplier = transverse.multiplier(gamma, now)
     if not holds(1.0, 0.0):
-        found = f"Floquet multiplier {multiplier:.3g} with {now:.3g} s of lag"
+        finding = f"Floquet multiplier {multiplier:.3g} with {now:.3g} s of lag"
         expected = "a stable orbit; reduce the lag or change gamma"
-        raise InputError("loop_margins", "loop", found, expected)
+        raise InputError("loop_margins", "loop", finding, expected)
     factors = np.geomspace(_RATIO, _LARGEST, round(math.log(_LARGEST, _RATIO)))
     delays = orbit.period * np.arange(1, _PARTS + 1) / _PARTS
     low, high = (
@@ -136,10 +136,10 @@ class _Smaller:
         shares = np.sin(np.pi * (np.arange(_LEVELS) + 0.5) / _LEVELS / 2) ** 2
         self._missing = _DEEPEST * (orbit.energy - orbit.least) * shares  # (n,) J short of it
         energies = (orbit.energy - self._missing).tolist()
-        orbits = [Orbit.of_energy(p, each, orbit.direction or 1) for each in energies]
-        self._periods = np.array([each.period for each in orbits])
+        orbits = [Orbit.of_energy(p, energy, orbit.direction or 1) for energy in energies]
+        self._periods = np.array([smaller.period for smaller in orbits])
         times = np.arange(_SAMPLES) / _SAMPLES
-        motions = np.array([each.solution(times * each.period) for each in orbits])
+        motions = np.array([smaller.solution(times * smaller.period) for smaller in orbits])
         angle, self._velocity = motions[:, 0], motions[:, 1]  # (n, samples)
         # a term's basis need not take arrays
         states = np.stack([angle, self._velocity], axis=-1).reshape(-1, 2).tolist()
@@ -147,7 +147,10 @@ class _Smaller:
         self._friction = np.reshape(friction, angle.shape)
 
     def carry(self, gamma: float, delay: float) -> bool:
-        """Say whether any gains energy, at w^2 + w strength/p1 sin(w delay) = (2 pi/T)^2."""
+        """Return whether any of them gains energy in a period of the late loop.
+
+        Its frequency w in rad/s solves w^2 + w strength/p1 sin(w delay) = (2 pi/T)^2.
+        """
         p, velocity, free = self._orbit.parameters, self._velocity, 2 * np.pi / self._periods
         command = self._friction + abs(p.p4) * gamma * self._missing[:, None] * velocity
         strength = np.mean(command * velocity, axis=1) / np.mean(velocity**2, axis=1)

@@ -150,7 +150,7 @@ def estimate_of(
     method: str,
     scale: FindingKind,
 ) -> Estimate:
-    """Return the estimate of equations, and if there are enough runs those without each."""
+    """Return the estimate of equations, with its values without each run if there are enough."""
     solved = regression.linearised(solution)
     left_out: dict[Hashable, Samples] = {}
     runs = np.unique(run)
@@ -168,8 +168,8 @@ def chosen_terms(equations: Linearisation, base: tuple[str, ...]) -> tuple[str, 
     folds = np.arange(equations.log.size) % _FOLDS
     rows = tuple(name for name in equations.names if name not in base)
     model = LinearModel(every=Submodels(equations=equations, folds=folds), optional=rows)
-    kept = stagewise(model, rows, ()).model.terms
-    return (*base, *(name for name in rows if name in kept))
+    terms = stagewise(model, rows, ()).model.terms
+    return (*base, *(name for name in rows if name in terms))
 
 
 class LoopEquations:
@@ -253,7 +253,7 @@ class LinearModel:
         return replace(self, terms=self.terms.difference(names))
 
     def confirms(self, rival: Mapping[str, float]) -> bool:
-        """Whether a rival is one: its equations are linear, so that all they promise holds."""
+        """Whether a rival may be believed: what linear equations promise needs no other check."""
         here = dict(zip(self.nested.names, self.values.tolist(), strict=True))
         return is_near(rival, here, self.masses)
 

@@ -91,6 +91,6 @@ class Servo(Firmware):
 
 
 def is_on(torque_off: Spans, time: Samples) -> Samples:
-    """Return a mask of (n,) instants in s at which a servo is on."""
+    """Return (n,) numbers: 1.0 at instants in s at which a servo is on, else 0.0."""
     off = [(time >= begin) & (time < end) for begin, end in torque_off]
     return np.asarray(1.0 - np.any(off, axis=0))

@@ -126,7 +126,7 @@ class MujocoJoint(Joint):
     """The robot in MuJoCo; with a ``scene`` its ``model`` and ``data`` can be viewed.
 
     MuJoCo's dry friction reverses before the joint does, by half its time constant, which is raised
-    to two steps: with a ``fine`` joint, of a tenth of the step, by a tenth.
+    to two steps. A ``fine`` joint takes a tenth of the step, and this lead is a tenth too.
     """
 
     def __init__(
@@ -335,9 +335,9 @@ class GreyBoxJoint(Joint):
 
         NaN once the joint has turned beyond `LARGEST_ANGLE`.
         """
-        told = (stamps, self._loaded.p4 * commands, arrivals, self._moving)
+        inputs = (stamps, self._loaded.p4 * commands, arrivals, self._moving)
         angles = np.full(stamps.size, np.nan)
-        _follow(self._constants, self._state, *told, angles)
+        _follow(self._constants, self._state, *inputs, angles)
         return angles
 
     @property

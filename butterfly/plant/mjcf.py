@@ -46,7 +46,7 @@ def compile_model(
     root = built(robot, added, scene=scene, assisted=True)
     if not scene:  # all that is drawn would cost time where nobody looks
         for parent in root.iter():
-            for child in [each for each in parent if each.tag in {"geom", "asset"}]:
+            for child in [element for element in parent if element.tag in {"geom", "asset"}]:
                 parent.remove(child)
     return mujoco.MjModel.from_xml_string(text_of(root))
 
@@ -94,8 +94,8 @@ def built(
     inertial.set("pos", f"{robot.hand.com_offset!r} 0 {-robot.hand.com_distance!r}")
     slides = robot.shape is Shape.SLIDE  # whose inertia is its mass
     inertial.set("mass", repr(robot.hand.inertia if slides else robot.hand.mass))
-    own = robot.inertia_of(added)  # what MuJoCo allows no body, less than none, the hand lacks
-    inertial.set("diaginertia", " ".join([repr(robot.hand.inertia + min(own, 0.0))] * 3))
+    inertia = robot.inertia_of(added)  # MuJoCo refuses a negative one: the hand's is reduced
+    inertial.set("diaginertia", " ".join([repr(robot.hand.inertia + min(inertia, 0.0))] * 3))
     joint = named(root, "hinge")
     joint.set("damping", f"{robot.friction.viscous!r} {friction.drag!r}")
     joint.set("stiffness", repr(robot.friction.spring))
@@ -104,7 +104,7 @@ def built(
     body.set("pos", f"0 0 {-added.arm!r}")
     inertial = next(body.iter("inertial"))
     inertial.set("mass", repr(added.mass))
-    inertial.set("diaginertia", " ".join([repr(max(own, 0.0))] * 3))
+    inertial.set("diaginertia", " ".join([repr(max(inertia, 0.0))] * 3))
     if robot.clutch:
         _insert_clutch(root, robot.clutch)
     if robot.base:
@@ -136,8 +136,8 @@ def _insert_clutch(root: ElementTree.Element, clutch: Clutch) -> None:
     hinge = named(root, "hinge")
     rotor = ElementTree.SubElement(world, "body", name="rotor")
     rotor.append(hinge)
-    own = " ".join([repr(clutch.rotor_inertia)] * 3)
-    ElementTree.SubElement(rotor, "inertial", pos="0 0 0", mass="0.001", diaginertia=own)
+    inertia = " ".join([repr(clutch.rotor_inertia)] * 3)
+    ElementTree.SubElement(rotor, "inertial", pos="0 0 0", mass="0.001", diaginertia=inertia)
     world.remove(hand)
     hand.remove(hinge)
     rotor.append(hand)
@@ -155,16 +155,16 @@ def _insert_clutch(root: ElementTree.Element, clutch: Clutch) -> None:
 def _insert_base(root: ElementTree.Element, base: Base, mass: float) -> None:
     """Put all moving parts on a base with its own mass in kg, spring and damper."""
     world = next(root.iter("worldbody"))
-    carried = [each for each in world if each.tag == "body"]
+    carried = [element for element in world if element.tag == "body"]
     body = ElementTree.SubElement(world, "body", name="base")
     slide = {"stiffness": repr(1 / base.compliance), "damping": repr(base.friction)}
     joint = {"name": "base", "type": "slide", "axis": "1 0 0"} | slide
     ElementTree.SubElement(body, "joint", joint)
     tiny = " ".join([repr(mass)] * 3)  # it does not turn
     ElementTree.SubElement(body, "inertial", pos="0 0 0", mass=repr(mass), diaginertia=tiny)
-    for each in carried:
-        world.remove(each)
-        body.append(each)
+    for part in carried:
+        world.remove(part)
+        body.append(part)
 
 
 def _pulls(p: LumpedParameters) -> list[ElementTree.Element]:

@@ -82,7 +82,7 @@ class CommandPath(DriveTerms):
     def __post_init__(self) -> None:
         if not self.limit > 0:
             raise InputError("CommandPath", "limit", self.limit, "a positive number")
-        others = {name: each for name, each in vars(self).items() if name != "limit"}
+        others = {name: value for name, value in vars(self).items() if name != "limit"}
         require_number("CommandPath", **others)
 
     def shape(self, value: float) -> float:

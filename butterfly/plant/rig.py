@@ -107,8 +107,8 @@ class SimulatedMotor:
         time, joint = self._time, self._joint
         angle = self._encoder.read_one(time, joint.angle, self._rng)
         command = self._applied if self._servo is None else self._servo.command
-        found = time, angle, joint.current(command)
-        return tuple.__new__(Reading, found)  # as `Reading` does, in half the time
+        fields = time, angle, joint.current(command)
+        return tuple.__new__(Reading, fields)  # as `Reading` does, in half the time
 
     def wait(self, duration: float) -> None:
         """Simulate ``duration`` s, switching to each delayed command at its own instant."""
@@ -202,9 +202,9 @@ class Rig:
         """Return a control loop around a joint, which may become another (see `SimulatedMotor`)."""
         path, servo = self.path, None
         if self.servo is not None:  # behind whose firmware are the flaws of the drive
-            own = replace(self.robot.lumped, **{name: getattr(path, name) for name in DRIVE})
+            parameters = replace(self.robot.lumped, **{name: getattr(path, name) for name in DRIVE})
             off = tuple((a + path.delay, b + path.delay) for a, b in self.torque_off)
-            servo = Servo(self.servo, own, off, self.supply)
+            servo = Servo(self.servo, parameters, off, self.supply)
             path = replace(path, **vars(IDEAL))
         motor = SimulatedMotor(
             joint,
@@ -220,9 +220,9 @@ class Rig:
     def rough_and_fine(
         self, seed: int | np.random.SeedSequence
     ) -> tuple[Callable[..., Log], Callable[..., Log]] | None:
-        """Return `run` with exact readings, and that of a finer rig; None for the exact grey box.
+        """Return `run` with exact readings, at usual and at finer steps; None for the grey box.
 
-        What differs is MuJoCo's error.
+        The logs of the two differ by MuJoCo's error. The grey box is exact.
         """
         if self.simulator is not Simulator.MUJOCO:
             return None

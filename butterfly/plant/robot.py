@@ -27,7 +27,7 @@ from butterfly.model.terms import BASE_TERMS
 HAND_MASS = 0.3
 """Default mass in kg of an identified joint; the motion does not depend on it."""
 
-_AMPLE = 2.0  # least masses, of a hand that cannot be as light: half of p1 is then its J_p
+_AMPLE = 2.0  # times the least mass, if `HAND_MASS` is too light: J_p is then half of p1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,9 +71,9 @@ class RobotChange:
                 raise InputError("change", "factors", name, expected)
 
     def of(self, robot: Robot) -> Robot:
-        """Return what a robot becomes."""
+        """Return a robot with the changed lumped parameters."""
         lumped = robot.lumped
-        changed = {name: each * getattr(lumped, name) for name, each in self.factors.items()}
+        changed = {name: factor * getattr(lumped, name) for name, factor in self.factors.items()}
         return Robot.of_lumped(replace(lumped, **changed))
 
 
@@ -107,9 +107,9 @@ class Robot:
         if self.base:
             require_plain_base(self.lumped)
             if not self.base.mass > self.hand.mass:
-                found = f"a mass of {self.base.mass:g} kg"
+                mass = f"a mass of {self.base.mass:g} kg"
                 expected = f"more than the mass of the joint on it, {self.hand.mass:g} kg"
-                raise InputError("Base", "compliance", found, expected)
+                raise InputError("Base", "compliance", mass, expected)
         if self.clutch and not self.clutch.rotor_inertia < self.hand.inertia:
             raise InputError(
                 "Clutch",
@@ -205,9 +205,9 @@ class Robot:
         """Return the lumped parameters with an added mass (78), or refuse it."""
         mounted = replace(added, gravity=GRAVITY, joint=JointKind.HINGE)
         if added.inertia_and_moment != mounted.inertia_and_moment:
-            found = f"{added} on a {added.joint} under {added.gravity:g} m/s²"
+            setup = f"{added} on a {added.joint} under {added.gravity:g} m/s²"
             expected = f"a mass on a hinge under {GRAVITY} m/s², as in the simulators"
-            raise InputError("Robot", "added_masses", found, expected)
+            raise InputError("Robot", "added_masses", setup, expected)
         loaded = self.lumped.with_added_mass(added)
         bends = loaded.bristle_stiffness > 0
         if loaded.coulomb < 0 or (bends and loaded.coulomb == 0):
@@ -227,4 +227,4 @@ class Robot:
             Assistance.STICKING: self.friction.sticks_harder,
             Assistance.BRISTLES: self.friction.bristle_stiffness > 0,
         }
-        return frozenset(each for each, is_needed in needed.items() if is_needed)
+        return frozenset(assistance for assistance, is_needed in needed.items() if is_needed)

@@ -149,12 +149,12 @@ def _side_by_side(rig: Rig, batch: Sequence[_Job], duration: float) -> Callable[
     """Prepare runs of a robot that needs no `Assistance`: MuJoCo steps them all in one call."""
     courses = [_course(rig, excitation, duration, rng) for (_, excitation), rng in batch]
     models = {added: compile_model(rig.robot, added) for (added, _), _ in batch}
-    own = [models[added] for (added, _), _ in batch]
-    hinge, runs = hinge_of(own[0]), Batch(own[0], len(batch), 1)
+    run_models = [models[added] for (added, _), _ in batch]
+    hinge, runs = hinge_of(run_models[0]), Batch(run_models[0], len(batch), 1)
     for name in MODEL_FIELDS:  # in which the added masses differ
         values = [getattr(model, name, 0) for model in models.values()]
-        if any(not np.array_equal(each, values[0]) for each in values[1:]):
-            runs.expand(name)[:] = [getattr(model, name) for model in own]
+        if any(not np.array_equal(value, values[0]) for value in values[1:]):
+            runs.expand(name)[:] = [getattr(model, name) for model in run_models]
     starts = np.array([rig.start(*run) for run, _ in batch])
     runs.bind("qpos")[:, hinge], runs.bind("qvel")[:, hinge] = starts.T
 

@@ -87,8 +87,8 @@ class Encoder:
 
     def __post_init__(self) -> None:
         if not 1 <= self.steps <= FINEST:
-            found = self.steps if self.steps < FINEST else "more"
-            raise InputError("Encoder", "steps", found, f"1 to {FINEST} steps per turn")
+            steps = self.steps if self.steps < FINEST else "more"
+            raise InputError("Encoder", "steps", steps, f"1 to {FINEST} steps per turn")
         require_number("Encoder", unit="rad", noise=self.noise)
 
     def read(self, time: Samples, angle: Samples, rng: np.random.Generator) -> Samples:
@@ -163,7 +163,7 @@ class Clock:
         require_number("Clock", positive=True, unit="s", step=self.step)
         if not (math.isfinite(self.jitter) and 0 <= self.jitter <= self.step / 2):
             raise InputError("Clock", "jitter", self.jitter, "from 0 to half the step, in s")
-        if (begins := [each.begin for each in self.regimes]) != sorted(set(begins)):
+        if (begins := [regime.begin for regime in self.regimes]) != sorted(set(begins)):
             raise InputError("Clock", "regimes", begins, "increasing start times in s")
 
     @property
@@ -173,8 +173,8 @@ class Clock:
 
     def late(self, time: Samples) -> Samples:
         """Return the (n,) additional delays in s of commands at (n,) instants in s."""
-        delays = np.array([0.0, *(each.delay for each in self.regimes)])
-        begins = [each.begin for each in self.regimes]
+        delays = np.array([0.0, *(regime.delay for regime in self.regimes)])
+        begins = [regime.begin for regime in self.regimes]
         return np.asarray(delays[np.searchsorted(begins, time, side="right")])
 
     def count(self, duration: float) -> int:
@@ -188,8 +188,8 @@ class Clock:
         """Return the (n,) lengths in s of the cycles in about ``duration`` s."""
         nominal = np.full(self.count(duration), self.step)
         if self.regimes:
-            edges = [0.0, *(min(each.begin, duration) for each in self.regimes), duration]
-            steps = np.array([self.step, *(each.step for each in self.regimes)])
+            edges = [0.0, *(min(regime.begin, duration) for regime in self.regimes), duration]
+            steps = np.array([self.step, *(regime.step for regime in self.regimes)])
             nominal = np.repeat(steps, np.rint(np.diff(edges) / steps).astype(np.intp))
         if self.jitter == 0:
             return nominal

@@ -15,7 +15,7 @@ _WITH_MASS = ("the added mass's own inertia", "its arm", "the clock", "a moving 
 _FRICTION = ("a friction term missing in the model",)
 _PLAY = ("backlash", "an eccentric encoder")
 _WARM = ("friction that changes within a log (warm-up)",)
-_RESONANCE = ("an elastic joint", "a moving base")  # of which a gain grows; a lag lowers it
+_RESONANCE = ("an elastic joint", "a moving base")  # which make a gain grow; a lag lowers it
 _SCATTER = ("a varying resistance", "drive saturation", "a moving base")
 _FOLLOWS = {
     Condition.MASS: "the added mass",
@@ -66,7 +66,7 @@ def causes(contrast: Contrast) -> tuple[str, ...]:
     """Return what may be the cause of a contrast, the likeliest first; several look alike."""
     condition, name = contrast.condition, contrast.parameter
     if condition is Condition.COMMAND:
-        # the condition is 1 over the command, so that what grows with it falls with the command
+        # the condition is 1 over the command: what grows with it falls with the command
         drive = "drive saturation" if contrast.grows else "a dead zone of the drive"
         return (drive,) if name == "p4" else (*_FRICTION, drive)
     if condition is Condition.SPEED:
@@ -108,22 +108,22 @@ def contrast_text(contrast: Contrast, estimate: Estimate) -> str:
 
 def _digits(one: float, other: float) -> int:
     """Return how many digits show by how much two values differ: three, or two of that."""
-    apart, size = abs(one - other), max(abs(one), abs(other))
-    return 3 if not apart else min(max(3, 2 + math.floor(math.log10(size / apart))), 9)
+    difference, size = abs(one - other), max(abs(one), abs(other))
+    return 3 if not difference else min(max(3, 2 + math.floor(math.log10(size / difference))), 9)
 
 
 def agreement_table(contrasts: Sequence[Contrast]) -> PageTable:
     """Return a row for each parameter that follows a condition."""
     rows = [
         (
-            each.parameter,
-            _FOLLOWS.get(each.condition, "one added mass, as weighed"),
-            f"{each.first:.{_digits(each.first, each.last)}g}",
-            f"{each.last:.{_digits(each.first, each.last)}g}",
-            f"{100 * each.share:.0f} %",
-            ", ".join(causes(each)),
+            contrast.parameter,
+            _FOLLOWS.get(contrast.condition, "one added mass, as weighed"),
+            f"{contrast.first:.{_digits(contrast.first, contrast.last)}g}",
+            f"{contrast.last:.{_digits(contrast.first, contrast.last)}g}",
+            f"{100 * contrast.share:.0f} %",
+            ", ".join(causes(contrast)),
         )
-        for each in contrasts
+        for contrast in contrasts
     ]
     columns = ("parameter", "follows", "from", "to", "explains", "possible causes")
     return PageTable("Parameters that differ between conditions", columns, rows, detail=True)

@@ -97,7 +97,7 @@ def shrinking(rows: Sequence[dict[str, Any]], names: Sequence[str]) -> Figure:
 def _percent_axis(sizes: Sequence[float]) -> dict[str, Any]:
     """Return a logarithmic axis about sizes in %, at least one decade, marked 0.1 %, 1 %, 10 %."""
     ticks = log_ticks(1)
-    texts = [f"{np.format_float_positional(each, trim='-')} %" for each in ticks["tickvals"]]
+    texts = [f"{np.format_float_positional(value, trim='-')} %" for value in ticks["tickvals"]]
     first, last = math.floor(math.log10(min(sizes))), math.ceil(math.log10(max(sizes)))
     ends = [first - _MARGIN, max(last, first + 1) + _MARGIN]
     return ticks | {"ticktext": texts, "range": ends}
@@ -111,8 +111,8 @@ def played(rows: Sequence[dict[str, Any]]) -> Figure:
     for number, mass in enumerate(masses):
         some = [k for k, row in enumerate(rows) if row["added mass"] == mass]
         ends = [(rows[k]["robot time in s"], rows[k]["length in s"]) for k in some]
-        x = [each for end, length in ends for each in (end - length, end, math.nan)]
-        y = [each for k in some for each in (k, k, math.nan)]
+        x = [time for end, length in ends for time in (end - length, end, math.nan)]
+        y = [place for k in some for place in (k, k, math.nan)]
         line = {"color": look(number)[0], "width": 8}
         figure.add_scatter(x=x, y=y, mode="lines", name=mass, line=line)
     return figure

@@ -63,15 +63,15 @@ def parameter_numbers(ended: Ended) -> dict[str, dict[str, Any]]:
         return {}
     fitted = [step for step in ended.journal.steps if not step.held_out]
     shares = fitted[-1].shares if fitted else {}  # empty if a kill came before them
-    found = {}
+    numbers = {}
     for row in estimate.table():
         half = None
         if row.farther is not None and row.value and not row.known:
             half = 100 * row.farther / abs(row.value)
         share = shares.get(row.name)
         goal = half / share if half is not None and share else None
-        found[row.name] = asdict(row) | {"half_width": half, "wanted": goal}
-    return found
+        numbers[row.name] = asdict(row) | {"half_width": half, "wanted": goal}
+    return numbers
 
 
 def run_rows(journal: Journal, wish: Wish) -> list[dict[str, Any]]:
@@ -112,7 +112,7 @@ def widest(row: Mapping[str, Any]) -> str:
     widths = {name: width for name, width in widths.items() if math.isfinite(width)}
     if not widths:
         return "–"
-    name = max(widths, key=lambda each: widths[each])
+    name = max(widths, key=lambda parameter: widths[parameter])
     return f"{name} ± {upwards(widths[name] / 100)}"
 
 
@@ -121,8 +121,8 @@ def parameters_table(
 ) -> PageTable:
     """Tabulate `parameter_numbers` as `identify` does, beside the share of the goal."""
     rows, shares = [], []
-    for each in numbers.values():
-        content = dict(each)
+    for fields in numbers.values():
+        content = dict(fields)
         half, goal = content.pop("half_width"), content.pop("wanted")
         rows.append(Parameter(**content))
         shares.append(percent(half / goal) if half is not None and goal else "–")
@@ -137,7 +137,7 @@ def parameters_table(
 
 
 def _ratio_name(name: str) -> str:
-    """Return the name of a parameter of which the ratio to p1 is given, where that is one."""
+    """Return NAME/p1; NAME for one that is no ratio to p1, such as the delay."""
     return name if TERMS[name].of_gain else f"{name}/p1"
 
 
@@ -241,13 +241,13 @@ def _unpredicted(ended: Ended) -> bool:
 
 def _too_wide(ended: Ended) -> list[str]:
     """Return the parameters whose intervals exceed the goal, with both in %."""
-    estimate, found = campaign_estimate(ended), []
-    for name, each in parameter_numbers(ended).items():
-        half, goal = each["half_width"], each["wanted"]
+    estimate, texts = campaign_estimate(ended), []
+    for name, fields in parameter_numbers(ended).items():
+        half, goal = fields["half_width"], fields["wanted"]
         if half is not None and goal is not None and half > goal:
             shown = _ratio_name(name) if estimate is not None and estimate.ratios else name
-            found.append(f"{shown} ± {upwards(half / 100)} ({percent(goal / 100)} wanted)")
-    return found
+            texts.append(f"{shown} ± {upwards(half / 100)} ({percent(goal / 100)} wanted)")
+    return texts
 
 
 def campaign_notes(ended: Ended, remedy: str) -> list[str]:

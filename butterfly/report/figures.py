@@ -86,7 +86,7 @@ def log_ticks(*digits: int) -> dict[str, Any]:
     """Return what makes an axis logarithmic, with these first digits written out, as numbers."""
     powers = [(digit, power) for power in range(-9, 10) for digit in digits]
     values = [float(f"{digit}e{power}") for digit, power in powers]
-    return {"type": "log", "tickvals": values, "ticktext": [f"{each:.9g}" for each in values]}
+    return {"type": "log", "tickvals": values, "ticktext": [f"{value:.9g}" for value in values]}
 
 
 def rows_panel(names: Sequence[str], across: str, line: int = _ROW) -> Figure:
@@ -110,9 +110,9 @@ def seen_samples(columns: Sequence[Samples], most: int, *, every: int = 1) -> ND
         return np.arange(0, count, every)
     stretches = max(most // (2 * len(columns)), 1)
     edges = np.linspace(0, count, stretches + 1).astype(np.intp)
-    kept = [np.array([0, count - 1])]
+    numbers = [np.array([0, count - 1])]
     for first, last in pairwise(edges.tolist()):
         for values in columns:
             part = values[first:last]
-            kept.append(first + np.array([part.argmin(), part.argmax()]))
-    return np.unique(np.concatenate(kept))
+            numbers.append(first + np.array([part.argmin(), part.argmax()]))
+    return np.unique(np.concatenate(numbers))

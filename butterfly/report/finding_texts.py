@@ -50,11 +50,11 @@ def estimate_notes(estimate: Estimate) -> list[str]:
 
 def grave_notes(estimate: Estimate) -> list[str]:
     """Return the sentences of findings that need care, gravest first."""
-    scatters = [each for each in estimate.findings if each.kind is FindingKind.SCATTER]
+    scatters = [finding for finding in estimate.findings if finding.kind is FindingKind.SCATTER]
     return [
         *_texts_of(estimate, Level.CARE),
         *([_scatter(*scatters)] if scatters else []),
-        *(contrast_text(each, estimate) for each in estimate.agreement),
+        *(contrast_text(contrast, estimate) for contrast in estimate.agreement),
     ]
 
 
@@ -64,47 +64,51 @@ def minor_notes(estimate: Estimate) -> list[str]:
 
 
 def _texts_of(estimate: Estimate, level: Level) -> list[str]:
-    said = {FindingKind.SCATTER, *_IN_VERDICT, *(each.kind for each in _doubts(estimate))}
-    found = [
-        each
-        for each in estimate.findings
-        if each.level is level and each.kind not in said and not _outdone(each, estimate)
+    kinds = {FindingKind.SCATTER, *_IN_VERDICT, *(finding.kind for finding in _doubts(estimate))}
+    findings = [
+        finding
+        for finding in estimate.findings
+        if finding.level is level and finding.kind not in kinds and not _outdone(finding, estimate)
     ]
-    found.sort(key=lambda each: each.gravity)
-    return [finding_text(each, values_of(estimate)) for each in found]
+    findings.sort(key=lambda finding: finding.gravity)
+    return [finding_text(finding, values_of(estimate)) for finding in findings]
 
 
 def _doubts(estimate: Estimate) -> list[Finding]:
     """Return the findings that begin a verdict of *use with care*."""
-    doubts = (each for each in estimate.findings if each.doubts)
+    doubts = (finding for finding in estimate.findings if finding.doubts)
     return sorted(doubts, key=lambda e: e.gravity) if estimate.level is Level.CARE else []
 
 
 def _outdone(finding: Finding, estimate: Estimate) -> bool:
     """Whether a term that did not help the method is missing in the free runs."""
-    missing = (each for each in estimate.findings if each.kind is FindingKind.MISSING_TERM)
-    lacking = {name for each in missing for name in re.findall(r"\w+", each.parameters[0])}
+    missing = (other for other in estimate.findings if other.kind is FindingKind.MISSING_TERM)
+    lacking = {name for other in missing for name in re.findall(r"\w+", other.parameters[0])}
     return finding.kind is FindingKind.NOT_HELPING and not lacking.isdisjoint(finding.parameters)
 
 
 def estimate_verdict(estimate: Estimate) -> Verdict:
     """Return the verdict on an estimate: a line on its values, what closes open ones, its model."""
     forbidden = estimate.level is Level.WARNING
-    kept = [each for each in estimate.findings if each.forbids] if forbidden else _doubts(estimate)
-    said = [finding_text(each, values_of(estimate)) for each in kept]
+    findings = (
+        [finding for finding in estimate.findings if finding.forbids]
+        if forbidden
+        else _doubts(estimate)
+    )
+    sentences = [finding_text(finding, values_of(estimate)) for finding in findings]
     if not forbidden:
-        said.append(values_sentence(estimate))
+        sentences.append(values_sentence(estimate))
     elif estimate.unsettled:
-        said.append("The fit did not converge.")
+        sentences.append("The fit did not converge.")
     closing = "" if forbidden else closing_sentence(estimate)
-    lines = " ".join(said), closing, model_sentence(estimate)
+    lines = " ".join(sentences), closing, model_sentence(estimate)
     return Verdict(estimate.level, tuple(filter(None, lines)))
 
 
 def require_possible(estimate: Estimate) -> Verdict:
     """Return the verdict on an estimate; UnusableError if no joint has its values."""
     verdict = estimate_verdict(estimate)
-    if any(each.impossible for each in estimate.findings):
+    if any(finding.impossible for finding in estimate.findings):
         raise UnusableError(verdict.lines[0], verdict.reasons)
     return verdict
 
@@ -172,14 +176,14 @@ def values_sentence(estimate: Estimate) -> str:
 
 def model_sentence(estimate: Estimate) -> str:
     """Say how large the error of the free runs is, and which term is missing."""
-    found = {each.kind: each for each in estimate.findings}
-    if FindingKind.FOLLOWED not in found:
+    findings = {finding.kind: finding for finding in estimate.findings}
+    if FindingKind.FOLLOWED not in findings:
         return ""  # nothing was simulated
-    share = found[FindingKind.FOLLOWED].number
+    share = findings[FindingKind.FOLLOWED].number
     if share is None or not math.isfinite(share):
         return "Model: some logs cannot be simulated with these values, or show no motion."
-    beyond, within = found.get(FindingKind.MISFIT), found.get(FindingKind.NO_MISFIT)
-    missing, times = found.get(FindingKind.MISSING_TERM), (beyond or within)
+    beyond, within = findings.get(FindingKind.MISFIT), findings.get(FindingKind.NO_MISFIT)
+    missing, times = findings.get(FindingKind.MISSING_TERM), (beyond or within)
     text = f"Model: error {percent(share)} of the motion{over_segments(estimate.horizon)}"
     if times is not None and times.number is not None and math.isfinite(times.number):
         text += f", {times_text(times.number)} times the sensor noise"
@@ -299,7 +303,9 @@ def _like_scale(finding: Finding) -> str:
 
 
 def _scatter(*findings: Finding) -> str:
-    sizes = (f"{', '.join(each.parameters)} by {percent(_number(each))}" for each in findings)
+    sizes = (
+        f"{', '.join(finding.parameters)} by {percent(_number(finding))}" for finding in findings
+    )
     return f"Scatter between logs: {'; '.join(sizes)}."
 
 

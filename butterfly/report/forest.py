@@ -51,18 +51,18 @@ class Bar(NamedTuple):
 
 def forest(rows: Sequence[Parameter]) -> list[Bar]:
     """Return the rows of an estimate's table as bars on one axis, which ends at 100 % at most."""
-    found = []
+    marks = []
     for row in rows:
         limits = (None, None) if row.known else (row.lower, row.upper)
         half = _farthest(row.value, *limits)
         left_out = _farthest(row.value, row.least_left_out, row.largest_left_out)
         zero = half is not None and (row.lower or 0.0) <= 0.0 <= (row.upper or 0.0)
-        found.append((half, left_out, _farthest(row.value, row.true, row.true), zero))
-    sizes = [min(size, MOST) for half, left, *_ in found for size in (half, left) if size]
+        marks.append((half, left_out, _farthest(row.value, row.true, row.true), zero))
+    sizes = [min(size, MOST) for half, deviation, *_ in marks for size in (half, deviation) if size]
     powers = [math.log10(size) for size in sizes]
     last = math.ceil(max(powers, default=math.log10(MOST)))
     axis = Axis(min(math.floor(min(powers, default=last)), last - 1), last)
-    return [Bar(axis, *each) for each in found]
+    return [Bar(axis, *mark) for mark in marks]
 
 
 def _farthest(value: float | None, *limits: float | None) -> float | None:
@@ -80,19 +80,19 @@ def _farthest(value: float | None, *limits: float | None) -> float | None:
 
 def forest_caption(bars: Sequence[Bar]) -> str:
     """Explain the marks of a forest plot, those that it has."""
-    if all(each.half_width is None for each in bars):
+    if all(bar.half_width is None for bar in bars):
         return ""
     parts = [
         "Bars: half-width of the 95 % interval in % of the value, on a logarithmic axis; shorter "
         "is better."
     ]
-    if any(each.may_be_zero for each in bars):
+    if any(bar.may_be_zero for bar in bars):
         parts.append("Orange: the interval holds 0.")
-    if any(each.left_out for each in bars):
+    if any(bar.left_out for bar in bars):
         parts.append(
             "Grey: the farthest estimate without the logs of one added mass, which the interval "
             "includes; where it is long, the model misses something that depends on the mass."
         )
-    if any(each.true is not None for each in bars):
+    if any(bar.true is not None for bar in bars):
         parts.append("Green: distance to the true value.")
     return " ".join(parts)

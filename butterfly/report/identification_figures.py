@@ -170,12 +170,12 @@ class IdentificationPlots:
             if not points:
                 continue
             at = np.array([p.omega for p in points])
-            own = quasi_linear_response(loaded, at, [p.amplitude for p in points])
+            modelled = quasi_linear_response(loaded, at, [p.amplitude for p in points])
             gain = np.array([p.gain for p in points])
             gain_error = np.array([p.angle.amplitude_error / abs(p.input) for p in points])
             phase_error = np.degrees([p.angle.phase_error for p in points])
             with np.errstate(divide="ignore", invalid="ignore"):  # of a model that does not move
-                ratio = gain / own
+                ratio = gain / modelled
             measured = (
                 (np.abs(gain), gain_error),
                 (_degrees(gain), phase_error),
@@ -233,5 +233,5 @@ def _typical_swing(data: DataSet, mass: AddedMass) -> tuple[Samples, Samples]:
 
 
 def _degrees(response: NDArray[np.complex128]) -> Samples:
-    """Phase within -270 .. 90 degrees, so that a lag beyond 180 does not jump to the top."""
+    """Return phases from -270 to 90 degrees: a lag beyond 180 does not jump to the top."""
     return np.asarray(np.degrees(np.angle(1j * response)) - 90)

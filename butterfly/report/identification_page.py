@@ -156,10 +156,10 @@ def _lead(identification: Identified) -> Section:
     headers = {"width": "±", "interval": "95 % interval", "error": "standard error"}
     headers |= {"true": "true", "deviation": "deviation"} if truth else {}
     rows: list[tuple[str | Marked | Bar, ...]] = []
-    for each, row, bar in zip(parameters, texts, bars, strict=True):
-        name = Marked(each.name, meaning=row["meaning"])
+    for parameter, row, bar in zip(parameters, texts, bars, strict=True):
+        name = Marked(parameter.name, meaning=row["meaning"])
         cells = (row[key] for key in headers)
-        rows.append((name, row["value"], row["unit"], badge_of(each), bar, *cells))
+        rows.append((name, row["value"], row["unit"], badge_of(parameter), bar, *cells))
     table = PageTable(
         name="parameters",
         words=(2,),
@@ -168,7 +168,10 @@ def _lead(identification: Identified) -> Section:
         caption=forest_caption(bars),
     )
     further = ", with the further terms below" if len(rows) > len(_COMPARED) + 1 else ""
-    heavy = any(each.name == "p3" and (each.value or not each.known) for each in parameters)
+    heavy = any(
+        parameter.name == "p3" and (parameter.value or not parameter.known)
+        for parameter in parameters
+    )
     weight = " + p₃ sin θ" if heavy else ""
     bare = "the bare joint" if joint is JointKind.HINGE else "the bare slide, θ its position"
     text = f"p₁ θ̈ + p₂ θ̇{weight} + T_c sgn θ̇ = p₄ u(t − delay), for {bare}{further}."
@@ -221,8 +224,11 @@ def _logs_table(identification: Identified) -> PageTable:
 
 
 def _physical(identification: Identified) -> list[Section]:
-    found = identification.separated()
-    text, table = "\n".join(physical_sentences(found)), physical_table(found, identification.zeros)
+    parameters = identification.separated()
+    text, table = (
+        "\n".join(physical_sentences(parameters)),
+        physical_table(parameters, identification.zeros),
+    )
     tables = (table.on_page(),) if table.rows else ()
     return [Section(title=table.title, text=text, tables=tables)] if text or tables else []
 
@@ -244,9 +250,9 @@ def _resonances_table(identification: Identified) -> PageTable:
 
 def _against_table(identification: Identified) -> PageTable:
     """Tabulate what the identification was compared with, below itself."""
-    found = [each for each in identification.estimate.table() if not each.known]
-    own = {each.name: parameter_texts(each)["value"] for each in found}
-    values = [own.get(key, "–") for key in _COMPARED]
+    fitted = [row for row in identification.estimate.table() if not row.known]
+    texts = {row.name: parameter_texts(row)["value"] for row in fitted}
+    values = [texts.get(key, "–") for key in _COMPARED]
     rows = [("this identification", *values, *_fits(identification.fit))]
     for other in identification.comparisons:
         values = [f"{getattr(other.parameters, key):.5g}" for key in _COMPARED]
@@ -257,4 +263,4 @@ def _against_table(identification: Identified) -> PageTable:
 
 
 def _fits(fit: FitSummary) -> list[str]:
-    return [fit_text(each) for each in (fit.median, fit.mean, fit.worst)]
+    return [fit_text(value) for value in (fit.median, fit.mean, fit.worst)]

@@ -91,7 +91,7 @@ class Inspection(Answer):
         return cls(
             title=f"Logs of {part.name!r}",
             summary=(
-                conditions_text([each.condition for each in seen]),
+                conditions_text([inspected.condition for inspected in seen]),
                 *forecast_sentences(forecasts),
                 *hints(seen),
                 *_taken(seen),
@@ -105,14 +105,16 @@ class Inspection(Answer):
                     "logs": len(seen),
                     "joint": str(part.joint),
                 },
-                "logs": [_looked_at(each) for each in seen],
-                "before_fit": [{**asdict(each), "word": str(each.word)} for each in forecasts],
+                "logs": [_looked_at(inspected) for inspected in seen],
+                "before_fit": [
+                    {**asdict(forecast), "word": str(forecast.word)} for forecast in forecasts
+                ],
                 "source": seen[0].name if single else part.name,
                 "single": [
                     pair
-                    for each in seen[: int(single)]
-                    if each.log is not None and each.health is not None
-                    for pair in health_rows(each.log, each.health)
+                    for inspected in seen[: int(single)]
+                    if inspected.log is not None and inspected.health is not None
+                    for pair in health_rows(inspected.log, inspected.health)
                 ],
             },
             units={
@@ -145,7 +147,7 @@ class Inspection(Answer):
     @property
     def _single(self) -> list[tuple[str, str]]:
         """All that is known of a single log; nothing if there are others."""
-        return [(name, said) for name, said in self.content["single"]]
+        return [(name, value) for name, value in self.content["single"]]
 
     def require_usable(self) -> None:
         """Raise InputError if some logs are unusable."""
@@ -162,39 +164,39 @@ class Inspection(Answer):
                 "samples": cell_text(row.get("samples")),
                 "s": f"{row['duration']:.3f}" if "duration" in row else "–",
                 "ms": f"{1e3 * row['step']:.3f}" if "step" in row else "–",
-                "findings": "; ".join(each["text"] for each in row["findings"]),
+                "findings": "; ".join(finding["text"] for finding in row["findings"]),
             }
             for row in self.rows()
         ]
 
     def tables(self) -> list[PageTable]:
         """Return logs with findings, all of a single one, the forecasts, and the other logs."""
-        rows, told = self.shown_rows(), forecast_rows(self.before_fit)
+        rows, forecasts = self.shown_rows(), forecast_rows(self.before_fit)
         lines, ok = [tuple(row.values()) for row in rows], STATES[Level.GOOD]
-        found, others = (
+        findings, others = (
             [line for line in lines if (line[1] == ok) is fine] for fine in (False, True)
         )
         tables = [
-            PageTable(self.source, (*rows[0],), found),
-            PageTable(_FORECAST, FORECAST_HEADERS, told),
+            PageTable(self.source, (*rows[0],), findings),
+            PageTable(_FORECAST, FORECAST_HEADERS, forecasts),
             PageTable("Without findings", (*rows[0],), others, detail=True),
         ]
         if self._single:
             state = ("state", rows[0]["state"]), ("findings", rows[0]["findings"] or "none")
             tables = [PageTable(self.source, (), [*state, *self._single]), tables[1]]
-        return [each for each in tables if each.rows]
+        return [table for table in tables if table.rows]
 
     def figures(self) -> dict[str, Figure]:
         """Return the recording of the first, and worst, log that can be read."""
         from butterfly.report.log_figures import recorded_figure  # noqa: PLC0415 - slow to import
 
-        drawn = [each.log for each in self.logs if each.log is not None]
+        drawn = [inspected.log for inspected in self.logs if inspected.log is not None]
         return {"log": recorded_figure(drawn[0])} if drawn else {}
 
     def page(self) -> Page:
         """Return the page of `report`: of a single log all that is known of it."""
-        page, told = super().page(), forecast_rows(self.before_fit)
-        table = PageTable(headers=FORECAST_HEADERS, rows=told, words=(1, 2, 4))
+        page, forecasts = super().page(), forecast_rows(self.before_fit)
+        table = PageTable(headers=FORECAST_HEADERS, rows=forecasts, words=(1, 2, 4))
         forecast = tabulated(_FORECAST, table)
         if not self._single:
             return replace(page, sections=[*forecast, *page.sections])
@@ -205,12 +207,12 @@ class Inspection(Answer):
         """Return the page with the condition of a single log on top, and its numbers."""
         (row,) = self.rows()
         state = next(level for level, word in STATES.items() if word == row["condition"])
-        found = [f"{each['text']}." for each in row["findings"]]
+        findings = [f"{finding['text']}." for finding in row["findings"]]
         table = PageTable(headers=(), rows=self._single, words=(1,))
         return replace(
             page,
             name=PurePath(self.source).name,
-            badge=Badge(state, row["condition"].capitalize(), [_ADVICE[state], *found]),
+            badge=Badge(state, row["condition"].capitalize(), [_ADVICE[state], *findings]),
             lead=Section(title="In numbers", tables=(table,)),
             sections=[] if page.lead is None else [replace(page.lead, title="The log")],
         )
@@ -221,7 +223,7 @@ def _looked_at(seen: Inspected) -> dict[str, Any]:
     if seen.health is not None and seen.log is not None:
         log, health = seen.log, asdict(seen.health)
         first = {name: health.pop(name) for name in ("samples", "duration", "step")}
-        health["regimes"] = [each._asdict() for each in seen.health.regimes]
+        health["regimes"] = [regime._asdict() for regime in seen.health.regimes]
         known |= {
             **first,
             "added_mass": {"mass": log.added_mass.mass, "arm": log.added_mass.arm},
@@ -229,7 +231,9 @@ def _looked_at(seen: Inspected) -> dict[str, Any]:
             log.measures: [float(log.measured.min()), float(log.measured.max())],
             **health,
         }
-    findings = [{**each._asdict(), "condition": STATES[each.condition]} for each in seen.remarks]
+    findings = [
+        {**remark._asdict(), "condition": STATES[remark.condition]} for remark in seen.remarks
+    ]
     return {**known, "findings": findings}
 
 
@@ -238,34 +242,34 @@ def inspect_logs(manifest: Manifest, track: Track = untracked) -> list[Inspected
     seen = _turned(
         [_inspected(manifest, entry) for entry in track(manifest.logs, "Inspecting logs")]
     )
-    return sorted(seen, key=lambda each: -list(Level).index(each.condition))
+    return sorted(seen, key=lambda inspected: -list(Level).index(inspected.condition))
 
 
 def conditions_text(conditions: Sequence[Level]) -> str:
     """Say how many logs are in which condition."""
     logs = f"{len(conditions)} log{'s' * (len(conditions) != 1)}"
-    counts = {each: conditions.count(each) for each in Level}
+    counts = {level: conditions.count(level) for level in Level}
     if counts[Level.GOOD] == len(conditions):
         return f"{logs}: {'all ' * (len(conditions) > 1)}ok."
     if Level.worst(conditions) is Level.NOTE:
         return f"{logs}, all usable ({counts[Level.NOTE]} {_TOLD[Level.NOTE]})."
-    told = [f"{count} {_TOLD[each]}" for each, count in counts.items() if count]
-    return f"{logs}: {', '.join(told)}."
+    parts = [f"{count} {_TOLD[level]}" for level, count in counts.items() if count]
+    return f"{logs}: {', '.join(parts)}."
 
 
 def hints(seen: Iterable[Inspected]) -> list[str]:
     """Return what to do about the remarks on logs, each hint once, after the logs' names."""
     names: dict[str, list[str]] = {}
-    for each in seen:
-        for remark in each.remarks:
-            if remark.hint and each.name not in names.setdefault(remark.hint, []):
-                names[remark.hint].append(each.name)
+    for inspected in seen:
+        for remark in inspected.remarks:
+            if remark.hint and inspected.name not in names.setdefault(remark.hint, []):
+                names[remark.hint].append(inspected.name)
     return [f"{listed(logs, 3)}: {hint}" for hint, logs in names.items()]
 
 
 def _taken(seen: Iterable[Inspected]) -> list[str]:
     """Say what inputs were taken in whose files do not say it."""
-    assumed = [r.text for each in seen for r in each.remarks if r.condition is Level.GOOD]
+    assumed = [r.text for inspected in seen for r in inspected.remarks if r.condition is Level.GOOD]
     return [f"{text[:1].upper()}{text[1:]}." for text in dict.fromkeys(assumed)]
 
 
@@ -278,7 +282,7 @@ def _inspected(manifest: Manifest, entry: LogEntry) -> Inspected:
         hint = f"{error.field}: expected {error.expected}"
         return Inspected(name=piece_name(entry), remarks=(Remark(Level.WARNING, why, hint),))
     remarks = sorted(
-        [*_unlike(log), *health.remarks], key=lambda each: each.condition is not Level.CARE
+        [*_unlike(log), *health.remarks], key=lambda remark: remark.condition is not Level.CARE
     )
     return Inspected(name=piece_name(entry), log=log, health=health, remarks=tuple(remarks))
 
@@ -306,9 +310,10 @@ def _unlike(log: Log) -> list[Remark]:
 def _turned(seen: list[Inspected]) -> list[Inspected]:
     """Remark logs that swing whole turns away from where the others do."""
     middles = {
-        number: each.health.middle
-        for number, each in enumerate(seen)
-        if each.health is not None and 0.0 < each.health.turns <= 1.0  # on a slide there is none
+        number: inspected.health.middle
+        for number, inspected in enumerate(seen)
+        if inspected.health is not None
+        and 0.0 < inspected.health.turns <= 1.0  # on a slide there is none
     }
     home, where = 0.0, "the encoder's zero"
     if len(middles) > 1:
@@ -348,7 +353,7 @@ def health_rows(log: Log, health: Health) -> list[tuple[str, str]]:
         ),
         ("dominant frequency", f"{omega[np.argmax(power)]:.3f} ± {bin_width / 2:.3f} rad/s"),
         ("file", ", ".join(log.reading.layout) or "default layout"),
-        *((f"{name} from", each.text) for name, each in health.columns.items()),
+        *((f"{name} from", column.text) for name, column in health.columns.items()),
     ]
 
 

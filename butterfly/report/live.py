@@ -75,19 +75,19 @@ class Slider:
         return max(self.value - reach, least), self.value + reach
 
 
-def live_section(found: Identified) -> Section:
+def live_section(identification: Identified) -> Section:
     """Return the section, or one that says in a line why the page cannot simulate."""
-    data, estimate = found.data, found.estimate
+    data, estimate = identification.data, identification.estimate
     try:
         if reason := _not_here(data, estimate):
             return Section(title=_TITLE, text=f"No sliders: {reason}")
         sliders = [Slider.of(row) for row in estimate.table() if not row.known]
-        twin = Twin.identified(found)
+        twin = Twin.identified(identification)
         program = as_javascript(_every_term(twin, data, sliders))
     except NotImplementedError as error:
         reason = f"the page cannot simulate this model ({error})."
         return Section(title=_TITLE, text=f"No sliders: {reason}")
-    logs, which = _carried(data, estimate, found.fit_of_logs, sliders)
+    logs, which = _carried(data, estimate, identification.fit_of_logs, sliders)
     if not logs:
         return Section(title=_TITLE, text="No sliders: the simulation follows none of the logs.")
     markup = _rendered(twin, program, sliders, logs, which)
@@ -99,7 +99,7 @@ def _not_here(data: DataSet, estimate: Estimate) -> str:
     p = estimate.parameters
     if names := estimate.open:
         return f"{' and '.join(names)} {'is' if len(names) == 1 else 'are'} open."
-    if any(each.impossible for each in estimate.findings):
+    if any(finding.impossible for finding in estimate.findings):
         return "no joint has these values."
     if any(map(needs_loop, data.logs)):
         return "these logs are simulated in the servo's loop, which the page does not have."
@@ -109,17 +109,17 @@ def _not_here(data: DataSet, estimate: Estimate) -> str:
 
 
 def _every_term(twin: Twin, data: DataSet, sliders: Sequence[Slider]) -> Twin:
-    """Return the loaded joint with a value other than 0 for each slider, so that it is there."""
+    """Return the loaded joint with no slider's value at 0: the program then has all terms."""
     heaviest = max(data.masses, key=lambda mass: mass.mass)
-    moved = {each.name: abs(each.value) + each.half for each in sliders}
+    moved = {slider.name: abs(slider.value) + slider.half for slider in sliders}
     return replace(twin, added=heaviest, parameters=replace(twin.parameters, **moved))
 
 
 def _carried(
     data: DataSet, estimate: Estimate, fits: Samples, sliders: Sequence[Slider]
 ) -> tuple[list[LiveLog], str]:
-    """Return the logs that a page has, that which it shows first in front, and which they are."""
-    delays = [_INTERVALS * each.half for each in sliders if each.name == "delay"]
+    """Return the logs that the page has, and a text that says which they are."""
+    delays = [_INTERVALS * slider.half for slider in sliders if slider.name == "delay"]
     order = [int(k) for k in np.argsort(fits) if math.isfinite(fits[k])]
     logs: dict[int, LiveLog] = {}
     for k in order:
@@ -127,32 +127,32 @@ def _carried(
         simulation = data.simulations.simulation(k, setting)
         logs[k] = LiveLog.of(simulation, setting, float(fits[k]), max(delays, default=0.0))
     every = counted(len(fits), "log")
-    if sum(each.size for each in logs.values()) <= ROOM:
+    if sum(log.size for log in logs.values()) <= ROOM:
         lost = f" ({len(fits) - len(logs)} diverge)" if len(logs) < len(fits) else ""
         return [logs[k] for k in sorted(logs)], f"all {every}{lost}"
     chosen = order[:_WORST]
     for mass in data.masses:
-        own = [k for k in order if data.logs[k].added_mass == mass]
-        chosen += own[len(own) // 2 :][:1]
-    kept: list[LiveLog] = []
+        numbers = [k for k in order if data.logs[k].added_mass == mass]
+        chosen += numbers[len(numbers) // 2 :][:1]
+    picks: list[LiveLog] = []
     room = ROOM
     for number in dict.fromkeys(chosen):
         room -= logs[number].size
-        kept += [logs[number]] if room >= 0 or not kept else []
-    which = f"{len(kept)} of {every}, the {_WORST} with the lowest FIT and the median one of each "
-    return kept, f"{which}added mass: {'; '.join(each.label for each in kept)}"
+        picks += [logs[number]] if room >= 0 or not picks else []
+    which = f"{len(picks)} of {every}, the {_WORST} with the lowest FIT and the median one of each "
+    return picks, f"{which}added mass: {'; '.join(log.label for log in picks)}"
 
 
 def _rendered(
     twin: Twin, program: str, sliders: Sequence[Slider], logs: Sequence[LiveLog], which: str
 ) -> Markup:
-    best = max(logs, key=lambda each: each.raw)
-    middling = sorted(logs, key=lambda each: each.raw)[len(logs) // 2]
-    differences = [each.fit(each.setting.parameters) - each.raw for each in logs]
+    best = max(logs, key=lambda log: log.raw)
+    middling = sorted(logs, key=lambda log: log.raw)[len(logs) // 2]
+    differences = [log.fit(log.setting.parameters) - log.raw for log in logs]
     zooms = _zooms(sliders, best)
     content = {
-        "sliders": [asdict(each) for each in sliders],
-        "logs": [each.document() for each in logs],
+        "sliders": [asdict(slider) for slider in sliders],
+        "logs": [log.document() for log in logs],
         "intervals": _INTERVALS,
         "shape": twin.shape.name.lower(),
     }
@@ -177,7 +177,7 @@ def _zooms(sliders: Sequence[Slider], log: LiveLog) -> list[int]:
     now, offered = log.fit(p), []
     for zoom in _ZOOMS:
         offered.append(zoom)
-        ends = [(each.name, end) for each in sliders for end in each.ends(zoom)]
+        ends = [(slider.name, end) for slider in sliders for end in slider.ends(zoom)]
         if any(abs(log.fit(replace(p, **{name: end})) - now) >= _SEEN for name, end in ends):
             break
     return offered
@@ -187,7 +187,7 @@ def _note(
     logs: Sequence[LiveLog], which: str, differences: Sequence[float], farther: Sequence[int]
 ) -> str:
     """Say what the page has of the logs, how far its FIT is from theirs, what sliders reach."""
-    steps = sorted({f"{1e3 * each.step:.3g}" for each in logs}, key=float)
+    steps = sorted({f"{1e3 * log.step:.3g}" for log in logs}, key=float)
     grid = steps[0] if len(steps) == 1 else f"{steps[0]} to {steps[-1]}"
     more = f", or {' or '.join(map(str, farther))} times as far" * bool(farther)
     return (

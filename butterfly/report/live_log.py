@@ -58,7 +58,7 @@ class Column(NamedTuple):
             folded = np.where(differences < 0, -2 * differences - 1, 2 * differences)
             planes = b"".join((folded >> k & 255).astype(np.uint8).tobytes() for k in (0, 8, 16))
             tried.append((b64encode(gzip.compress(planes, 9, mtime=0)).decode("ascii"), order))
-        data, order = min(tried, key=lambda each: len(each[0]))
+        data, order = min(tried, key=lambda trial: len(trial[0]))
         return {"begin": self.begin, "quantum": self.quantum, "order": order, "data": data}
 
 
@@ -113,20 +113,20 @@ class LiveLog:
     @property
     def size(self) -> int:
         """Characters that it needs."""
-        return sum(len(each["data"]) for each in self.packed.values())
+        return sum(len(column["data"]) for column in self.packed.values())
 
     @cached_property
     def starts(self) -> tuple[tuple[int, float, float], ...]:
         """Numbers of samples, and angle and velocity from which the free run goes on there."""
         log, setting = self.simulation.log, self.setting
         motion = self.simulation.run(setting.parameters, setting.zero, setting.velocity)
-        found = []
+        starts = []
         for grid, angle, velocity in motion.pieces:
             number = math.ceil((grid[0] - log.time[0]) / self.step - _ROUNDING)
             at = np.array([log.time[0] + number * self.step])
             x, v = (polynomials.interpolate(grid, angle, velocity, at, k) for k in (False, True))
-            found.append((number, float(x[0]) - setting.zero, float(v[0])))
-        return tuple(each for each in found if each[0] < self.measured.levels.size - 1)
+            starts.append((number, float(x[0]) - setting.zero, float(v[0])))
+        return tuple(start for start in starts if start[0] < self.measured.levels.size - 1)
 
     def simulated(self, moved: LumpedParameters) -> Samples:
         """(n,) what is measured at the ends of steps, with parameters of the bare joint."""
@@ -139,8 +139,8 @@ class LiveLog:
         ends = [*(number for number, *_ in self.starts[1:]), result.size]
         for (begin, x, v), end in zip(self.starts, ends, strict=True):
             steps = np.arange(begin - 2, end - 1) + self.spare - whole
-            own = delivered[np.clip(steps, 0, delivered.size - 1)]
-            motion = held_motion(loaded, own[:2], own[2:], (x, v), self.step)
+            commands = delivered[np.clip(steps, 0, delivered.size - 1)]
+            motion = held_motion(loaded, commands[:2], commands[2:], (x, v), self.step)
             result[begin:end] = motion[log.integrated]
         return result if log.integrated else result + setting.zero
 

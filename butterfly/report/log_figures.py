@@ -80,15 +80,18 @@ def time_figure(run: FreeRun, band: ErrorBand | None, *, most: int = _MOST) -> F
 def time_series(runs: Sequence[FreeRun], bands: Sequence[ErrorBand | None]) -> Series:
     """Return `time_figure` of each run."""
     most = max(_MOST // len(runs), _LEAST)
-    curves = [_time_curves(*each, most) for each in zip(runs, bands, strict=True)]
+    curves = [_time_curves(*pair, most) for pair in zip(runs, bands, strict=True)]
     longest = max(map(len, curves))  # those of servos have a set-point besides
-    first = [len(each) for each in curves].index(longest)
-    nothing = [np.full_like(each[0], np.nan) for each in curves]
+    first = [len(columns) for columns in curves].index(longest)
+    nothing = [np.full_like(columns[0], np.nan) for columns in curves]
     filled = [
-        (*each, *[gap] * (longest - len(each))) for each, gap in zip(curves, nothing, strict=True)
+        (*columns, *[gap] * (longest - len(columns)))
+        for columns, gap in zip(curves, nothing, strict=True)
     ]
     figure = time_figure(runs[first], bands[first], most=_LEAST)
-    return Series.of(figure, [[each] for each in filled], [first_stretch(run.log) for run in runs])
+    return Series.of(
+        figure, [[columns] for columns in filled], [first_stretch(run.log) for run in runs]
+    )
 
 
 def first_stretch(log: Log) -> tuple[float, float] | None:
@@ -138,18 +141,20 @@ def spectrum_figure(run: FreeRun, residuals: LogResiduals) -> Figure:
 
 def spectrum_series(runs: Sequence[FreeRun], residuals: Sequence[LogResiduals]) -> Series:
     """Return `spectrum_figure` of each run."""
-    curves = [[_spectra(*each)] for each in zip(runs, residuals, strict=True)]
+    curves = [[_spectra(*pair)] for pair in zip(runs, residuals, strict=True)]
     return Series.of(spectrum_figure(runs[0], residuals[0]), curves)
 
 
 def _spectra(run: FreeRun, residuals: LogResiduals) -> tuple[NDArray[np.float64], ...]:
-    """Return frequencies in rad/s, and amplitudes in rad of a sine that would look so."""
+    """Return (n,) frequencies in rad/s; amplitudes of motion, residual and sensor noise."""
     log = run.log
     every = max(1, log.time.size // _MOST_SAMPLES)
     time = log.time[::every]
     grid = np.linspace(time[0], time[-1], fft.next_fast_len(time.size, real=True))
     measured = log.measured
-    columns = [resample(time, each[::every], grid) for each in (measured, measured - run.simulated)]
+    columns = [
+        resample(time, signal[::every], grid) for signal in (measured, measured - run.simulated)
+    ]
     step = float(grid[1] - grid[0])
     with np.errstate(over="ignore", invalid="ignore"):  # of a run that ran away there is none
         spectra = [periodogram(values - values.mean(), step) for values in columns]
@@ -192,11 +197,11 @@ def _band_and_curve(curve: Curve | None) -> list[NDArray[np.float32]]:
     if curve is None:
         return [np.empty(0, dtype=np.float32)] * 4
     limits = (curve.centre - curve.half_width, curve.centre + curve.half_width)
-    return [each.astype(np.float32) for each in (curve.lag, *limits, curve.value)]
+    return [column.astype(np.float32) for column in (curve.lag, *limits, curve.value)]
 
 
 def with_bands(predictions: Sequence[Prediction], measured: bool, page: Page) -> Page:
-    """Return the page of predictions with the courses of all logs, or of some all over the list."""
+    """Return the page of predictions with time plots of all logs, or of some evenly picked ones."""
     count = len(predictions)
     picked = np.unique(np.linspace(0, count - 1, min(count, _DRAWN)).round().astype(int))
     drawn = [predictions[number] for number in picked]
@@ -207,15 +212,15 @@ def with_bands(predictions: Sequence[Prediction], measured: bool, page: Page) ->
         "with the uncertainty of its parameters. Below: difference to the free run.",
         series={
             "bands": Series.of_figures(
-                [band_figure(each, measured=measured) for each in drawn],
-                [first_stretch(each.run.log) for each in drawn],
+                [band_figure(prediction, measured=measured) for prediction in drawn],
+                [first_stretch(prediction.run.log) for prediction in drawn],
             )
         },
     )
     return replace(
         page,
         sections=[courses, *page.sections],
-        logs=[each.run.log.label for each in drawn],
+        logs=[prediction.run.log.label for prediction in drawn],
         pictures={"bands": partial(band_figure, drawn[0], measured=measured)},
     )
 

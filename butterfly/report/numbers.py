@@ -60,7 +60,10 @@ def rests_on(data: DataSet, estimate: Estimate, estimator: Estimator | None) -> 
 def finding_numbers(findings: Iterable[Finding], estimate: Estimate) -> list[dict[str, Any]]:
     """Return findings about an estimate for programs, each with its text."""
     values = values_of(estimate)
-    return [{"kind": "", "text": finding_text(each, values)} | asdict(each) for each in findings]
+    return [
+        {"kind": "", "text": finding_text(finding, values)} | asdict(finding)
+        for finding in findings
+    ]
 
 
 def estimate_numbers(estimate: Estimate, truth: Truth | None = None) -> dict[str, Any]:
@@ -99,7 +102,7 @@ def chosen_options(
 
 def _plain(value: object) -> Any:  # noqa: ANN401 - any option
     if isinstance(value, tuple | list):
-        return [_plain(each) for each in value]
+        return [_plain(entry) for entry in value]
     return value if isinstance(value, bool | int | float | None) else str(value)
 
 
@@ -110,8 +113,8 @@ def rows_document(name: str, table: pa.Table, kind: InputKind) -> dict[str, Any]
         if "parameter" in row:
             row["unit"] = unit_of(row["parameter"], kind)
     units = {
-        f"rows.{each}": "the row's unit" if each in _IN_THEIR_UNIT else field_unit(each)
-        for each in table.column_names
+        f"rows.{column}": "the row's unit" if column in _IN_THEIR_UNIT else field_unit(column)
+        for column in table.column_names
     }
     return document(
         "table",

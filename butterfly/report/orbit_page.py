@@ -61,7 +61,7 @@ def orbit_page(study: OrbitStudy, truth: LumpedParameters | None = None) -> Page
     if study.also is not None and record is not None:
         sections.append(_also_section(study, study.also, record))
     if study.amplitudes:
-        labels = [f"{math.degrees(each):.3g}°" for each in study.amplitudes]
+        labels = [f"{math.degrees(amplitude):.3g}°" for amplitude in study.amplitudes]
         how = {"texttemplate": "%{z:.3g}", "colorscale": "Cividis"}
         figure = panel("used at", "calibrated at", 380).add_heatmap(
             z=np.degrees(study.cross), x=labels, y=labels, colorbar={"title": {"text": "°"}}, **how
@@ -125,15 +125,15 @@ def orbit_document(study: OrbitStudy, truth: LumpedParameters | None) -> dict[st
 
 def _sentences(study: OrbitStudy) -> list[str]:
     """Say in plain words what was found, but for the verdict."""
-    generic, found = study.errors["generic"], study.errors["re-calibrated"]
+    generic, recalibrated = study.errors["generic"], study.errors["re-calibrated"]
     record = OrbitRecord.of(study).also
     recalibration, begun = study.calibration.rounds[-1].recalibration, study.small_swings
     return [
         *([] if study.watched is None else watch_sentences(study.watched)),
         _reached_sentence(study.calibration),
-        f"Near the orbit, the error of the free run is {degrees_said(found)}° rms with the "
+        f"Near the orbit, the error of the free run is {degrees_said(recalibrated)}° rms with the "
         f"re-calibrated model and {degrees_said(generic)}° with the initial model: "
-        f"{generic / max(found, 1e-12):.3g} times less.",
+        f"{generic / max(recalibrated, 1e-12):.3g} times less.",
         f"Estimated by {recalibration.estimate.method}: {', '.join(recalibration.estimate.names)}; "
         f"terms that did not help on held-out data: {', '.join(recalibration.rejected) or 'none'}.",
         *estimate_notes(study.estimate),
@@ -143,7 +143,7 @@ def _sentences(study: OrbitStudy) -> list[str]:
 
 
 def _named(orbit: Orbit) -> tuple[str, str, str]:
-    """Return what an orbit is named by, its unit, and what a hand did that has none of it."""
+    """Return the name of an orbit's size, its unit, and what to say of a run without one."""
     if orbit.direction:
         return "mean speed", "°/s", "did not turn over"
     return "amplitude", "°", "turned over"
@@ -156,7 +156,7 @@ def _size_said(orbit: Orbit, size: float) -> str:
 def _reached_sentence(calibration: Calibration) -> str:
     rounds, orbit = calibration.rounds, calibration.rounds[-1].orbit
     name, unit, _ = _named(orbit)
-    reached = ", ".join(_size_said(orbit, each.reached) for each in rounds)
+    reached = ", ".join(_size_said(orbit, cycle.reached) for cycle in rounds)
     return (
         f"Target {name} {math.degrees(orbit.size):.2f}{unit}; reached {reached}{unit} in "
         f"{len(rounds)} rounds; {calibration.ending}."
@@ -166,22 +166,24 @@ def _reached_sentence(calibration: Calibration) -> str:
 def _also_sentences(also: Calibration, record: AlsoRecord) -> list[str]:
     """Say what the other orbit came to, and whether both say the same."""
     agreeing = [name for name in record.differences if name not in record.differing]
-    said = f"Both orbits agree within their 95 % intervals on {', '.join(agreeing) or 'nothing'}"
+    sentence = (
+        f"Both orbits agree within their 95 % intervals on {', '.join(agreeing) or 'nothing'}"
+    )
     if record.differing:
-        said += f", not on {', '.join(record.differing)}"
-    return [f"Another orbit: {_reached_sentence(also)}", f"{said}."]
+        sentence += f", not on {', '.join(record.differing)}"
+    return [f"Another orbit: {_reached_sentence(also)}", f"{sentence}."]
 
 
 def _also_section(study: OrbitStudy, also: Calibration, record: AlsoRecord) -> Section:
     """Put the estimates of both orbits beside each other."""
     rounds = (study.calibration.rounds[-1], also.rounds[-1])
-    headers = [f"{degrees_said(each.orbit.size)}{_named(each.orbit)[1]}" for each in rounds]
-    found = rounds[0].recalibration
-    values = [each.recalibration.estimate.named for each in rounds]
+    headers = [f"{degrees_said(cycle.orbit.size)}{_named(cycle.orbit)[1]}" for cycle in rounds]
+    recalibration = rounds[0].recalibration
+    values = [cycle.recalibration.estimate.named for cycle in rounds]
     rows = [
         (
-            f"{name}/p1" if found.is_ratio(name) else name,
-            *(f"{each[name]:.6g}" for each in values),
+            f"{name}/p1" if recalibration.is_ratio(name) else name,
+            *(f"{estimate[name]:.6g}" for estimate in values),
             interval(*limits),
             "no" if name in record.differing else "yes",
         )
@@ -215,16 +217,16 @@ def _rounds_section(calibration: Calibration) -> Section:
         rows=[
             (
                 str(number),
-                *(_size_said(each.orbit, size) for size in (each.reached, each.error)),
-                f"{each.gamma:.4g}",
-                *(f"{getattr(each.believed, ratio) / each.believed.p1:.5g}" for ratio in _RATIOS),
+                *(_size_said(cycle.orbit, size) for size in (cycle.reached, cycle.error)),
+                f"{cycle.gamma:.4g}",
+                *(f"{getattr(cycle.believed, ratio) / cycle.believed.p1:.5g}" for ratio in _RATIOS),
             )
-            for number, each in enumerate(rounds)
+            for number, cycle in enumerate(rounds)
         ],
         caption="The ratios are those of the controller in that round, including the added mass.",
     )
     figure = panel("round", f"{name} in {unit}", 320).update_xaxes(dtick=1)
-    counts, reached = list(range(len(rounds))), [math.degrees(each.reached) for each in rounds]
+    counts, reached = list(range(len(rounds))), [math.degrees(cycle.reached) for cycle in rounds]
     marker, line = {"color": PALETTE[0], "size": 9}, {"color": PALETTE[5], "dash": "dash"}
     figure.add_scatter(x=counts, y=reached, mode="lines+markers", marker=marker, name="reached")
     wanted = [math.degrees(rounds[-1].orbit.size)] * len(rounds)
@@ -240,13 +242,13 @@ def _rounds_section(calibration: Calibration) -> Section:
 
 def _parameters_table(study: OrbitStudy, truth: LumpedParameters | None) -> PageTable:
     rounds = study.calibration.rounds
-    found, generic = rounds[-1].recalibration, rounds[0].believed
-    scales = {name: found.is_ratio(name) for name in found.estimate.names}
+    recalibration, generic = rounds[-1].recalibration, rounds[0].believed
+    scales = {name: recalibration.is_ratio(name) for name in recalibration.estimate.names}
     true = truth and {
         name: getattr(truth, name) / (truth.p1 if ratio else 1.0) for name, ratio in scales.items()
     }
     rows, before = [], []
-    for row in found.estimate.table(true):
+    for row in recalibration.estimate.table(true):
         name, ratio = row.name, scales[row.name]
         before.append(f"{getattr(generic, name) / generic.p1:.5g}" if ratio else "–")
         name = f"{name}/p1" if ratio else name
@@ -273,12 +275,13 @@ def _motion_figures(study: OrbitStudy) -> dict[str, Figure]:
     plane = panel("angle in °", "velocity in °/s", 520)
     invariant = panel("time in s", "invariant I/E*", 360)
     for number, colour in {0: PALETTE[1], len(rounds) - 1: PALETTE[0]}.items():
-        each = rounds[number]
-        highest = math.pi if each.orbit.direction else each.orbit.size
+        cycle = rounds[number]
+        highest = math.pi if cycle.orbit.direction else cycle.orbit.size
         from_orbit = [
-            abs(abs(float(log.angle[0]) - study.zero) - highest) for log in each.logs[: each.starts]
+            abs(abs(float(log.angle[0]) - study.zero) - highest)
+            for log in cycle.logs[: cycle.starts]
         ]
-        log = each.logs[int(np.argmax(from_orbit))]
+        log = cycle.logs[int(np.argmax(from_orbit))]
         width = max(1, round(_SMOOTH / log.mean_step))
         angle = np.convolve(log.angle - study.zero, np.ones(width) / width, mode="valid")
         time = np.convolve(log.time, np.ones(width) / width, mode="valid")
@@ -290,7 +293,7 @@ def _motion_figures(study: OrbitStudy) -> dict[str, Figure]:
         values = (energy(model, angle, velocity) - held.energy) / depth
         area = np.concatenate([[0.0], np.cumsum(velocity[:-1] ** 2 * np.diff(time))])
         begin = np.flatnonzero(np.append(-1, held.direction * velocity[:-1]) < 0)[-1]
-        decay = np.exp(-each.believed.p4 * each.gamma * (area - area[begin]))
+        decay = np.exp(-cycle.believed.p4 * cycle.gamma * (area - area[begin]))
         predicted = np.where(np.arange(area.size) < begin, np.nan, values[begin] * decay)
         for y, dash, what in ((values, "solid", "measured"), (predicted, "dot", "predicted")):
             line = {"color": colour, "width": 1.2, "dash": dash}

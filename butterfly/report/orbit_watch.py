@@ -22,26 +22,28 @@ def watch_sentences(watched: Watched) -> list[str]:
         noticed = f"noticed at {alarm.time:.1f} s"
         if change is not None and alarm.time >= change.at:
             noticed += f", {(alarm.time - change.at) / watched.orbit.period:.2g} periods after it"
-        what = " or ".join(f"{each.name} by {_change_said(each)}" for each in alarm.possible)
-        told = f": {what}, if one parameter alone."
+        what = " or ".join(f"{cause.name} by {_change_said(cause)}" for cause in alarm.possible)
+        explanation = f": {what}, if one parameter alone."
         if not alarm.causes:
-            told = "; what changed needs more motion to be told."
+            explanation = "; what changed needs more motion to be told."
         elif not what:
-            moved = [each for each in alarm.ratios if not each.lower <= each.before <= each.upper]
-            said = ", ".join(f"{each.name}/p1 by {_change_said(each)}" for each in moved)
-            told = f": several parameters, {said}."
+            moved = [
+                ratio for ratio in alarm.ratios if not ratio.lower <= ratio.before <= ratio.upper
+            ]
+            changes = ", ".join(f"{ratio.name}/p1 by {_change_said(ratio)}" for ratio in moved)
+            explanation = f": several parameters, {changes}."
         since = "The robot changed between {:.1f} and {:.1f} s".format(*alarm.since)
-        sentences.append(f"{since}, {noticed}{told}")
+        sentences.append(f"{since}, {noticed}{explanation}")
     minutes = float(np.ptp(watched.log.time)) / 60
     return sentences or [f"Watched for {minutes:.3g} min: the robot did not change."]
 
 
 def watch_section(watched: Watched, zero: float) -> Section:
     """Return the timeline of the statistic and the amplitude, and what changed by how much."""
-    change, told = watched.change, "The simulated robot did not change."
+    change, lead = watched.change, "The simulated robot did not change."
     if change is not None:
-        factors = ", ".join(f"{name} times {each:g}" for name, each in change.factors.items())
-        told = f"The simulated robot changed at {change.at:g} s: {factors}."
+        factors = ", ".join(f"{name} times {factor:g}" for name, factor in change.factors.items())
+        lead = f"The simulated robot changed at {change.at:g} s: {factors}."
     figure = panels("time in s", ("statistic", "amplitude in °"), 520)
     orbit, log, detector = watched.orbit, watched.log, watched.detector
     blue, dashed = {"color": PALETTE[0]}, {"color": GREY, "dash": "dash"}
@@ -60,7 +62,7 @@ def watch_section(watched: Watched, zero: float) -> Section:
     figure.update_yaxes(log_ticks(1, 2, 5), row=1)
     return Section(
         title="Watched for changes",
-        text=f"{told}\nStatistic: the largest change of a parameter since any instant, in standard "
+        text=f"{lead}\nStatistic: the largest change of a parameter since any instant, in standard "
         "errors, about a reference period; none before and after an alarm, while the reference is "
         f"made. Vertical lines: alarms. Amplitude: over {_SWINGS} periods, with the dither; the "
         "controller is retuned all the time.",
@@ -79,14 +81,14 @@ def _change_said(cause: Cause) -> str:
 
 def _causes_table(alarm: Alarm) -> PageTable:
     """Before and after of each parameter, if it changed alone, and of all ratios together."""
-    told = [("yes" if each.possible else "no", each) for each in alarm.causes]
-    told += [("together", each) for each in alarm.ratios]
+    causes = [("yes" if cause.possible else "no", cause) for cause in alarm.causes]
+    causes += [("together", cause) for cause in alarm.ratios]
     return PageTable(
         headers=("", "alone?", "before", "after", "change, 95 % interval"),
         rows=[
-            (each.name + "/p1" * (each.name != "p1"), alone, *numbers, _change_said(each))
-            for alone, each in told
-            if (numbers := (f"{each.before:.5g}", f"{each.after:.5g}"))
+            (cause.name + "/p1" * (cause.name != "p1"), alone, *numbers, _change_said(cause))
+            for alone, cause in causes
+            if (numbers := (f"{cause.before:.5g}", f"{cause.after:.5g}"))
         ],
         caption=f"Alarm at {alarm.time:.1f} s. Whether a parameter alone explains the change, and "
         "what it then came to (p1 in units of p1 before); below, all ratios together.",

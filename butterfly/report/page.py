@@ -32,7 +32,7 @@ _SEEN = 20_000  # quanta of the whole range of a curve: a pixel is ten or more
 
 
 class Marked(NamedTuple):
-    """A text in a table that leads to a file, matters more or less, or has what it stands for."""
+    """A text in a table, with a link to a file, a level of gravity or its meaning."""
 
     text: str
     href: str = ""  # from the report on
@@ -44,7 +44,7 @@ class Marked(NamedTuple):
 
 
 class Fact(NamedTuple):
-    """A number that stands large on a page's first screen, and what it is."""
+    """A number shown large on a page's first screen, with its label and a detail."""
 
     label: str
     value: str
@@ -52,7 +52,7 @@ class Fact(NamedTuple):
 
 
 class Badge(NamedTuple):
-    """What may be done with what a page is about, at one glance; each reason stands alone."""
+    """The verdict on top of a page: its level, a short text, and separate reasons."""
 
     level: Level
     text: str
@@ -80,11 +80,11 @@ class PageTable(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Series:
-    """A figure of which there is one for each log; that of the log that is chosen is drawn.
+    """A figure for each log, drawn for the chosen one.
 
-    ``data`` and ``layout`` are of all of them, the traces without points; ``curves`` for each log
-    and each group of traces that share an x: that x, then the y of each (see `packable`);
-    ``stretches`` for each log the part of x that is drawn first, None for all of it.
+    All logs share ``data``, the traces without points, and ``layout``. ``curves`` has for each log
+    and each group of traces with a common x: that x, then the y of each trace (see `packable`).
+    ``stretches`` has for each log the range of x that is drawn first, None for all of it.
     """
 
     data: list[dict[str, Any]]
@@ -99,9 +99,11 @@ class Series:
         curves: Sequence[Sequence[Sequence[NDArray[Any]]]],
         stretches: Sequence[tuple[float, float] | None] = (),
     ) -> Series:
-        """Take the look of all from the figure of one, whose axes are all logarithmic or none."""
+        """Take the style from the figure of one log; its axes are all logarithmic or all linear."""
         common = figure.to_dict()
-        traces = [{k: v for k, v in each.items() if k not in {"x", "y"}} for each in common["data"]]
+        traces = [
+            {k: v for k, v in trace.items() if k not in {"x", "y"}} for trace in common["data"]
+        ]
         layout = {key: value for key, value in common["layout"].items() if key != "template"}
         powers = layout.get("xaxis", {}).get("type") == "log"
         packed = [
@@ -115,20 +117,21 @@ class Series:
         cls, figures: Sequence[Figure], stretches: Sequence[tuple[float, float] | None] = ()
     ) -> Series:
         """Take the points from the figure of each log."""
-        curves = [[[*map(np.asarray, (t.x, t.y))] for t in each.data] for each in figures]
+        curves = [[[*map(np.asarray, (t.x, t.y))] for t in figure.data] for figure in figures]
         return cls.of(figures[0], curves, stretches)
 
     @property
     def parted(self) -> bool:
-        """Whether of some log a part is drawn first."""
-        return any(each is not None for each in self.stretches)
+        """Whether only a part of some log is drawn first."""
+        return any(stretch is not None for stretch in self.stretches)
 
 
 def packable(values: NDArray[np.floating[Any]], *, logarithmic: bool = False) -> dict[str, Any]:
-    """Return (n,) numbers as steps from each to the next, which pack into a byte or so each.
+    """Return (n,) numbers as integer differences, which pack into about a byte each.
 
-    They are ``begin``, and ``steps`` from it in units of ``quantum``, less than a screen shows of
-    their range; None stands for what is no number. For a logarithmic axis it is logarithms.
+    The first finite number is ``begin``; ``steps`` are the differences from there on in units of
+    ``quantum``, finer than a screen resolves, None where a number is not finite. For a logarithmic
+    axis they are of the numbers' decimal logarithms.
     """
     if logarithmic:
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -191,25 +194,25 @@ class Page:
 
     @property
     def origin(self) -> dict[str, str]:
-        """What the page was made of, by what, with what and when."""
+        """How the page was made: command, folder, data, options, date and versions."""
         about, chosen, made_with = (
             self.numbers.get(key) or {} for key in ("data", "chosen", "versions")
         )
-        said = [
+        options = [
             f"{name} {'+'.join(map(str, value)) if isinstance(value, list | tuple) else value}"
             for name, value in (chosen.get("options") or {}).items()
             if value not in (None, [], ())
         ]
         name = about.get("name", "")
-        found = {
+        texts = {
             "command": command_line() or "none: made from Python",
             "folder": str(Path.cwd()) if command_line() else "",
             "data": f"{name} ({self.place})" if self.place else name,
-            "options": ", ".join([chosen["label"] or chosen["method"], *said]) if chosen else "",
+            "options": ", ".join([chosen["label"] or chosen["method"], *options]) if chosen else "",
             "date": datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z"),
             "versions": ", ".join(f"{name} {number}" for name, number in made_with.items()),
         }
-        return {key: text for key, text in found.items() if text}
+        return {key: text for key, text in texts.items() if text}
 
     @property
     def parts(self) -> list[Section]:
@@ -222,22 +225,22 @@ class Page:
         return [
             {
                 "title": part.title,
-                "headers": [*map(str, each.headers)],
-                "rows": [[*map(str, row)] for row in each.rows],
+                "headers": [*map(str, table.headers)],
+                "rows": [[*map(str, row)] for row in table.rows],
             }
             for part in self.sections
-            for each in part.tables
+            for table in part.tables
         ]
 
     @property
     def figures(self) -> dict[str, Figure]:
         """The figures of all sections, by name."""
-        return {name: each for part in self.parts for name, each in part.figures.items()}
+        return {name: figure for part in self.parts for name, figure in part.figures.items()}
 
     @property
     def series(self) -> dict[str, Series]:
         """The figures of the chosen log, of all sections, by name."""
-        return {name: each for part in self.parts for name, each in part.series.items()}
+        return {name: series for part in self.parts for name, series in part.series.items()}
 
 
 def command_line() -> str:
@@ -249,24 +252,24 @@ def command_line() -> str:
 
 @cache
 def environment() -> Environment:
-    """Return what fills templates, and escapes what it fills in."""
-    found = Environment(
+    """Return the jinja2 environment of the templates, which escapes HTML."""
+    templates = Environment(
         loader=PackageLoader("butterfly.report"),
         autoescape=select_autoescape(default=True, default_for_string=True),
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    found.filters["packed"] = lambda program: b64encode(
+    templates.filters["packed"] = lambda program: b64encode(
         gzip.compress(program.encode(), 6, mtime=0)  # the same bytes at any time
     ).decode("ascii")
-    return found
+    return templates
 
 
 def rendered(page: Page) -> str:
     """Return a page as HTML."""
     figures = ",".join(
-        f"{json.dumps(name)}: {each.to_json()}" for name, each in page.figures.items()
+        f"{json.dumps(name)}: {figure.to_json()}" for name, figure in page.figures.items()
     )
     return (
         environment()
@@ -275,7 +278,7 @@ def rendered(page: Page) -> str:
             page=page,
             plotly=gzip.decompress(_PLOTLY.read_bytes()).decode(),
             figures="{" + figures + "}",
-            series=json.dumps({name: vars(each) for name, each in page.series.items()}),
+            series=json.dumps({name: vars(series) for name, series in page.series.items()}),
         )
     )
 

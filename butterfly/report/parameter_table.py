@@ -78,45 +78,54 @@ def with_limit(value: float, farther: float | None) -> str:
 
 
 def forecast_sentences(forecasts: Sequence[Forecast]) -> list[str]:
-    """Say which parameters can be told, and what those lack of which nothing is known yet."""
-    told, refused = dict[str, list[str]](), dict[str, list[str]]()
-    for each in forecasts:
-        reason = ": ".join(filter(None, (each.why, each.mend)))
-        group, key = (refused, reason) if each.half_width is None else (told, str(each.word))
-        group.setdefault(key, []).append(each.name)
-    said = "; ".join(f"{', '.join(told[word])} {word}" for word in Told if word in told)
+    """Say which parameters are identifiable, and why the others are not."""
+    rated, refused = dict[str, list[str]](), dict[str, list[str]]()
+    for forecast in forecasts:
+        reason = ": ".join(filter(None, (forecast.why, forecast.mend)))
+        group, key = (
+            (refused, reason) if forecast.half_width is None else (rated, str(forecast.word))
+        )
+        group.setdefault(key, []).append(forecast.name)
+    text = "; ".join(f"{', '.join(rated[word])} {word}" for word in Told if word in rated)
     lacks = [f"Not identifiable: {', '.join(names)}, as {why}." for why, names in refused.items()]
-    return [f"Before the fit: {said}.", *lacks] if said else lacks
+    return [f"Before the fit: {text}.", *lacks] if text else lacks
 
 
 def forecast_rows(forecasts: Sequence[Forecast]) -> list[tuple[str, ...]]:
     """Format forecasts; none if all but given values are refused: `forecast_sentences` say why."""
     rows: list[tuple[str, ...]] = []
-    for each in forecasts:
-        width = "over 100 %" if each.word is Told.NOT and each.half_width is not None else ""
-        if each.name == "delay" and each.half_width:
-            width = f"± {1e3 * each.half_width:.2g} ms"
-        elif each.word in {Told.IDENTIFIABLE, Told.WEAK}:
-            width = f"± {upwards(each.expected or 0.0)}"
-        rows.append((each.name, each.meaning, str(each.word), width, each.mend))
-    told = [each.word is not Told.KNOWN and each.half_width is not None for each in forecasts]
-    return rows if any(told) else []
+    for forecast in forecasts:
+        width = (
+            "over 100 %" if forecast.word is Told.NOT and forecast.half_width is not None else ""
+        )
+        if forecast.name == "delay" and forecast.half_width:
+            width = f"± {1e3 * forecast.half_width:.2g} ms"
+        elif forecast.word in {Told.IDENTIFIABLE, Told.WEAK}:
+            width = f"± {upwards(forecast.expected or 0.0)}"
+        rows.append((forecast.name, forecast.meaning, str(forecast.word), width, forecast.mend))
+    determined = [
+        forecast.word is not Told.KNOWN and forecast.half_width is not None
+        for forecast in forecasts
+    ]
+    return rows if any(determined) else []
 
 
 def physical_table(parameters: PhysicalParameters, zeros: Mapping[str, float]) -> PageTable:
     """Tabulate physical parameters, then encoder zeros in rad, if any."""
     rows = [
         (
-            each.name,
-            with_limit(each.value, each.half_width),
-            "" if each.given is None else str(each.given),
-            each.unit,
-            SYMBOLS[each.name].meaning,
+            parameter.name,
+            with_limit(parameter.value, parameter.half_width),
+            "" if parameter.given is None else str(parameter.given),
+            parameter.unit,
+            SYMBOLS[parameter.name].meaning,
         )
-        for each in parameters.found
+        for parameter in parameters.found
     ]
     if zeros:
-        ends = dict.fromkeys(f"{round(each(zeros.values()), 4) + 0.0:.4f}" for each in (min, max))
+        ends = dict.fromkeys(
+            f"{round(extreme(zeros.values()), 4) + 0.0:.4f}" for extreme in (min, max)
+        )
         rows.append(("zero", " to ".join(ends), "", "rad", "encoder's angle less the model's"))
     caption = "Derived from the parameters, and from what is known of motor and joint."
     headers = ("", "value ± 95 %", "given", "unit", "meaning")
@@ -126,27 +135,27 @@ def physical_table(parameters: PhysicalParameters, zeros: Mapping[str, float]) -
 def physical_numbers(parameters: PhysicalParameters) -> dict[str, dict[str, Any]]:
     """Return the same for programs, by name."""
     return {
-        each.name: {
-            "value": each.value,
-            "standard_error": or_none(each.standard_error),
-            "lower": or_none(each.value - each.half_width),
-            "upper": or_none(each.value + each.half_width),
-            "told": each.given and plain(each.given),
-            "unit": each.unit,
+        parameter.name: {
+            "value": parameter.value,
+            "standard_error": or_none(parameter.standard_error),
+            "lower": or_none(parameter.value - parameter.half_width),
+            "upper": or_none(parameter.value + parameter.half_width),
+            "told": parameter.given and plain(parameter.given),
+            "unit": parameter.unit,
         }
-        for each in parameters.found
+        for parameter in parameters.found
     }
 
 
 def physical_sentences(parameters: PhysicalParameters) -> list[str]:
     """Say what is left open, and which measurement would tell."""
     return [
-        _SENTENCES[each.missing].format(
-            names=" and ".join(each.names),
-            has="has" if len(each.names) == 1 else "have",
-            most=f" k_emf is at most {each.most.value:.3g} V s/rad." if each.most else "",
+        _SENTENCES[gap.missing].format(
+            names=" and ".join(gap.names),
+            has="has" if len(gap.names) == 1 else "have",
+            most=f" k_emf is at most {gap.most.value:.3g} V s/rad." if gap.most else "",
         )
-        for each in parameters.unidentified
+        for gap in parameters.unidentified
     ]
 
 
@@ -163,7 +172,9 @@ class Separated(Answer):
         return cls(
             title=f"{_TITLE} of {name!r}",
             summary=(*judged.lines, *physical_sentences(parameters)),
-            content={"rows": [{"parameter": each} | row for each, row in numbers.items()]},
+            content={
+                "rows": [{"parameter": parameter} | row for parameter, row in numbers.items()]
+            },
             judged=judged,
         )
 

@@ -48,7 +48,7 @@ class _PlainPowers(LogFormatterSciNotation):
 
 def write_pictures(figures: Mapping[str, Figure], folder: Path) -> None:
     """Write each figure as ``folder``/NAME.png and NAME.svg: all that the reports use is drawn."""
-    said = {"png": {"Software": "butterfly.figure"}, "svg": {"Title": "butterfly.figure"}}
+    metadata = {"png": {"Software": "butterfly.figure"}, "svg": {"Title": "butterfly.figure"}}
     for name, figure in figures.items():
         still = draw(figure)
         FigureCanvasAgg(still)  # what a figure is measured on
@@ -57,7 +57,7 @@ def write_pictures(figures: Mapping[str, Figure], folder: Path) -> None:
             path = folder / f"{name}.{suffix}"
             with replacing(path, mark_of(path, "figure")) as draft:
                 canvas(still).print_figure(
-                    draft, format=suffix, bbox_inches=edges, metadata=said[suffix]
+                    draft, format=suffix, bbox_inches=edges, metadata=metadata[suffix]
                 )
 
 
@@ -104,8 +104,8 @@ def _explain(panels: list[Axes]) -> None:
 
 def _panel(still: Still, layout: dict[str, Any], key: tuple[str, str]) -> Axes:
     across, up = (layout.get(f"{name[0]}axis{name[1:]}", {}) for name in key)
-    (left, right), (bottom, top) = (axis.get("domain", (0, 1)) for axis in (across, up))
-    box = (0.08 + 0.84 * left, 0.08 + 0.84 * bottom, 0.84 * (right - left), 0.84 * (top - bottom))
+    (start, stop), (bottom, top) = (axis.get("domain", (0, 1)) for axis in (across, up))
+    box = (0.08 + 0.84 * start, 0.08 + 0.84 * bottom, 0.84 * (stop - start), 0.84 * (top - bottom))
     axes = still.add_axes(box)
     axes.grid(visible=True, alpha=0.3)
     axes.ticklabel_format(useOffset=False)

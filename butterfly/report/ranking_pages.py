@@ -74,15 +74,15 @@ def frequencies(result: Result) -> Figure | None:
     masses = sorted({row["added mass in kg"] for row in rows})
     for (number, mass), name in product(enumerate(masses), _SIMULATORS):
         (colour, symbol), (mark, size) = look(number), _SIMULATORS[name]
-        own = [row for row in rows if row["added mass in kg"] == mass]
+        group = [row for row in rows if row["added mass in kg"] == mass]
         style: dict[str, Any] = {
             "name": f"{1e3 * mass:g} g, {name}",
             "mode": "markers",
             "marker": {"color": colour, "symbol": symbol + mark, "size": size},
         }
-        omega = [row["frequency in rad/s"] for row in own]
+        omega = [row["frequency in rad/s"] for row in group]
         for row, (what, unit) in enumerate((("amplitude", " %"), ("phase", "°")), start=1):
-            errors = [log[f"{what} error {name} in {unit.strip()}"] for log in own]
+            errors = [log[f"{what} error {name} in {unit.strip()}"] for log in group]
             hover = f"%{{x:.3g}} rad/s: %{{y:.4g}}{unit}"
             style |= {"showlegend": row == 1, "hovertemplate": hover}
             add(figure, row, omega, errors, **style)
@@ -103,20 +103,20 @@ def corner(result: Result) -> Figure | None:
         for column, across in enumerate(names[:row], start=1):
             place, x, y = {"row": row, "col": column}, columns[across], columns[up]
             style = {"mode": "markers", "marker": {"color": PALETTE[0], "size": 3}}
-            own = looks[up] if column == 1 else {}
+            axis = looks[up] if column == 1 else {}
             if row == column:
                 counts, edges = np.histogram(x, _BINS)
                 x, y = np.repeat(edges, 2), np.concatenate([[0], np.repeat(counts, 2), [0]])
-                style, own = {"mode": "lines", "line": {"color": PALETTE[0], "width": 1.4}}, {}
+                style, axis = {"mode": "lines", "line": {"color": PALETTE[0], "width": 1.4}}, {}
             figure.add_scatter(x=x, y=y, **style, **place)
             figure.update_xaxes(showticklabels=row == size, **place)
             figure.update_xaxes(looks[across] if row == size else {}, **place)
-            figure.update_yaxes({"showticklabels": bool(own), **own}, **place)
+            figure.update_yaxes({"showticklabels": bool(axis), **axis}, **place)
     return figure.update_layout(height=_CELL * size + 110, showlegend=False)
 
 
 def leaderboard(result: Result) -> Figure:
-    """Draw what each estimator lacks of a FIT of 100 %, so that good ones are told apart."""
+    """Draw 100 % minus the median FIT of each estimator on a logarithmic axis."""
     rows = result.rows()
     several = len({row["data"] for row in rows}) > 1
     names = [f"{row['method']}, {row['data']}" if several else row["method"] for row in rows]
@@ -156,7 +156,7 @@ def choices(result: Result) -> Figure | None:
     for number, name in enumerate(fits[0]):
         colour, symbol = look(number)
         marker = {"color": colour, "symbol": symbol, "size": 9}
-        values = [each[name] for each in fits]
+        values = [medians[name] for medians in fits]
         figure.add_scatter(x=names, y=values, mode="lines+markers", name=name, marker=marker)
     return figure
 

@@ -80,16 +80,16 @@ def summary(identification: Identified) -> list[str]:
 
 def _known(data: DataSet, estimate: Estimate) -> list[str]:
     """Say which values were given, which follow from these, and which are assumed and why."""
-    own, assumed = data.given.values, data.assumed
+    given, assumed = data.given.values, data.assumed
     known = estimate.given.values
     texts = {
-        "Given": [f"{name} = {value}" for name, value in own.items()],
+        "Given": [f"{name} = {value}" for name, value in given.items()],
         "Follows from what was given": [
-            f"{name} = {value}" for name, value in known.items() if name not in {*own, *assumed}
+            f"{name} = {value}" for name, value in known.items() if name not in {*given, *assumed}
         ],
         "Assumed": [f"{name} = 0 ({why})" for name, why in assumed.items() if name in known],
     }
-    return [f"{what}: {', '.join(each)}." for what, each in texts.items() if each]
+    return [f"{what}: {', '.join(values)}." for what, values in texts.items() if values]
 
 
 def _basis(identification: Identified) -> str:
@@ -128,19 +128,19 @@ def tables(identification: Identified) -> list[PageTable]:
     """Return parameters beside the true ones if known, physical ones, and FIT of others."""
     estimate, fit = identification.estimate, identification.fit
     rows = estimate.table(identification.truth)
-    found = [
+    parts = [
         values_table(f"{identification.origin['name']}: {estimate.method}", rows),
         _columns("Errors and intervals", rows, "error", "interval", "left_out", detail=True),
     ]
     if estimate.agreement:
-        found.append(agreement_table(estimate.agreement))
+        parts.append(agreement_table(estimate.agreement))
     if (derived := physical_table(identification.separated(), identification.zeros)).rows:
-        found.append(derived)
+        parts.append(derived)
     if estimate.resonances:
         resonances = [(str(mass), f"{w:.4f}") for mass, w in estimate.resonances.items()]
-        found.append(PageTable("Resonance, as this method finds it", ("", "rad/s"), resonances))
+        parts.append(PageTable("Resonance, as this method finds it", ("", "rad/s"), resonances))
     if (servo := loop_table(identification)).rows:
-        found.append(servo)
+        parts.append(servo)
     if identification.comparisons:
         fits = [(f"{estimate.method}, this identification", fit)]
         for other in identification.comparisons:
@@ -148,8 +148,8 @@ def tables(identification: Identified) -> list[PageTable]:
             fits.append((other.name + gain, other.fit))
         lines = [(name, *map(fit_text, (f.median, f.mean, f.worst))) for name, f in fits]
         title = f"FIT in %{fit.over} on the same logs"
-        found.append(PageTable(title, ("parameters", "median", "mean", "worst"), lines))
-    return found
+        parts.append(PageTable(title, ("parameters", "median", "mean", "worst"), lines))
+    return parts
 
 
 def facts(identification: Identified, numbers: Mapping[str, Any]) -> list[Fact]:
@@ -187,7 +187,7 @@ def _of_logs(identification: Identified, residuals: Mapping[str, Any]) -> list[F
 
 def values_table(title: str, rows: Sequence[Parameter]) -> PageTable:
     """Tabulate the values of parameters, beside the true ones if these are known."""
-    known = any(each.true is not None for each in rows)
+    known = any(row.true is not None for row in rows)
     compared = ("true", "deviation", "unit") if known else ("unit", "meaning")
     return _columns(title, rows, "estimate", *compared, "mark")
 
@@ -196,7 +196,7 @@ def _columns(
     title: str, rows: Sequence[Parameter], *columns: str, detail: bool = False
 ) -> PageTable:
     """Return some columns of parameters as texts."""
-    headers = ("", *(_HEADERS.get(each, each) for each in columns))
+    headers = ("", *(_HEADERS.get(column, column) for column in columns))
     cells = [[row[c] for c in ("name", *columns)] for row in map(parameter_texts, rows)]
     return PageTable(title, headers, cells, detail)
 
@@ -211,8 +211,8 @@ def loop_table(identification: Identified) -> PageTable:
             continue
         error = 1e3 * np.mean([identification.mean_errors[name] for name in names])
         ways = {"in the loop": fits, "by the drive alone": identification.drive_fits}
-        for (way, own), off in zip(ways.items(), (f"{error:.1f}", "–"), strict=True):
-            fit = FitSummary.of(np.array([own[name] for name in names]))
+        for (way, values), off in zip(ways.items(), (f"{error:.1f}", "–"), strict=True):
+            fit = FitSummary.of(np.array([values[name] for name in names]))
             rows.append((way + which, *map(fit_text, (fit.median, fit.mean, fit.worst)), off))
     return PageTable("Servo", headers, rows, name="loop")
 
@@ -257,15 +257,15 @@ def zero_sentences(logs: Sequence[Log], known: Prior) -> list[str]:
         return []
     logs = [thinned(log) for log in logs]
     zeros = encoder_offsets(logs, [_response(log) for log in logs])
-    found, guessed = [], []
-    for said in dict.fromkeys(map(_zero_text, zeros)):
-        own = [log for log, each in zip(logs, zeros, strict=True) if _zero_text(each) == said]
-        where = "" if len(own) == len(logs) else f" {_named(own, logs)}"
-        if said:
-            found.append(f"{said}{where}")
+    texts, guessed = [], []
+    for text in dict.fromkeys(map(_zero_text, zeros)):
+        group = [log for log, zero in zip(logs, zeros, strict=True) if _zero_text(zero) == text]
+        where = "" if len(group) == len(logs) else f" {_named(group, logs)}"
+        if text:
+            texts.append(f"{text}{where}")
         else:
             guessed.append(f"The encoder zero{where} is a guess: {REMEDY}.")
-    return [*([f"Encoder zero: {'; '.join(found)}."] if found else []), *guessed]
+    return [*([f"Encoder zero: {'; '.join(texts)}."] if texts else []), *guessed]
 
 
 def _zero_text(zero: EncoderOffset) -> str:
@@ -273,12 +273,12 @@ def _zero_text(zero: EncoderOffset) -> str:
     return "" if zero.kind is OffsetKind.GUESS else str(zero)
 
 
-def _named(own: Sequence[Log], logs: Sequence[Log]) -> str:
+def _named(group: Sequence[Log], logs: Sequence[Log]) -> str:
     """Name some of the logs, by what they carry if all with the same are among them."""
-    masses = {log.added_mass for log in own}
-    if len(own) == sum(log.added_mass in masses for log in logs):
+    masses = {log.added_mass for log in group}
+    if len(group) == sum(log.added_mass in masses for log in logs):
         return f"with {' and '.join(str(mass) for mass in sorted(masses))}"
-    return f"in {listed([log.name for log in own])}"
+    return f"in {listed([log.name for log in group])}"
 
 
 def _response(log: Log) -> ResponsePoint | None:
@@ -326,46 +326,60 @@ def medians_of(row: Mapping[str, Any]) -> dict[str, float]:
 
 
 def next_step(
-    found: Identified, words: Sequence[str], data: Sequence[Path | str], saved: Path | None = None
+    identification: Identified,
+    words: Sequence[str],
+    data: Sequence[Path | str],
+    saved: Path | None = None,
 ) -> str:
     """Return a command to paste: it mends units or the model, or saves the result or uses it.
 
     ``data``: paths, and options that say what is read, which other commands take too.
     """
-    verdict, missing = estimate_verdict(found.estimate), found.residuals.missing.terms
+    verdict, missing = (
+        estimate_verdict(identification.estimate),
+        identification.residuals.missing.terms,
+    )
     if advice := _ADVICE.search(" ".join(verdict.lines)):
         return _again(words, advice[1], advice[2], merged=True)
     read = shlex.join(map(str, data))
     if verdict.level is Level.WARNING:
-        poor = (each for each in found.estimate.findings if each.kind is FindingKind.POOR_FIT)
-        better = next((each.parameters for each in poor), ())
+        poor = (
+            finding
+            for finding in identification.estimate.findings
+            if finding.kind is FindingKind.POOR_FIT
+        )
+        better = next((finding.parameters for finding in poor), ())
         return (
             f"butterfly identify {read} --method {better[0]}"
             if better
             else f"butterfly inspect {read}"
         )
     if missing:
-        names = (n for n in found.estimate.names if n not in PARAMETERS and not TERMS[n].follows)
+        names = (
+            n for n in identification.estimate.names if n not in PARAMETERS and not TERMS[n].follows
+        )
         terms = ",".join([*names, *missing])
-        if found.made_by is None or {*missing} <= {*offered(found.made_by.method)}:
+        if identification.made_by is None or {*missing} <= {
+            *offered(identification.made_by.method)
+        }:
             return _again(words, "--terms", terms)
         return f"butterfly identify {read} --terms {terms}"
     if saved is None:
         return _again(words, "--save", "joint.json")
-    done = verdict.level is Level.GOOD and not found.estimate.open
+    done = verdict.level is Level.GOOD and not identification.estimate.open
     use = "validate" if done else "design"
     return f"butterfly {use} {shlex.quote(str(saved))}"
 
 
 def _again(words: Sequence[str], option: str, value: str, *, merged: bool = False) -> str:
     """Return the command anew, with a value of an option, or one more of its pairs."""
-    kept: list[str] = []
+    arguments: list[str] = []
     for word in words:
-        kept += word.split("=", maxsplit=1) if word.startswith(f"{option}=") else [word]
-    if option not in kept:
-        return f"butterfly {shlex.join([*kept, option, value])}"
-    at = kept.index(option) + 1
+        arguments += word.split("=", maxsplit=1) if word.startswith(f"{option}=") else [word]
+    if option not in arguments:
+        return f"butterfly {shlex.join([*arguments, option, value])}"
+    at = arguments.index(option) + 1
     column = f"{value.partition('=')[0]}="
-    pairs = [pair for pair in kept[at].split(",") if merged and not pair.startswith(column)]
-    kept[at] = ",".join([*pairs, value])
-    return f"butterfly {shlex.join(kept)}"
+    pairs = [pair for pair in arguments[at].split(",") if merged and not pair.startswith(column)]
+    arguments[at] = ",".join([*pairs, value])
+    return f"butterfly {shlex.join(arguments)}"

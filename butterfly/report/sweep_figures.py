@@ -40,8 +40,8 @@ def recovery_figure(table: Estimates) -> Figure | None:
     count = len(table.estimators)
     for index, method in enumerate(table.estimators):
         colour = PALETTE[index % len(PALETTE)]
-        own = table.where(estimator=method)
-        groups = [100 * own.where(parameter=name)["deviation"] for name in names]
+        estimates = table.where(estimator=method)
+        groups = [100 * estimates.where(parameter=name)["deviation"] for name in names]
         rows = [k for k, group in enumerate(groups) if group.size]
         spread = np.clip([np.percentile(groups[k], _SPREAD) for k in rows], -MOST, MOST)
         reach = max(reach, float(np.abs(spread).max(initial=0.0)))
@@ -99,7 +99,7 @@ def axis_figure(table: Estimates, field: str, names: Sequence[str]) -> Figure | 
 
 
 def _binned(values: NDArray[Any]) -> tuple[list[Any], list[NDArray[np.bool_]]]:
-    """Return the values, or the middles of bins with equally many, and who belongs to each."""
+    """Return distinct values, or medians of equally filled bins, and (n,) masks of their rows."""
     if values.dtype == object:
         kinds = list(dict.fromkeys(values.tolist()))
         labels = [escape(str(kind)).replace(", ", "<br>") for kind in kinds]  # lists of settings
@@ -185,11 +185,11 @@ def parallel_figure(table: Estimates, fields: Sequence[str]) -> Figure | None:
             name=name,
             hoverinfo="skip",
         )
-    beside = {"showarrow": False, "xanchor": "left", "xshift": 4}
+    style = {"showarrow": False, "xanchor": "left", "xshift": 4}
     for step, axis in enumerate(axes):
         figure.add_vline(x=step, line={"color": GREY, "width": 1})
         for place, text in axis.marks.items():
-            figure.add_annotation(x=step, y=place, text=escape(text), **beside)
+            figure.add_annotation(x=step, y=place, text=escape(text), **style)
     titles = [escape(axis.title).replace("\n", "<br>") for axis in axes]
     figure.update_xaxes(
         tickvals=steps.tolist(), ticktext=titles, showgrid=False, range=[-0.1, len(axes) - 0.6]

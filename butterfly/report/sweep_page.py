@@ -132,19 +132,19 @@ def _facts(table: Estimates, status: NDArray[Any]) -> list[Fact]:
 
 def _verdicts_table(table: Estimates) -> PageTable:
     counts = table.verdicts.items() if table["value"].size else ()
-    rows = [(estimator, *map(str, each.values())) for estimator, each in counts]
-    return PageTable(headers=("estimator", *(each.verdict for each in VERDICTS)), rows=rows)
+    rows = [(estimator, *map(str, tally.values())) for estimator, tally in counts]
+    return PageTable(headers=("estimator", *(level.verdict for level in VERDICTS)), rows=rows)
 
 
 def _recovery_table(recovered: Sequence[Mapping[str, Any]]) -> PageTable:
     *deviations, coverage = _SHARES
     rows = [
         (
-            *(str(each[name]) for name in ("estimator", "parameter", "runs")),
-            *(_percent(each[name], ".3g") for name in deviations),
-            _percent(each[coverage]),
+            *(str(row[name]) for name in ("estimator", "parameter", "runs")),
+            *(_percent(row[name], ".3g") for name in deviations),
+            _percent(row[coverage]),
         )
-        for each in recovered
+        for row in recovered
     ]
     headers = (
         *("estimator", "parameter", "runs", "median deviation in %", "rms in %"),
@@ -154,7 +154,7 @@ def _recovery_table(recovered: Sequence[Mapping[str, Any]]) -> PageTable:
 
 
 def closest(table: Estimates) -> list[str]:
-    """Return the closest estimator, then those with a log ratio to it within two of its errors."""
+    """Return the most accurate estimator, then those not worse by over two standard errors."""
     means: dict[str, dict[float, float]] = {}
     medians: dict[str, float] = {}
     for method in table.estimators:
@@ -162,17 +162,17 @@ def closest(table: Estimates) -> list[str]:
         size = np.abs(group["deviation"])
         if size.size:
             numbers, run = np.unique(group["number"], return_inverse=True)
-            own = np.log(np.maximum(np.bincount(run, size) / np.bincount(run), _LEAST))
-            means[method] = dict(zip(numbers.tolist(), own.tolist(), strict=True))
+            logarithms = np.log(np.maximum(np.bincount(run, size) / np.bincount(run), _LEAST))
+            means[method] = dict(zip(numbers.tolist(), logarithms.tolist(), strict=True))
             medians[method] = float(np.median(size))
     first, *others = sorted(medians, key=lambda method: medians[method]) or [""]
-    found = [first] if first else []
+    methods = [first] if first else []
     for method in others:
         both = means[first].keys() & means[method].keys()
         farther = np.array([means[method][run] - means[first][run] for run in both])
         gain = Gain.of(farther) if both else None
-        found += [method] if gain is None or not gain.mean > 2 * gain.error else []
-    return found
+        methods += [method] if gain is None or not gain.mean > 2 * gain.error else []
+    return methods
 
 
 def _ranking_table(table: Estimates) -> PageTable:
@@ -233,12 +233,12 @@ def _deviation_text(rows: Estimates, number: int) -> str:
 def _unconverged_table(table: Estimates) -> PageTable:
     rest = table.take(table["ending"] != Ending.CONVERGED)
     names = ("number", "key", "estimator", "ending", "findings")
-    found = dict.fromkeys(zip(*(rest[name].tolist() for name in names), strict=True))
+    estimates = dict.fromkeys(zip(*(rest[name].tolist() for name in names), strict=True))
     return PageTable(
         headers=("run", "estimator", "ending", "findings"),
-        rows=[(_link(*run[:2]), *run[2:]) for run in list(found)[:_LISTED]],
+        rows=[(_link(*run[:2]), *run[2:]) for run in list(estimates)[:_LISTED]],
         words=(1, 2, 3),
-        caption=f"{len(found)} in all.",
+        caption=f"{len(estimates)} in all.",
     )
 
 
@@ -267,8 +267,8 @@ def _orbits_table(runs: pa.Table) -> PageTable:
         sizes, unit = amplitude if row["orbit_speed"] is None else speed
         errors = ("error_generic", "error_recalibrated")
         angles = {name: math.degrees(row[f"orbit_{name}"]) for name in (*sizes, *errors)}
-        said = [f"{angle:.4g}{unit if name in sizes else ''}" for name, angle in angles.items()]
-        rows.append((str(row["number"]), *said, str(row["orbit_rounds"])))
+        texts = [f"{angle:.4g}{unit if name in sizes else ''}" for name, angle in angles.items()]
+        rows.append((str(row["number"]), *texts, str(row["orbit_rounds"])))
     headers = ("run", "target", "reached", "generic, rms in °", "re-calibrated", "rounds")
     return PageTable(headers=headers, rows=rows)
 
@@ -283,7 +283,7 @@ def _summary(table: Estimates, status: NDArray[Any], fields: Sequence[str]) -> l
     count = len(table.by_estimate("ending"))
     if count:
         counts, missed = table.verdicts.values(), table.unconverged
-        verdicts = (f"{sum(each[v.verdict] for each in counts)} {v.verdict}" for v in VERDICTS)
+        verdicts = (f"{sum(tally[v.verdict] for tally in counts)} {v.verdict}" for v in VERDICTS)
         sentences.append(f"Verdicts on {count} estimates: {', '.join(verdicts)}.")
         some = f"{missed} of {count} estimates did not converge."
         sentences.append(some if missed else "Every estimate converged.")

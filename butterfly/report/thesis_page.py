@@ -32,8 +32,8 @@ def write_thesis(folder: Path, figures: Sequence[ThesisFigure], numbers: dict[st
         ],
         numbers=numbers,
     )
-    for each in figures:
-        each.write(folder)
+    for figure in figures:
+        figure.write(folder)
     write_pictures(page.figures, folder)
     write_page(page, folder / "thesis.html")
     return folder / "thesis.html"
@@ -41,7 +41,7 @@ def write_thesis(folder: Path, figures: Sequence[ThesisFigure], numbers: dict[st
 
 def drawn(figure: ThesisFigure) -> Figure:
     """Draw a figure, with a line in grey at each abscissa that is printed."""
-    found, heights = panel(*figure.axes), []
+    plot, heights = panel(*figure.axes), []
     for number, (name, (kind, columns)) in enumerate(figure.curves.items()):
         (x, y), colour = columns.values(), look(number)[0]
         if kind in _MARKERS:
@@ -49,10 +49,10 @@ def drawn(figure: ThesisFigure) -> Figure:
             style = {"mode": "markers", "marker": {"color": colour, "symbol": symbol, "size": size}}
         else:
             some, style = seen_samples([y], _MOST), {"mode": "lines", "line": {"color": colour}}
-        found.add_scatter(x=x[some], y=y[some], name=name, **style)
+        plot.add_scatter(x=x[some], y=y[some], name=name, **style)
         heights += [y.min(), y.max()]
     for (name, at), dash in zip(figure.marks.items(), _DASHES, strict=False):
         line, span = {"color": GREY, "dash": dash}, [min(heights), max(heights)]
-        found.add_scatter(x=[at, at], y=span, mode="lines", line=line, name=f"{name}: {at:.5g}")
-    found.update_layout({f"{axis}axis": {"type": "log"} for axis in figure.logarithmic})
-    return found.update_xaxes(range=figure.shown)
+        plot.add_scatter(x=[at, at], y=span, mode="lines", line=line, name=f"{name}: {at:.5g}")
+    plot.update_layout({f"{axis}axis": {"type": "log"} for axis in figure.logarithmic})
+    return plot.update_xaxes(range=figure.shown)

@@ -28,19 +28,21 @@ _PERIODS = 4  # of the drawn motion in the phase plane
 _DOTS = 800  # instants of a residual torque
 
 
-def with_courses(compared: Sequence[ThreeWay], own: Sequence[LogResiduals], page: Page) -> Page:
+def with_courses(
+    compared: Sequence[ThreeWay], log_residuals: Sequence[LogResiduals], page: Page
+) -> Page:
     """Return the page of a comparison with the course of each log, and its residuals."""
-    chosen = middle([each.fits["grey box"] for each in compared])
+    chosen = middle([comparison.fits["grey box"] for comparison in compared])
     of_log: dict[str, Callable[[ThreeWay], Figure]] = {
         "time": _time_figure,
         "phase": _phase_figure,
         "residual": lambda one: torque_figure(one.residual, one.log.added_mass.joint, _DOTS),
     }
     series = {name: Series.of_figures([*map(draw, compared)]) for name, draw in of_log.items()}
-    stretches = [first_stretch(each.log) for each in compared]
+    stretches = [first_stretch(comparison.log) for comparison in compared]
     series["time"] = replace(series["time"], stretches=stretches)
     fits, residuals = (
-        replace(part, tables=(part.tables[0]._replace(picks=range(len(own))),))
+        replace(part, tables=(part.tables[0]._replace(picks=range(len(log_residuals))),))
         for part in page.sections
     )
     sections = [
@@ -55,26 +57,33 @@ def with_courses(compared: Sequence[ThreeWay], own: Sequence[LogResiduals], page
             residuals,
             text="Correlations of the grey box's errors: sensor noise alone stays inside the "
             "bands. Below: the residual torque, averaged over short intervals.",
-            series={"left-over": correlation_series(own), "residual": series["residual"]},
+            series={"left-over": correlation_series(log_residuals), "residual": series["residual"]},
         ),
     ]
     return replace(
         page,
         sections=sections,
-        logs=[f"{each.log.label} – FIT {each.fits['grey box']:.1f} %" for each in compared],
+        logs=[
+            f"{comparison.log.label} – FIT {comparison.fits['grey box']:.1f} %"
+            for comparison in compared
+        ],
         chosen=chosen,
         pictures={name: partial(draw, compared[chosen]) for name, draw in of_log.items()}
-        | {"left-over": partial(correlation_figure, own[chosen])},
+        | {"left-over": partial(correlation_figure, log_residuals[chosen])},
     )
 
 
-def _angles(each: ThreeWay) -> dict[str, Samples]:
-    return {"MuJoCo": each.mujoco, "grey box": each.greybox, "measured": each.log.angle}
+def _angles(comparison: ThreeWay) -> dict[str, Samples]:
+    return {
+        "MuJoCo": comparison.mujoco,
+        "grey box": comparison.greybox,
+        "measured": comparison.log.angle,
+    }
 
 
-def _time_figure(each: ThreeWay) -> Figure:
+def _time_figure(comparison: ThreeWay) -> Figure:
     """Draw the three angles, and the errors of both simulators, against time."""
-    columns, log = _angles(each), each.log
+    columns, log = _angles(comparison), comparison.log
     every = max(1, round(_STEP / log.mean_step))
     rows = seen_samples(list(columns.values()), _MOST, every=every)
     way = log.added_mass.joint.way
@@ -90,14 +99,14 @@ def _time_figure(each: ThreeWay) -> Figure:
     return figure
 
 
-def _phase_figure(each: ThreeWay) -> Figure:
+def _phase_figure(comparison: ThreeWay) -> Figure:
     """Draw velocity against angle over the last periods of a log."""
-    time, way = each.log.time, each.log.added_mass.joint.way
-    omega = each.log.excitation.omega if each.log.excitation else 3.0
+    time, way = comparison.log.time, comparison.log.added_mass.joint.way
+    omega = comparison.log.excitation.omega if comparison.log.excitation else 3.0
     late = time > time[-1] - _PERIODS * 2 * np.pi / omega
     figure = panel(f"angle in {way}", f"velocity in {way}/s")
     grid = np.linspace(time[late][0], time[-1], 600)
-    for name, angle in _angles(each).items():
+    for name, angle in _angles(comparison).items():
         smooth = np.convolve(np.interp(grid, time, angle), np.ones(5) / 5, mode="valid")
         velocity = np.gradient(smooth, grid[1] - grid[0])
         x, y = smooth.astype(np.float32), velocity.astype(np.float32)

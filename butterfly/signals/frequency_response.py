@@ -89,7 +89,7 @@ class ResponsePoint:
     label: str  # Short name of the log
     # In 1/s, of a transient that still rings and was fitted too; None where there is none
     pole: complex | None = None
-    detuning: float = 0.0  # Relative distance of the input's frequency from the one that was told
+    detuning: float = 0.0  # Relative deviation of the input's frequency from the stated one
 
     @property
     def omega(self) -> float:
@@ -180,19 +180,21 @@ _PADDED = 8
 def pole_of(time: Samples, values: Samples) -> complex:
     """Return the pole in 1/s of the decay Re{c e^(pole t)} that fits (n,) values best."""
     grid = uniform_grid(time, max((time[-1] - time[0]) / _SAMPLES, float(np.diff(time).mean())))
-    left = resample(time, values, grid)
+    samples = resample(time, values, grid)
     since = grid - grid[0]
-    spectrum = np.abs(np.fft.rfft(left * np.hanning(left.size), _PADDED * left.size))
-    peak = 2 * np.pi * np.fft.rfftfreq(_PADDED * left.size, grid[1] - grid[0])[np.argmax(spectrum)]
+    spectrum = np.abs(np.fft.rfft(samples * np.hanning(samples.size), _PADDED * samples.size))
+    peak = (
+        2 * np.pi * np.fft.rfftfreq(_PADDED * samples.size, grid[1] - grid[0])[np.argmax(spectrum)]
+    )
 
     def residuals(pole: Samples) -> Samples:
         wave = np.exp(-abs(pole[0]) * since)
         basis = np.column_stack([wave * np.cos(pole[1] * since), wave * np.sin(pole[1] * since)])
-        return np.asarray(left - basis @ np.linalg.lstsq(basis, left, rcond=None)[0])
+        return np.asarray(samples - basis @ np.linalg.lstsq(basis, samples, rcond=None)[0])
 
     length = float(since[-1])
-    found = least_squares(residuals, [1.0 / length, peak], x_scale=[1.0 / length, 1.0 / length])
-    return complex(-abs(found.x[0]), found.x[1])
+    fit = least_squares(residuals, [1.0 / length, peak], x_scale=[1.0 / length, 1.0 / length])
+    return complex(-abs(fit.x[0]), fit.x[1])
 
 
 def measured_response(

@@ -190,8 +190,8 @@ def _spread_steps(time, inputs, start, rate, rise):
         elif nearest < rise.size - 2:
             x = place - nearest
             even, odd = 0.25 * x * x - 1.0 / 24.0, (1.0 / 6.0) * x * x * x
-            left, middle, right = even - odd, 0.5 - x + 2.0 * odd, 1.0 - even - odd
-            rise[nearest - 1] += jump * left
-            rise[nearest] += jump * (middle - left)
-            rise[nearest + 1] += jump * (right - middle)
-            rise[nearest + 2] += jump * (1.0 - right)
+            earlier, middle, later = even - odd, 0.5 - x + 2.0 * odd, 1.0 - even - odd
+            rise[nearest - 1] += jump * earlier
+            rise[nearest] += jump * (middle - earlier)
+            rise[nearest + 1] += jump * (later - middle)
+            rise[nearest + 2] += jump * (1.0 - later)

@@ -106,7 +106,7 @@ def slope(values: Samples, reach: int, order: int, step: float) -> Samples:
     """
     rises, fit = _window(reach, order)
     width = 2 * reach + 1
-    begin = rises[:-1] @ (fit @ (values[:width] - values[0]))  # so that where all are alike it is 0
+    begin = rises[:-1] @ (fit @ (values[:width] - values[0]))  # exactly 0 for equal samples
     end = rises[:-1] @ (fit @ (values[-1] - values[: -width - 1 : -1]))
     inner = np.zeros(values.size - 2 * reach)
     _antisymmetric(values, (rises[-1] @ fit)[reach + 1 :], inner)
@@ -126,7 +126,7 @@ def _window(reach: int, order: int) -> tuple[Samples, Samples]:
 
 @compiled
 def _antisymmetric(values, weights, result):
-    """Add each sample's differences between right and left, the i-th weighted by weights[i - 1].
+    """Add differences of the i-th samples after and before each one, weighted by weights[i - 1].
 
     The inner loop is over samples, so the processor adds several at once.
     """
@@ -135,7 +135,7 @@ def _antisymmetric(values, weights, result):
         block = result[start : start + _BLOCK]
         for k in range(1, reach + 1):
             middle, weight = start + reach, weights[k - 1]
-            right = values[middle + k : middle + k + block.size]
-            left = values[middle - k : middle - k + block.size]
+            later = values[middle + k : middle + k + block.size]
+            earlier = values[middle - k : middle - k + block.size]
             for i in range(block.size):
-                block[i] += weight * (right[i] - left[i])
+                block[i] += weight * (later[i] - earlier[i])

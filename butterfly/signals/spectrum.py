@@ -51,7 +51,7 @@ def dominant_frequency(time: Samples, values: Samples, most: int = _MOST) -> tup
 
     The spectrum of the signal less a straight line peaks nearby, at one period in the signal or
     more: few periods, damping and noise move a peak. Least squares of a sine beside an offset say
-    where it is. At ``most`` so many samples are looked at.
+    where it is. At most ``most`` samples are used.
     """
     grid = np.linspace(time[0], time[-1], min(time.size, most))
     if time.size <= most:
@@ -74,8 +74,8 @@ def dominant_frequency(time: Samples, values: Samples, most: int = _MOST) -> tup
         return 1.0 - float(waves @ (rows @ centred)) / power
 
     reach = (_FINER - 1) * spacing  # within the peak's main lobe
-    found = minimize_scalar(unexplained, bounds=(peak - reach, peak + reach), method="bounded")
-    return float(found.x), 1.0 - float(found.fun)
+    optimum = minimize_scalar(unexplained, bounds=(peak - reach, peak + reach), method="bounded")
+    return float(optimum.x), 1.0 - float(optimum.fun)
 
 
 def dominant_period(time: Samples, values: Samples) -> float:

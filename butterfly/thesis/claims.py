@@ -1,4 +1,4 @@
-"""A figure, and what is said of it beside what is seen in it."""
+"""A figure, and claims about it against the data that it shows."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from butterfly.arrays import Samples
 from butterfly.files import write_file
 
 CLOSE = 0.01
-"""Share of a number that is negligible beside it."""
+"""Relative difference up to which two numbers agree."""
 
 
 class Claim(NamedTuple):
-    """What is said of a figure, beside what is seen in it, and whether that agrees."""
+    """A statement on a figure, with the number obtained here, and whether they agree."""
 
     text: str
     holds: bool
 
 
-def near(what: str, said: float, seen: float, unit: str = "", within: float = 0.0) -> Claim:
-    """Compare two numbers: they agree ``within`` a bound, or if what is between is negligible."""
-    holds = abs(seen - said) <= max(within, CLOSE * abs(said))
-    return Claim(f"{what} {said:.4g}{unit} (here {seen:.4g}{unit})", bool(holds))
+def near(what: str, expected: float, seen: float, unit: str = "", within: float = 0.0) -> Claim:
+    """Compare a number with the expected one: they agree ``within`` a bound, or up to 1 %."""
+    holds = abs(seen - expected) <= max(within, CLOSE * abs(expected))
+    return Claim(f"{what} {expected:.4g}{unit} (here {seen:.4g}{unit})", bool(holds))
 
 
 @dataclass(frozen=True, eq=False)

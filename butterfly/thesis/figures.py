@@ -48,12 +48,12 @@ def synthetic_figures(synthetic: Synthetic) -> list[ThesisFigure]:
         for noise in (False, True)
     )
     for number, omega in ((3, 4.0), (4, 7.0)):
-        log, said = clean[omega], size * float(abs(LinearJoint.of(robot).response(omega)))
+        log, expected = clean[omega], size * float(abs(LinearJoint.of(robot).response(omega)))
         seen = rms_amplitude(log.angle[steady_window(log, omega)])
         most = math.degrees(np.abs(log.angle).max())
         claims = [
             Claim(f"within ±{_SWING:g}° (here ±{most:.2f}°)", most <= _SWING),
-            near("steady amplitude A|G(jω)| (20) of", 1e3 * said, 1e3 * seen, " mrad"),
+            near("steady amplitude A|G(jω)| (20) of", 1e3 * expected, 1e3 * seen, " mrad"),
         ]
         curves = {"simulated": ("line", {"time_s": log.time, "angle_rad": log.angle})}
         title = f"Figure {number}: response to a sine of {omega:g} rad/s"
@@ -69,15 +69,15 @@ def synthetic_figures(synthetic: Synthetic) -> list[ThesisFigure]:
 
 def _leakage(angle: Samples, step: float, omega: float) -> ThesisFigure:
     """Return Figure 6, whose window holds no whole periods: hence its flanks."""
-    curves, beside = {}, []
+    curves, shares = {}, []
     for kind, window in (("", _WINDOW), ("whole_", _WINDOW - _WINDOW % (2 * math.pi / omega))):
         bins, power = periodogram(angle[-math.floor(window / step) :], step)
         columns = {f"{kind}omega_rad_per_s": bins, f"{kind}power_rad2": power}
         curves[f"last {window:.4g} s"] = "line", columns
-        beside.append(100 * (1 - np.sort(power)[-3:].sum() / power.sum()))
+        shares.append(100 * (1 - np.sort(power)[-3:].sum() / power.sum()))
     bins, power = curves[f"last {_WINDOW:g} s"][1].values()
-    others, away = len(_other_peaks(power)), f"{beside[0]:.2g} % of the power is beside three bins"
-    why = f"{away}, {beside[1]:.1g} % in a window of whole periods: leakage"
+    others, away = len(_other_peaks(power)), f"{shares[0]:.2g} % of the power is beside three bins"
+    why = f"{away}, {shares[1]:.1g} % in a window of whole periods: leakage"
     claims = [
         near("dominant frequency", omega, bins[power.argmax()], " rad/s", bins[0] / 2),
         Claim(f"several other peaks (here {others}; {why})", others > 1),
@@ -95,11 +95,13 @@ def _other_peaks(power: Samples) -> list[int]:
 def _gains(robot: LumpedParameters, *logs: Mapping[float, Log]) -> list[ThesisFigure]:
     """Return Figures 7 and 8, from the logs by frequency without and with noise."""
     omega, fine = np.array([*logs[0]]), np.linspace(0.5, 8.0, 400)
-    gains = np.array([[tables.scripted_point(log)[1] for log in each.values()] for each in logs])
+    gains = np.array(
+        [[tables.scripted_point(log)[1] for log in responses.values()] for responses in logs]
+    )
     quiet, loud = 10 ** (gains / 20)
     exact, line = (np.abs(LinearJoint.of(robot).response(w)) for w in (omega, fine))
     off, above = 100 * np.abs(quiet / exact - 1).max(), 100 * ((loud / quiet).max() - 1)
-    tops, peak = [omega[each.argmax()] for each in (quiet, loud)], resonance_frequency(robot)
+    tops, peak = [omega[gain.argmax()] for gain in (quiet, loud)], resonance_frequency(robot)
     crosses = "crosses", {"omega_rad_per_s": omega, "gain_without_noise": quiet}
     circles = "circles", {"omega_rad_per_s": omega, "gain_with_noise": loud}
     curve = "line", {"curve_omega_rad_per_s": fine, "linearisation_gain": line}
@@ -171,27 +173,27 @@ def real_figures(root: Path | None) -> list[ThesisFigure]:
 
 def _real_gains(sines: Sequence[tuple[Log, Sine]]) -> ThesisFigure:
     """Return Figure 12, with the resonances of Table 4 and the inputs of Table 3."""
-    curves, found, low, recorded = {}, [], [], set()
+    curves, resonances, low, recorded = {}, [], [], set()
     for mass in sorted({log.added_mass for log, _ in sines}):
         name, group = f"{1e3 * mass.mass:g}", [x for x in sines if x[0].added_mass == mass]
         omega, gain = np.transpose([method.scripted_amplitude(log) for log, _ in group])
-        found.append(method.by_100(omega, gain))
+        resonances.append(method.by_100(omega, gain))
         swings = [log.angle[steady_window(log, sine.omega)] for log, sine in group]
-        told = np.array([(sine.omega, sine.amplitude) for _, sine in group])
-        right = [rms_amplitude(swing - swing.mean()) for swing in swings] / told[:, 1]
+        excitations = np.array([(sine.omega, sine.amplitude) for _, sine in group])
+        right = [rms_amplitude(swing - swing.mean()) for swing in swings] / excitations[:, 1]
         low += [*(20 * np.log10(right) - gain)]
         recorded |= {f"{name}:{sine.omega:g}:{1e3 * sine.amplitude:g}" for _, sine in group}
-        columns = {f"omega_{name}g_rad_per_s": told[:, 0], f"gain_{name}g_dB": gain}
+        columns = {f"omega_{name}g_rad_per_s": excitations[:, 0], f"gain_{name}g_dB": gain}
         curves[f"{name} g"] = "circles", columns
     printed = {f"{mass}:{pair}" for mass, row in _TABLE_3.items() for pair in row.split()}
-    same, seen, said = len(recorded & printed), digits(found), tables.TABLE_4_PRINTED
+    same, seen, published = len(recorded & printed), digits(resonances), tables.TABLE_4_PRINTED
     inputs = f"inputs are the {len(printed)} of Table 3 (here {len(recorded)}, {same} as there)"
     claims = [
-        Claim(f"(100) of them is {said} rad/s (here {seen})", seen == said),
+        Claim(f"(100) of them is {published} rad/s (here {seen})", seen == published),
         near("they are lower than (71) by", 0, float(np.mean(low)), " dB", CLOSE),
         Claim(inputs, recorded == printed),
     ]
-    marks = {f"Table 4, {k}": float(x) for k, x in zip(curves, said.split(), strict=True)}
+    marks = {f"Table 4, {k}": float(x) for k, x in zip(curves, published.split(), strict=True)}
     title = "Figure 12: gains (68) by (71) of the 41 logs, as scripted"
     return ThesisFigure("figure_12", title, (_POWER[0], "gain in dB"), curves, claims, marks)
 
@@ -235,10 +237,10 @@ def regression_figure(synthetic: Synthetic, table_1: Row) -> ThesisFigure:
     draws = 2 * np.sqrt(squares) * np.concatenate([draws, -draws])  # without odd powers of errors
     curves, last = {}, []
     for name, weight in method.WEIGHTS.items():
-        found = [
+        estimates = [
             [method.regression(squares + e * d, masses, weight)[0] for d in draws] for e in _ERRORS
         ]
-        bias = 100 * np.abs(np.mean(found, axis=1) / robot.p1 - 1)
+        bias = 100 * np.abs(np.mean(estimates, axis=1) / robot.p1 - 1)
         curves[name] = "line", {"error_rad_per_s": _ERRORS, f"{name} in %": bias}
         last.append(float(bias[-1]))
     variance = 4 * squares * _ERRORS[-1] ** 2

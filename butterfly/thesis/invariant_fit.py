@@ -1,7 +1,7 @@
 """The thesis's re-calibration (118), beside the energy balance that replaces it.
 
-(118) fits the decay (114) of the invariant I = E - E* (110), and neither the recorded input nor p2:
-it believes that the controller is exact. What else the input did is put down to p4.
+(118) fits the decay (114) of the invariant I = E - E* (110). It uses neither the recorded input nor
+p2 and assumes an exact controller: any other effect of the input biases p4.
 """
 
 from __future__ import annotations
@@ -76,15 +76,15 @@ class ClosedLoop(NamedTuple):
         return np.asarray(excess[some][1:] - decay * excess[some][:-1])
 
     def fitted(self, start: LumpedParameters) -> LumpedParameters:
-        """Return p3 and p4 by (118), with the p1 of where it starts."""
+        """Return p3 and p4 fitted by (118); the others are those of ``start``."""
 
-        def found(shares: Samples) -> LumpedParameters:
+        def scaled(shares: Samples) -> LumpedParameters:
             return replace(start, p3=shares[0] * start.p3, p4=shares[1] * start.p4)
 
         best = least_squares(
-            lambda x: self.residuals(found(x)) / start.p3, [1, 1], bounds=(0, np.inf)
+            lambda x: self.residuals(scaled(x)) / start.p3, [1, 1], bounds=(0, np.inf)
         )
-        return found(best.x)
+        return scaled(best.x)
 
     def balanced(self, inertia: float) -> LumpedParameters:
         """Return all parameters by the energy balance with the recorded input, given p1."""
@@ -93,11 +93,11 @@ class ClosedLoop(NamedTuple):
 
 
 def scale_figure(robot: LumpedParameters) -> ThesisFigure:
-    """Return what (118) makes of a robot's scale."""
+    """Return the loss (118) over a factor on p1 and p3, and on p3 alone."""
     loop, curves, losses = ClosedLoop.of(robot, robot, 1e-4), {}, []
     for name, scaled in (("p1 and p3", ("p1", "p3")), ("p3 with p1 held", ("p3",))):
         tried = [replace(robot, **{k: f * getattr(robot, k) for k in scaled}) for f in _FACTORS]
-        losses.append(np.array([np.mean(loop.residuals(each) ** 2) for each in tried]))
+        losses.append(np.array([np.mean(loop.residuals(values) ** 2) for values in tried]))
         curves[name] = "line", {"factor": _FACTORS, f"loss by {name}": losses[-1]}
     free, held = (float(_FACTORS[loss.argmin()]) for loss in losses)
     power = float(np.polyfit(np.log(_FACTORS), np.log(losses[0]), 1)[0])
@@ -115,7 +115,7 @@ def scale_figure(robot: LumpedParameters) -> ThesisFigure:
 
 
 def cases_figure(robot: LumpedParameters) -> ThesisFigure:
-    """Return what (118) makes of a robot's p4 in several cases."""
+    """Return p4 by (118) and by the energy balance: exact case, noise, wrong controllers."""
     cases = {
         "exact": (robot, 0.0),
         "1 mrad of noise": (robot, 1e-3),
@@ -129,10 +129,10 @@ def cases_figure(robot: LumpedParameters) -> ThesisFigure:
     fitted = np.array([loop.fitted(start).p4 for loop in loops]) / robot.p4
     balanced = np.array([loop.balanced(robot.p1).p4 for loop in loops]) / robot.p4
     worst, off = (float(np.abs(shares - 1).max()) for shares in (fitted, balanced))
-    found = ", ".join(f"{share:.2g}" for share in fitted[1:])
+    others = ", ".join(f"{share:.2g}" for share in fitted[1:])
     claims = [
         near("exact controller, no noise: (118) finds a share of p4 of", 1, float(fitted[0])),
-        Claim(f"so it does in the other cases (here {found})", worst < CLOSE),
+        Claim(f"so it does in the other cases (here {others})", worst < CLOSE),
         Claim(f"the energy balance does in all (here within {100 * off:.1g} %)", off < CLOSE),
     ]
     curves = {

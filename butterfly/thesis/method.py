@@ -76,9 +76,9 @@ class Thesis(Estimator):
     def fit(self, data: DataSet) -> tuple[Estimate, None]:
         """Estimate from the sines of a data set; there is no fit to infer anything from."""
         data.require_angles(self.method)
-        found = fit_thesis(data.recorded, self.decimation)
-        values = np.nan_to_num(found.values, nan=best_gain(found.parameters, data))
-        return replace(found, values=values), None
+        estimate = fit_thesis(data.recorded, self.decimation)
+        values = np.nan_to_num(estimate.values, nan=best_gain(estimate.parameters, data))
+        return replace(estimate, values=values), None
 
     def infer(self, problem: Estimate, fit: None) -> Estimate:  # noqa: ARG002 - as of `Estimator`
         """Return the estimate, as it is."""
@@ -154,8 +154,8 @@ def regression(squares: Samples, masses: Sequence[AddedMass], weight: Weight) ->
     start = np.linalg.lstsq(rows, squares * inertia - moment)[0]
 
     def errors(values: Samples) -> Samples:
-        left = squares * (values[0] + inertia) - values[1] - moment
-        return np.asarray(left * weight(values[0], inertia))
+        residuals = squares * (values[0] + inertia) - values[1] - moment
+        return np.asarray(residuals * weight(values[0], inertia))
 
     return np.asarray(least_squares(errors, start, x_scale=np.abs(start), gtol=1e-14).x)
 

@@ -33,7 +33,7 @@ TABLE_1_PRINTED = ("3.8788 4.0671 4.4156 4.8812 5.4194", "3.7740 3.7705 4.0492 4
 TABLE_4_PRINTED = "4.1915 5.7650 6.2847"
 _WINDOW = 45.0  # s at the end of a record that the first script uses
 _START = 0.01  # rad, at which the Simulink model starts
-_TABLE_2 = (  # what is found, as printed, below which bounds, with which p2
+_TABLE_2 = (  # title, printed values, upper bounds, given p2
     ("Table 2, p1 p3", "0.0033 0.0453", (1.0, 1.0, 1.0), 0.001),
     ("Table 2, p1 p2 p3", "0.0033 0.0100 0.0606", (0.0325, 0.01, 0.4905), None),
 )
@@ -131,20 +131,20 @@ def reproduce(synthetic: Synthetic, root: Path | None = None) -> list[Row]:
         logs = [synthetic_log(synthetic, mass, sine, noise=True) for sine in synthetic.sines]
         scripted[mass] = scripted_resonance([scripted_point(log) for log in logs])
         right[mass] = complex_resonance([response_point(log) for log in logs])
-    found, better = digits(scripted.values()), digits(right.values())
+    obtained, better = digits(scripted.values()), digits(right.values())
     wrong = "the thesis counts each added mass twice, once at the shortest arm"
     mistakes = "mistakes: sign, gains in dB, index; corrected: complex fit of the same data"
     rows = [
         Row("(63) a1 a0 b0", "0.308 15.09 3076.9", continuous),
         Row("(66) a1 a0 b1 b0", "-1.9638 0.9878 2.4465 2.4365", digits([a1, a0, b1, b0])),
         Row("Table 1, column 3: (79)", TABLE_1_PRINTED[0], doubled, exact, wrong),
-        Row("Table 1, column 4: (100)", TABLE_1_PRINTED[1], found, better, mistakes),
+        Row("Table 1, column 4: (100)", TABLE_1_PRINTED[1], obtained, better, mistakes),
     ]
     truth = "true: 0.0033 0.0010 0.0491; corrected: from the complex fit's resonances"
     for what, printed, upper, p2 in _TABLE_2:
-        fits = (fit_resonances(each, upper, p2=p2)[0] for each in (scripted, right))
-        found, better = (digits(fit[:: 1 if p2 is None else 2]) for fit in fits)
-        rows.append(Row(f"{what}: (102)", printed, found, better, truth))
+        fits = (fit_resonances(resonances, upper, p2=p2)[0] for resonances in (scripted, right))
+        obtained, better = (digits(fit[:: 1 if p2 is None else 2]) for fit in fits)
+        rows.append(Row(f"{what}: (102)", printed, obtained, better, truth))
     return rows + (_real_rows(root) if has_real_logs(root) else [])
 
 
@@ -152,7 +152,7 @@ def _real_rows(root: Path | None) -> list[Row]:
     data = read_data_set(read_manifest(shipped("experiments/real-logs.yaml"), root))
     fine, coarse = fit_thesis(data.recorded, 5), fit_thesis(data.recorded, 25)
     p = HarmonicBalance()(data).parameters
-    found = digits(coarse.resonances.values())
+    obtained = digits(coarse.resonances.values())
     right = digits(resonance_frequency(p.with_added_mass(mass)) for mass in data.masses)
     how = "corrected: linearisation by harmonic balance of the same logs"
     stopped = (
@@ -161,6 +161,6 @@ def _real_rows(root: Path | None) -> list[Row]:
     )
     values = digits(fine.values[:3]), digits([p.p1, p.p2, p.p3])
     return [
-        Row("Table 4: (100)", TABLE_4_PRINTED, found, right, how),
+        Row("Table 4: (100)", TABLE_4_PRINTED, obtained, right, how),
         Row("Table 5, p1 p2 p3: (102)", "0.0028 0.0188 0.0583", *values, stopped),
     ]

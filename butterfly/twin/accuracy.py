@@ -35,7 +35,7 @@ _EARLIER = 2  # steps more than the delay before a log, whose commands are told
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Case:
-    """A log: (n,) commands of each step, where the joint begins, and (n + 1,) angles of our own."""
+    """A log cut in steps: (n,) commands, the start, and (n + 1,) angles of our own simulation."""
 
     name: str
     twin: Twin
@@ -51,9 +51,9 @@ class Case:
         log = log.opened
         carrying = replace(twin, added=log.added_mass)
         p = carrying.parameters
-        own = Simulation(log, p, longest=_FINE)
-        angle, velocity = own.given_start(setting.velocity)
-        motion = own.run(p, setting.zero, setting.velocity)
+        simulation = Simulation(log, p, longest=_FINE)
+        angle, velocity = simulation.given_start(setting.velocity)
+        motion = simulation.run(p, setting.zero, setting.velocity)
         length = min(log.time[-1] - log.time[0], setting.horizon)
         instants = log.time[0] + step * np.arange(max(int(length / step + 1e-9), 1) + 1)
         earlier = math.ceil(max(p.delay, 0.0) / step) + _EARLIER
@@ -84,7 +84,7 @@ Mover: TypeAlias = Callable[[Case], Samples]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Yardstick:
-    """What a twin's motion is held against: our own, of each of its logs, at a step in s."""
+    """Our own simulations of a twin's logs at a step in s, to compare its motion with."""
 
     cases: Sequence[Case]
     step: float

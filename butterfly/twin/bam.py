@@ -47,9 +47,9 @@ def as_bam(twin: Twin, options: Options) -> Written:
     twin.parameters.require_gain("export")
     units = [name for name in OF_SCALE if known.fixed.get(name) == 1.0]
     if twin.ratios or units:
-        found = "ratios to p1" if twin.ratios else f"relative to {units[0]} = 1"
+        scale = "ratios to p1" if twin.ratios else f"relative to {units[0]} = 1"
         expected = "N m; add a known mass or give a measured value (known: {p3: 0.3})"
-        raise InputError("export", "parameters", found, expected)
+        raise InputError("export", "parameters", scale, expected)
     if twin.kind is not InputKind.VOLTAGE:
         expected = "voltage, or set-points of a servo with its supply (BAM's motors have kt and R)"
         raise InputError("export", "input", twin.kind, expected)
@@ -82,21 +82,21 @@ def as_bam(twin: Twin, options: Options) -> Written:
 
 
 def _back_emf(p: LumpedParameters, known: Prior) -> tuple[float, str]:
-    """Return kt^2/R in N m s/rad, at most p2, which with p4 = kt/R tells both; and its source."""
-    told = {name: each.value for name, each in known.physical.items()}
-    ratio = told.get("gear_ratio", 1.0)
+    """Return kt^2/R in N m s/rad, at most p2, and in words where it is from; p4 is kt/R."""
+    values = {name: quantity.value for name, quantity in known.physical.items()}
+    ratio = values.get("gear_ratio", 1.0)
     if p.back_emf:
         return min(p.back_emf, p.p2), "from the back EMF identified from the logs"
     for name, damping in (
-        ("torque_constant", abs(p.p4) * ratio * told.get("torque_constant", 0.0)),
-        ("back_emf_constant", abs(p.p4) * ratio * told.get("back_emf_constant", 0.0)),
-        ("resistance", p.p4**2 * told.get("resistance", 0.0)),
+        ("torque_constant", abs(p.p4) * ratio * values.get("torque_constant", 0.0)),
+        ("back_emf_constant", abs(p.p4) * ratio * values.get("back_emf_constant", 0.0)),
+        ("resistance", p.p4**2 * values.get("resistance", 0.0)),
     ):
-        if name in told and damping < p.p2:
+        if name in values and damping < p.p2:
             return damping, f"from the known {name} and p4"
     if not p.p2 > 0:
         raise InputError("export", "p2", p.p2, "more than 0, to compute kt and R")
-    if told.keys() & {"torque_constant", "back_emf_constant", "resistance"}:
+    if values.keys() & {"torque_constant", "back_emf_constant", "resistance"}:
         return p.p2, "all of p2 taken as back EMF; the known motor values would give even more"
     return p.p2, (
         "all of p2 taken as back EMF, not distinguishable from viscous friction in these data; to "
@@ -105,7 +105,7 @@ def _back_emf(p: LumpedParameters, known: Prior) -> tuple[float, str]:
 
 
 def _least(p: LumpedParameters) -> tuple[str, dict[str, float]]:
-    """Return the least model that holds all friction, and what it has beside Coulomb's.
+    """Return the name of the least model that holds all friction, and its fields beside Coulomb's.
 
     BAM has values of its own where none are given.
     """
@@ -131,8 +131,8 @@ def _least(p: LumpedParameters) -> tuple[str, dict[str, float]]:
 
 def _notes(p: LumpedParameters, model: str, added: AddedMass) -> Iterator[str]:
     """Name what BAM's format cannot represent of a joint, or interprets differently."""
-    told = {"loop_kp"} | ({"load"} if added.mass else set())
-    if rest := beyond(p, _HELD | told):
+    covered = {"loop_kp"} | ({"load"} if added.mass else set())
+    if rest := beyond(p, _HELD | covered):
         yield f"Not representable in BAM: {listed(p, rest, InputKind.VOLTAGE.unit)}."
     if any(row.offered and row.name != "latency" for row in rest):
         optional = _HELD - {*PARAMETERS, *SETTINGS}

@@ -87,9 +87,9 @@ def as_c(twin: Twin, options: Options) -> Written:
     substeps = _substeps(yardstick)
     accuracy = yardstick.accuracy(partial(_moved, step=yardstick.step, substeps=substeps))
     left_out = tuple(unheard(twin))
-    said = (*twin.log_lines, *left_out, *accuracy.lines)
+    notes = (*twin.log_lines, *left_out, *accuracy.lines)
     return Written(
-        text=header(twin, options.timestep, substeps, said),
+        text=header(twin, options.timestep, substeps, notes),
         about=f"{twin.identifier}.h, a C99 header in steps of {1e3 * options.timestep:g} ms",
         left_out=left_out,
         accuracy=accuracy,
@@ -97,7 +97,7 @@ def as_c(twin: Twin, options: Options) -> Written:
 
 
 def _substeps(yardstick: Yardstick) -> int:
-    """Return the least number of parts of a step with which finer ones hardly move otherwise."""
+    """Return the least number of substeps beyond which the motion hardly changes."""
     before = math.inf
     for substeps in _SUBSTEPS:
         move = partial(_moved, step=yardstick.step, substeps=substeps)
@@ -170,7 +170,7 @@ def shaped(command: Any, c: Any) -> Any:  # noqa: ANN401 - numbers, and constant
     return DriveTerms.delivered(c, command)
 
 
-_HELD = {each.__name__: each for each in (part_of, piece_of, drive_at, exceeds_at)}
+_HELD = {function.__name__: function for function in (part_of, piece_of, drive_at, exceeds_at)}
 _SHAPES = dict.fromkeys((*OF_INPUT, *DRIVE), 0.0)
 _SHAPES |= {"limit": math.inf, "resolution": 0.0}
 """Parameters of the drive, and what each is where there is no such thing."""
@@ -182,7 +182,7 @@ def constants(twin: Twin) -> dict[str, float]:
     others = {"limit": twin.limit, "resolution": twin.resolution, "delay": max(p.delay, 0.0)}
     drive = {name: others.get(name, getattr(p, name, 0.0)) for name in _SHAPES}
     values = constants_of(p)._asdict() | drive
-    return {name: each for name, each in values.items() if each != _SHAPES.get(name, 0.0)}
+    return {name: value for name, value in values.items() if value != _SHAPES.get(name, 0.0)}
 
 
 def kernel_of(twin: Twin) -> tuple[Function, Function]:
@@ -201,7 +201,7 @@ def kernel_of(twin: Twin) -> tuple[Function, Function]:
     return made, translator.function(shaped, NUMBER, c)
 
 
-def header(twin: Twin, step: float, substeps: int, said: Iterable[str] = ()) -> str:
+def header(twin: Twin, step: float, substeps: int, notes: Iterable[str] = ()) -> str:
     """Return the header of a twin, which says some sentences."""
     moved, drive = kernel_of(twin)
     functions = [*(moved.called | drive.called)]
@@ -227,14 +227,14 @@ def header(twin: Twin, step: float, substeps: int, said: Iterable[str] = ()) -> 
         substeps=substeps,
         room=math.ceil(_SPARE * delay / step) + 2 if delay else 0,
         parameters=[
-            (name, repr(float(each)), explained(name, twin)) for name, each in given.items()
+            (name, repr(float(value)), explained(name, twin)) for name, value in given.items()
         ],
         states=states,
         whole=", ".join(at.get(number, "0.0") for number in range(len(moved.returned))),
         functions=language.text(),
         interval=language.call(moved, known),
         shaped=language.call(drive, known | {"command": "command"}),
-        said=said,
+        notes=notes,
     )
 
 
@@ -249,12 +249,14 @@ def as_javascript(twin: Twin) -> str:
     A page moves parameters of the bare joint; what follows from them is translated too.
     """
     moved, drive = kernel_of(twin)
-    bare = Fields(dict.fromkeys((each.name for each in fields(LumpedParameters)), NUMBER))
+    bare = Fields(dict.fromkeys((field.name for field in fields(LumpedParameters)), NUMBER))
     added = Fields(dict.fromkeys(OF_ADDED_MASS, NUMBER))
     translator = Translator({})
     loaded = translator.function(under, bare, added)
-    own, base = translator.function(derived, bare), translator.function(of_base, bare)
-    language = JavaScript("joint", [*(moved.called | drive.called), loaded, own, *base.called])
+    derivation, base = translator.function(derived, bare), translator.function(of_base, bare)
+    language = JavaScript(
+        "joint", [*(moved.called | drive.called), loaded, derivation, *base.called]
+    )
     following = (*DERIVED, *OF_BASE)
     present = {"p4", *constants(twin)}
     moving = f"const [{', '.join(OF_BASE)}] = {language.call(base, {'p': 'p'})};\n    "
@@ -265,7 +267,7 @@ def as_javascript(twin: Twin) -> str:
         loaded=", ".join(f"p.{name}" for name in UnderLoad._fields),
         under=language.call(loaded, {"p": "bare", "added": "added"}),
         names=", ".join(DERIVED),
-        derived=language.call(own, {"p": "p"}),
+        derived=language.call(derivation, {"p": "p"}),
         base=moving * twin.loaded.base_gives,
         constants=", ".join(
             name if name in following else f"{name}: p.{name}" for name in sorted(present)
@@ -275,11 +277,11 @@ def as_javascript(twin: Twin) -> str:
 
 def fields_of(functions: Iterable[Function]) -> set[str]:
     """Return the names of the constants that functions read."""
-    values = [each.value for f in functions for each in all_of(f.body) if each.value]
-    return {part.meant for each in values for part in each.all() if part.op == "field"}
+    values = [statement.value for f in functions for statement in all_of(f.body) if statement.value]
+    return {part.meant for value in values for part in value.all() if part.op == "field"}
 
 
-def rendered(template: str, *, said: Iterable[str], **values: Any) -> str:  # noqa: ANN401
+def rendered(template: str, *, notes: Iterable[str], **values: Any) -> str:  # noqa: ANN401
     """Return the text of a template, of short lines in C; it says some sentences."""
     made = Environment(  # noqa: S701 - no HTML
         loader=PackageLoader("butterfly.twin", "templates"),
@@ -287,7 +289,7 @@ def rendered(template: str, *, said: Iterable[str], **values: Any) -> str:  # no
         trim_blocks=True,
         keep_trailing_newline=True,
     )
-    lines = [line for each in said for line in wrap(each, _WIDTH)]
+    lines = [line for note in notes for line in wrap(note, _WIDTH)]
     text = made.get_template(f"{template}.j2").render(said=lines, **values)
     if template.endswith(".h"):
         text = wrapped(text)

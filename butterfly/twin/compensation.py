@@ -90,7 +90,7 @@ def limited(asked: Any, c: Any) -> Any:  # noqa: ANN401
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Compensation:
-    """The law of a joint, and where logs show that it moves; all round, to 1 rad/s, without any."""
+    """The law of a joint, and the range of its logs; without any a whole turn, to 1 rad/s."""
 
     twin: Twin
     numbers: Mapping[str, float]  # of the loaded joint, by name, and how it is used
@@ -117,8 +117,8 @@ class Compensation:
             for size, way in zip(np.sqrt(np.maximum(sizes, 0.0)), ways.T, strict=True):
                 error = SPREADS * ROUNDING * size * way * scale
                 moved = _loaded(twin, dict(zip(estimate.names, error.tolist(), strict=True)))
-                step = {k: (each - nominal[k]) / ROUNDING for k, each in moved.items()}
-                steps.append({k: each for k, each in step.items() if each})
+                step = {k: (value - nominal[k]) / ROUNDING for k, value in moved.items()}
+                steps.append({k: change for k, change in step.items() if change})
         numbers = nominal | _NEUTRAL | {"geared": float(twin.loaded.geared)}
         return cls(twin=twin, numbers=numbers, steps=steps)
 
@@ -126,17 +126,17 @@ class Compensation:
     def of(cls, twin: Twin) -> Compensation:
         """Return it with the shares of friction that are certain."""
         made, smoothing, zeros = cls.whole(twin), _CREEPS, twin.zeros
-        if recorded := [(log.opened, each) for log, each in twin.recorded() if log.rms_speed]:
+        if recorded := [(log.opened, setting) for log, setting in twin.recorded() if log.rms_speed]:
             some = recorded[:: max(len(recorded) // FEW, 1)]
             blurs = [_blur(setting.run(setting.simulation(log))) for log, setting in some]
             smoothing, zeros = float(np.median(blurs)), zeros or tuple(s.zero for _, s in recorded)
             angles = [log.angle - setting.zero for log, setting in recorded]
-            low, high = (float(each(map(each, angles))) for each in (min, max))
+            low, high = (float(extreme(map(extreme, angles))) for extreme in (min, max))
             speed = max(log.top_speed for log, _ in recorded)
             made = replace(made, low=low, high=high, speed=speed)
         made = replace(made, zeros=zeros or made.zeros)
         seen = [*made.places(made.low, made.high)]
-        shares = {each: min(made.certain(each, *at) for at in seen) for each in _SHARES}
+        shares = {share: min(made.certain(share, *at) for at in seen) for share in _SHARES}
         made = made.having(zero=float(np.median(made.zeros)), smoothing=smoothing, **shares)
         return made.having(limit=min(twin.limit, made.most))
 
@@ -185,8 +185,8 @@ class Compensation:
         def part(c: Any) -> float:  # noqa: ANN401
             none = vars(c) | dict.fromkeys(_SHARES, 0.0)
             one, rest = (
-                steady_torque(angle, velocity, 1.0, SimpleNamespace(**each))
-                for each in (none | {share: 1.0}, none)
+                steady_torque(angle, velocity, 1.0, SimpleNamespace(**constants))
+                for constants in (none | {share: 1.0}, none)
             )
             return float((one - rest) / c.p4)
 
@@ -197,7 +197,7 @@ class Compensation:
         """Return the half-width, to first order, of the interval of a function of the constants."""
         value, squares = of(self.constants), 0.0
         for step in self.steps:
-            moved = {name: self.numbers[name] + ROUNDING * each for name, each in step.items()}
+            moved = {name: self.numbers[name] + ROUNDING * change for name, change in step.items()}
             squares += ((of(self.having(**moved).constants) - value) / ROUNDING) ** 2
         return math.sqrt(squares)
 
@@ -205,23 +205,23 @@ class Compensation:
 def _loaded(twin: Twin, moved: Mapping[str, float]) -> dict[str, float]:
     """Return the parameters of the loaded joint by name, those of the bare joint moved."""
     p = twin.parameters
-    p = replace(p, **{name: getattr(p, name) + each for name, each in moved.items()})
+    p = replace(p, **{name: getattr(p, name) + change for name, change in moved.items()})
     p = p.with_added_mass(twin.added)
-    return {each.name: float(getattr(p, each.name)) for each in fields(LumpedParameters)}
+    return {field.name: float(getattr(p, field.name)) for field in fields(LumpedParameters)}
 
 
 def _blur(run: FreeRun) -> float:
     """Return the error of a velocity of a log in rad/s, at 95 %.
 
-    It is recorded, or the difference of two readings, so far apart that noise and delay add least.
+    A velocity is recorded, or the difference of two readings over the interval of least error.
     """
     log = run.log
     error = SPREADS * SensorErrors.of(log.measured, run.simulated).spread
     if log.integrated:
         return error
     error, acceleration = math.sqrt(2) * error, log.rms_speed**2 / log.rms_motion
-    apart = max(log.mean_step, math.sqrt(2 * error / acceleration))
-    return error / apart + acceleration * apart / 2
+    interval = max(log.mean_step, math.sqrt(2 * error / acceleration))
+    return error / interval + acceleration * interval / 2
 
 
 def as_compensation(twin: Twin, options: Options) -> Written:
@@ -229,9 +229,11 @@ def as_compensation(twin: Twin, options: Options) -> Written:
     made, python, missing = Compensation.of(twin), options.ending == ".py", [*unheard(twin)]
     if names := [name for name in STATES if getattr(twin.loaded, name)]:
         missing.insert(0, f"Holds in steady motion: {', '.join(names)} is not compensated.")
-    numbers, steps, said = made.numbers, made.steps, tuple(_said(made))
-    present = {name for each in (numbers, *steps) for name, value in each.items() if value}
-    kinds: dict[str, Any] = {each: NUMBER if each in present else 0.0 for each in numbers}
+    numbers, steps, lines = made.numbers, made.steps, tuple(_said(made))
+    present = {name for values in (numbers, *steps) for name, value in values.items() if value}
+    kinds: dict[str, Any] = {
+        parameter: NUMBER if parameter in present else 0.0 for parameter in numbers
+    }
     kinds |= dict.fromkeys(_NEUTRAL, NUMBER) | {"geared": numbers["geared"]}
     translator, c = Translator({}), Fields(kinds)
     law = translator.function(unlimited, NUMBER, NUMBER, NUMBER, c)
@@ -240,28 +242,36 @@ def as_compensation(twin: Twin, options: Options) -> Written:
     read = [name for name in numbers if name in {*fields_of(functions), *_NEUTRAL}]
     name = f"{twin.identifier}_compensation"
     language = Python("", functions) if python else C(name, functions)
-    given = {each: each for each in law.arguments} | {"asked": "asked", "c": "p"}
+    given = {argument: argument for argument in law.arguments} | {"asked": "asked", "c": "p"}
     text = rendered(
         "compensation.py" if python else "compensation.h",
         twin=twin,
         n=name,
-        parameters=[(each, repr(numbers[each]), explained(each, twin)) for each in read],
-        steps=[[repr(step.get(each, 0.0)) for each in read] for step in steps],
+        parameters=[
+            (parameter, repr(numbers[parameter]), explained(parameter, twin)) for parameter in read
+        ],
+        steps=[[repr(step.get(parameter, 0.0)) for parameter in read] for step in steps],
         functions=language.text(),
-        unused=[each for each in ("angle", "velocity", "direction") if each not in law.arguments],
+        unused=[
+            argument
+            for argument in ("angle", "velocity", "direction")
+            if argument not in law.arguments
+        ],
         unlimited=language.call(law, given),
         moved=language.call(law, given | {"c": "q" if python else "&q"}),
         limited=language.call(within, given),
-        said=(*said, *missing),
+        notes=(*lines, *missing),
     )
     about = f"{'a Python module' if python else f'{name}.h, a C99 header'}, in {twin.kind.unit}"
-    return Written(text=text, about=about, left_out=tuple(missing), title="Compensation", said=said)
+    return Written(
+        text=text, about=about, left_out=tuple(missing), title="Compensation", said=lines
+    )
 
 
 def _said(made: Compensation) -> Iterator[str]:
     """Say what is compensated, and how far it may be off."""
     numbers, unit, way = made.numbers, made.twin.kind.unit, made.twin.joint.way
-    parts = {each: f"{100 * numbers[each]:.3g} %" for each in _SHARES}
+    parts = {share: f"{100 * numbers[share]:.3g} %" for share in _SHARES}
     more = f" (of its Stribeck excess {parts['excess']})" if numbers["stribeck"] else ""
     if made.twin.estimate is None:
         yield "Cancels gravity and all friction: its values are taken as exact."
@@ -285,7 +295,7 @@ def _said(made: Compensation) -> Iterator[str]:
         f"commands end at {numbers['limit']:.4g} {unit} (limit)."
     )
     if any(made.zeros):
-        ends = " to ".join(dict.fromkeys(f"{each(made.zeros):.4g}" for each in (min, max)))
+        ends = " to ".join(dict.fromkeys(f"{extreme(made.zeros):.4g}" for extreme in (min, max)))
         yield f"Angles are the encoder's; its zero was {ends} {way} in the logs: set yours (zero)."
 
 
@@ -293,7 +303,7 @@ def as_wpilib(twin: Twin, options: Options) -> Written:  # noqa: ARG001 - every 
     """Return the gains of a joint that a voltage drives, with their 95 % intervals, as JSON."""
     if twin.kind is not InputKind.VOLTAGE:
         raise InputError("export", "input", str(twin.kind), "voltage (WPILib's gains are in V)")
-    law, way, name, said = Compensation.whole(twin), twin.joint.way, "SimpleMotorFeedforward", []
+    law, way, name, lines = Compensation.whole(twin), twin.joint.way, "SimpleMotorFeedforward", []
     made: dict[str, tuple[str, Callable[[Any], float]]] = {
         "kS": ("V", lambda c: c.coulomb / c.p4),
         "kV": (f"V s/{way}", lambda c: c.p2 / c.p4),
@@ -311,10 +321,10 @@ def as_wpilib(twin: Twin, options: Options) -> Written:  # noqa: ARG001 - every 
         name = "ElevatorFeedforward"
         made["kG"] = ("V", lambda c: -c.bias / c.p4)
     gains = {}
-    for each, (unit, formula) in made.items():
+    for gain, (unit, formula) in made.items():
         value, half = formula(law.constants), law.half_width(formula)
-        gains[each] = {"value": value, "lower": value - half, "upper": value + half, "unit": unit}
-        said.append(f"{each} {value:.5g} ± {half:.2g} {unit}.")
+        gains[gain] = {"value": value, "lower": value - half, "upper": value + half, "unit": unit}
+        lines.append(f"{gain} {value:.5g} ± {half:.2g} {unit}.")
     missing = tuple(left_out(twin, "A feedforward of WPILib"))
     notes = [*arm, *twin.log_lines, *missing]
     return Written(
@@ -322,5 +332,5 @@ def as_wpilib(twin: Twin, options: Options) -> Written:  # noqa: ARG001 - every 
         about=f"{name} of WPILib, with 95 % intervals",
         left_out=missing,
         title="Gains",
-        said=(*said, *arm),
+        said=(*lines, *arm),
     )

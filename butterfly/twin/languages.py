@@ -72,18 +72,20 @@ class C:
         self._helpers: set[str] = set()
         self._tuples: dict[str, str] = {}
         self._names: dict[Function, str] = {}
-        for each in functions:
-            alike = sum(other.name == each.name for other in self._names)
+        for function in functions:
+            alike = sum(other.name == function.name for other in self._names)
             number = f"_{alike + 1}" if alike else ""
-            self._names[each] = f"{prefix}_{each.name}{number}"
+            self._names[function] = f"{prefix}_{function.name}{number}"
 
     def text(self) -> str:
         """Return all functions, after what they need."""
         functions = []
-        for each, name in self._names.items():
-            body = "\n".join(self._block(each, each.body, {*each.arguments}))
-            given = ", ".join(f"{self._type(each.kinds[one])}{one}" for one in each.arguments)
-            about, kind = each.about.replace("``", ""), self._type(each.returned)
+        for function, name in self._names.items():
+            body = "\n".join(self._block(function, function.body, {*function.arguments}))
+            given = ", ".join(
+                f"{self._type(function.kinds[one])}{one}" for one in function.arguments
+            )
+            about, kind = function.about.replace("``", ""), self._type(function.returned)
             parts = {"about": about, "kind": kind, "name": name, "given": given, "body": body}
             functions.append(self.definition.format(**parts))
         used = [(name, form) for name, form in self.helpers.items() if name in self._helpers]
@@ -93,7 +95,7 @@ class C:
 
     def call(self, function: Function, given: Mapping[str, str]) -> str:
         """Return a call with arguments by name."""
-        return f"{self._names[function]}({', '.join(given[each] for each in function.arguments)})"
+        return f"{self._names[function]}({', '.join(given[name] for name in function.arguments)})"
 
     def _type(self, kind: Kind) -> str:
         """Return the type of a kind; one that is new is defined."""
@@ -101,13 +103,13 @@ class C:
             return f"const {self._prefix}_parameters *"
         if not isinstance(kind, tuple):
             return "double " if kind == NUMBER or type(kind) is float else "int "
-        types = [self._type(each).strip() for each in kind]
-        sizes = (len(each) if isinstance(each, tuple) else 1 for each in kind)
+        types = [self._type(part).strip() for part in kind]
+        sizes = (len(part) if isinstance(part, tuple) else 1 for part in kind)
         name = f"{self._prefix}_{'_'.join(map(str, sizes))}"
         if set(types) == {"double"}:
             name = f"{self._prefix}_{len(kind)}"
-        fields = "".join(f"{each} e{k}; " for k, each in enumerate(types))
-        given = ", ".join(f"{each} e{k}" for k, each in enumerate(types))
+        fields = "".join(f"{type_name} e{k}; " for k, type_name in enumerate(types))
+        given = ", ".join(f"{type_name} e{k}" for k, type_name in enumerate(types))
         made = ", ".join(f"e{k}" for k in range(len(types)))
         self._tuples[name] = (
             f"typedef struct {{ {fields}}} {name};\n\n"
@@ -128,12 +130,12 @@ class C:
 
     def _expression(self, value: Expression, binds: int = 0) -> str:
         """Return an expression, in brackets if what is about it binds harder."""
-        own = _BINDS.get(value.op, _ATOM)
-        text = self._bare(value, own)
-        own = min(own, _BINDS["neg"]) if text.startswith("-") else own
-        return f"({text})" if own < binds else text
+        strength = _BINDS.get(value.op, _ATOM)
+        text = self._bare(value, strength)
+        strength = min(strength, _BINDS["neg"]) if text.startswith("-") else strength
+        return f"({text})" if strength < binds else text
 
-    def _bare(self, value: Expression, own: int) -> str:  # noqa: PLR0911 - one for each kind
+    def _bare(self, value: Expression, strength: int) -> str:  # noqa: PLR0911 - one for each kind
         parts, op = value.parts, value.op
         match op:
             case "constant":
@@ -151,15 +153,15 @@ class C:
                 name = self._names[meant] if isinstance(meant, Function) else self._called(meant)
                 return f"{name}({', '.join(map(self._expression, parts))})"
             case "?":
-                return self.choice.format(*(self._expression(each, own + 1) for each in parts))
+                return self.choice.format(*(self._expression(part, strength + 1) for part in parts))
             case "and" | "or":
-                sides = [self._expression(each, _COMPARES) for each in parts]
+                sides = [self._expression(part, _COMPARES) for part in parts]
                 return f" {self.words[op]} ".join(sides)
             case "not" | "neg":
                 return f"{self.words.get(op, '-')}{self._expression(parts[0], _ATOM)}"
-        left = self._expression(parts[0], own + (own == _COMPARES))
-        right = self._expression(parts[1], own + 1)
-        return f"{left} {op} {right}"
+        first = self._expression(parts[0], strength + (strength == _COMPARES))
+        second = self._expression(parts[1], strength + 1)
+        return f"{first} {op} {second}"
 
     def _loop(self, name: str, count: Expression) -> str:
         """Return the head of a loop."""
@@ -183,16 +185,16 @@ class C:
         """Return the lines of a block, given what is declared before it."""
         lines: list[str] = []
         declared = {*declared}
-        for k, each in enumerate(statements):
+        for k, statement in enumerate(statements):
             later = _names(statements[k + 1 :])
-            new = {inner.target for inner in all_of([each]) if inner.op == "="} - declared
-            for name in sorted(new & later - {each.target}):
+            new = {inner.target for inner in all_of([statement]) if inner.op == "="} - declared
+            for name in sorted(new & later - {statement.target}):
                 kind = function.kinds[name]
                 first = self.first.format(self._type(kind), name)
                 lines.append(f"{first} = {self._zero(kind)}{self.end}")
                 declared.add(name)
-            lines += self._lines(function, each, declared)
-            declared |= {each.target} if each.op == "=" else set()
+            lines += self._lines(function, statement, declared)
+            declared |= {statement.target} if statement.op == "=" else set()
         return [f"    {line}" for line in lines]
 
     def _zero(self, kind: Kind) -> str:
@@ -200,39 +202,43 @@ class C:
             return self._tuple(kind, map(self._zero, kind))
         return self._number(0.0 if kind == NUMBER or type(kind) is float else False)
 
-    def _lines(self, function: Function, each: Statement, declared: set[str]) -> list[str]:  # noqa: PLR0911
-        value = each.value
+    def _lines(self, function: Function, statement: Statement, declared: set[str]) -> list[str]:  # noqa: PLR0911
+        value = statement.value
         text = self._expression(value) if value else ""
-        match each.op:
+        match statement.op:
             case "=":
-                if each.target not in declared:
-                    times = sum(other.target == each.target for other in all_of(function.body))
+                if statement.target not in declared:
+                    times = sum(other.target == statement.target for other in all_of(function.body))
                     form = self.first_and_only if times == 1 else self.first
-                    kind = self._type(function.kinds[each.target])
-                    return [f"{form.format(kind, each.target)} = {text}{self.end}"]
+                    kind = self._type(function.kinds[statement.target])
+                    return [f"{form.format(kind, statement.target)} = {text}{self.end}"]
                 if value and value.op in {"+", "-", "*", "/"}:
                     first, second = value.parts
-                    if first.op == "name" and first.meant == each.target:
+                    if first.op == "name" and first.meant == statement.target:
                         text = self._expression(second)
-                        return [f"{each.target} {value.op}= {text}{self.end}"]
-                return [f"{each.target} = {text}{self.end}"]
+                        return [f"{statement.target} {value.op}= {text}{self.end}"]
+                return [f"{statement.target} = {text}{self.end}"]
             case "if":
                 final = [*self.close]
-                if len(each.other) == 1 and each.other[0].op == "if":
-                    begun, *rest = self._lines(function, each.other[0], declared)
+                if len(statement.other) == 1 and statement.other[0].op == "if":
+                    begun, *rest = self._lines(function, statement.other[0], declared)
                     final = [self.chained.format(begun), *rest]
-                elif each.other:
-                    final = [self.otherwise, *self._block(function, each.other, declared), *final]
-                body = self._block(function, each.body, declared)
+                elif statement.other:
+                    final = [
+                        self.otherwise,
+                        *self._block(function, statement.other, declared),
+                        *final,
+                    ]
+                body = self._block(function, statement.body, declared)
                 return [self.head_of.format("if", text), *body, *final]
             case "for" if value:
-                head = self._loop("i" if each.target == "_" else each.target, value)
-                body = self._block(function, each.body, {*declared, each.target})
+                head = self._loop("i" if statement.target == "_" else statement.target, value)
+                body = self._block(function, statement.body, {*declared, statement.target})
                 return [head, *body, *self.close]
             case "while":
-                body = self._block(function, each.body, declared)
+                body = self._block(function, statement.body, declared)
                 return [self.head_of.format("while", text), *body, *self.close]
-        return [f"{each.op} {text}".rstrip() + self.end]
+        return [f"{statement.op} {text}".rstrip() + self.end]
 
 
 class JavaScript(C):
@@ -273,7 +279,7 @@ class Python(JavaScript):
 def _names(statements: Sequence[Statement]) -> set[str]:
     """Names of all variables in statements."""
     read = {name for s in all_of(statements) if s.value for name in s.value.names()}
-    return read | {each.target for each in all_of(statements)}
+    return read | {statement.target for statement in all_of(statements)}
 
 
 def wrapped(text: str) -> str:
@@ -281,7 +287,7 @@ def wrapped(text: str) -> str:
     lines: list[str] = []
     for line in text.split("\n"):
         begin = f"{' ' * (len(line) - len(line.lstrip()))}    "
-        kept = line.replace(" *c", "\0*c")  # belongs to its type
-        parts = wrap(kept, _WIDTH, subsequent_indent=begin, break_long_words=False)
+        marked = line.replace(" *c", "\0*c")  # belongs to its type
+        parts = wrap(marked, _WIDTH, subsequent_indent=begin, break_long_words=False)
         lines += [line] if len(line) <= _WIDTH or line.startswith("#") else parts
     return "\n".join(lines).replace("\0", " ")

@@ -55,10 +55,10 @@ def as_urdf(twin: Twin, options: Options) -> Written:
     first = (f"{twin.name}, as identified.", *twin.log_lines)
     notes = (*first, *missing, "In MuJoCo, driven this way:", *error.lines)
     comments, name = "\n  ".join(map(xml_comment, notes)), twin.identifier
-    kind, own, axis = "continuous", "hinge", "0 -1 0"
+    kind, joint, axis = "continuous", "hinge", "0 -1 0"
     if slides := twin.shape is Shape.SLIDE:
-        kind, own, axis = "prismatic", "slide", "1 0 0"
-    mass, beside, below, inertia = twin.body
+        kind, joint, axis = "prismatic", "slide", "1 0 0"
+    mass, offset, below, inertia = twin.body
     limit = ""
     if slides or math.isfinite(twin.limit):  # a slide has to have limits
         effort = abs(p.p4) * twin.limit
@@ -72,12 +72,12 @@ def as_urdf(twin: Twin, options: Options) -> Written:
   <link name="base"/>
   <link name="{name}">
     <inertial>
-      <origin xyz="{beside!r} 0 {-below!r}"/>
+      <origin xyz="{offset!r} 0 {-below!r}"/>
       <mass value="{mass!r}"/>
       <inertia ixx="{inertia!r}" iyy="{inertia!r}" izz="{inertia!r}" ixy="0" ixz="0" iyz="0"/>
     </inertial>
   </link>
-  <joint name="{own}" type="{kind}">
+  <joint name="{joint}" type="{kind}">
     <parent link="base"/>
     <child link="{name}"/>
     <origin xyz="0 0 0" rpy="{0.0 - p.tilt!r} 0 0"/>
@@ -86,7 +86,7 @@ def as_urdf(twin: Twin, options: Options) -> Written:
   </joint>
 </robot>
 """
-    about = f"URDF of {kind} joint {own!r}, link {name!r}"
+    about = f"URDF of {kind} joint {joint!r}, link {name!r}"
     return Written(text=text, about=about, left_out=tuple(missing), accuracy=error)
 
 
@@ -94,7 +94,7 @@ def as_actuator(twin: Twin, options: Options) -> Written:
     """Return the fields of a twin's actuator in mjlab and in Isaac Lab."""
     p, steps = twin.loaded, _late_steps(twin, options)
     stiffness, damping, effort, speed = _drive(twin)
-    known = {name: each.value for name, each in twin.known.physical.items()}
+    known = {name: quantity.value for name, quantity in twin.known.physical.items()}
     joints = ["slide" if twin.shape is Shape.SLIDE else "hinge"]
     shared = {"stiffness": stiffness, "damping": damping}
     if math.isfinite(effort):
@@ -143,24 +143,24 @@ def as_actuator(twin: Twin, options: Options) -> Written:
     loop = bool(stiffness or damping) and twin.servo is not None
     error = None if loop else _accuracy(twin, options)
     measured = ["In MuJoCo, driven by efforts as in mjlab:", *error.lines] if error else []
-    own = "DcMotorActuatorCfg" if is_motor else "IdealPdActuatorCfg"
+    actuator = "DcMotorActuatorCfg" if is_motor else "IdealPdActuatorCfg"
     content = {
         "name": twin.name,
         "timestep": options.timestep,
-        "mjlab": {"class": own, "fields": mjlab},
+        "mjlab": {"class": actuator, "fields": mjlab},
         "isaaclab": {"class": name, "fields": isaaclab},
         "gain": {"value": p.p4 or 1.0, "unit": unit_of("p4", twin.kind, twin.joint)},
         "body": {"inertia_about_axis": p.p1, "gravity_moment": p.p3},
         "notes": [*twin.log_lines, *notes, *measured],
     }
-    about = f"{own} of mjlab, {name} of Isaac Lab"
+    about = f"{actuator} of mjlab, {name} of Isaac Lab"
     return Written(text=json_text(content), about=about, left_out=tuple(notes), accuracy=error)
 
 
 def _drive(twin: Twin) -> tuple[float, float, float, float]:
-    """Return stiffness and damping of a servo's loop or 0, effort at standstill, speed at none.
+    """Return stiffness, damping with the back EMF, effort at standstill and speed without load.
 
-    A limit that is not known is `math.inf`.
+    Without a servo's loop its gains are 0; a limit that is not known is `math.inf`.
     """
     p, servo, limit, worth = twin.parameters, twin.servo, twin.limit, _worth(twin)
     kp = kd = 0.0
@@ -216,17 +216,17 @@ def _steps_text(steps: int, options: Options) -> str:
 def _accuracy(twin: Twin, options: Options) -> Accuracy:
     """Measure the joint of such a format as MuJoCo simulates it, with its own settings of friction.
 
-    It has nothing for which such formats have no place, and is late by whole steps.
+    Terms that such formats cannot hold are left out; the delay is in whole steps.
     """
     steps = _late_steps(twin, options)
     move = mover(options, Form(grip=None, delay="whole" if steps else "none"))
 
     def moved(case: Case) -> Samples:
-        kept = {name: getattr(case.twin.parameters, name) for name in names}
-        p = LumpedParameters(**kept | {"delay": steps * options.timestep})
+        values = {name: getattr(case.twin.parameters, name) for name in names}
+        p = LumpedParameters(**values | {"delay": steps * options.timestep})
         return move(replace(case, twin=replace(case.twin, parameters=p, robot=None)))
 
-    names = [each.name for each in fields(LumpedParameters) if each.name in _HELD]
+    names = [field.name for field in fields(LumpedParameters) if field.name in _HELD]
     return Yardstick.of(twin, options.timestep).accuracy(moved)
 
 

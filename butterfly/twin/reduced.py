@@ -1,6 +1,6 @@
 """What is left of a function once all that is known beforehand is worked out.
 
-A known value stands as such, and nothing is computed that nobody reads.
+A known value is written as a number, and nothing is computed that nobody reads.
 """
 
 from __future__ import annotations
@@ -41,13 +41,13 @@ class Expression:
 
     def names(self) -> Iterator[str]:
         """Yield the variables in it."""
-        yield from (each.meant for each in self.all() if each.op == "name")
+        yield from (part.meant for part in self.all() if part.op == "name")
 
     def with_names(self, meant: Mapping[str, Expression]) -> Expression:
         """Return it with others in the place of variables."""
         if self.op == "name":
             return meant.get(self.meant, self)
-        return replace(self, parts=tuple(each.with_names(meant) for each in self.parts))
+        return replace(self, parts=tuple(part.with_names(meant) for part in self.parts))
 
 
 @dataclass
@@ -65,7 +65,7 @@ class Statement:
         """Whether what follows is not reached."""
         both = (self.body, self.other)
         return self.op in {"return", "break", "continue"} or (
-            self.op == "if" and all(each and each[-1].leaves for each in both)
+            self.op == "if" and all(block and block[-1].leaves for block in both)
         )
 
 
@@ -86,24 +86,24 @@ class Function:
         value, atoms = self.body[0].value, {"name", "field", "constant"}
         if self.body[0].op != "return" or not value or value.op not in {*atoms, "tuple", "call"}:
             return None
-        return value if all(each.op in atoms for each in value.parts) else None
+        return value if all(part.op in atoms for part in value.parts) else None
 
     @property
     def called(self) -> dict[Function, None]:
         """It and what it calls, in an order in which each knows those that it calls."""
-        found: dict[Function, None] = {}
-        for each in all_of(self.body):
-            for part in each.value.all() if each.value else ():
+        functions: dict[Function, None] = {}
+        for statement in all_of(self.body):
+            for part in statement.value.all() if statement.value else ():
                 if isinstance(part.meant, Function):
-                    found |= part.meant.called
-        return found | {self: None}
+                    functions |= part.meant.called
+        return functions | {self: None}
 
 
 def all_of(statements: Iterable[Statement]) -> Iterator[Statement]:
     """Yield statements and all within them."""
-    for each in statements:
-        yield each
-        yield from all_of([*each.body, *each.other])
+    for statement in statements:
+        yield statement
+        yield from all_of([*statement.body, *statement.other])
 
 
 def is_known(kind: Kind) -> bool:
@@ -127,17 +127,17 @@ def _lost(kind: Kind) -> bool:
 
 
 def without_aliases(body: list[Statement], arguments: Iterable[str]) -> list[Statement]:
-    """Write what a variable is in its place, if it is always the same argument or constant."""
-    changed = Counter(each.target for each in all_of(body) if each.op in {"=", "for"})
+    """Replace each variable that is always the same argument or constant by what it is."""
+    changed = Counter(s.target for s in all_of(body) if s.op in {"=", "for"})
     fixed = {*arguments} - {*changed}
     meant: dict[str, Expression] = {}
-    for each in all_of(body):
-        if each.op == "=" and changed[each.target] == 1 and each.value is not None:
-            value = each.value.with_names(meant)
+    for statement in all_of(body):
+        if statement.op == "=" and changed[statement.target] == 1 and statement.value is not None:
+            value = statement.value.with_names(meant)
             if value.op in {"field", "name"} and {*value.names()} <= fixed:
-                meant[each.target] = value
-    for each in all_of(body):
-        each.value = each.value.with_names(meant) if each.value else None
+                meant[statement.target] = value
+    for statement in all_of(body):
+        statement.value = statement.value.with_names(meant) if statement.value else None
     return body
 
 
@@ -147,9 +147,9 @@ def tidy(body: list[Statement]) -> list[Statement]:
         statements = [*all_of(body)]
         read = {
             name
-            for each in statements
-            for name in (each.value.names() if each.value else ())
-            if each.op != "=" or name != each.target
+            for statement in statements
+            for name in (statement.value.names() if statement.value else ())
+            if statement.op != "=" or name != statement.target
         }
         body = _kept(body, read)
         if len([*all_of(body)]) == len(statements):
@@ -157,17 +157,28 @@ def tidy(body: list[Statement]) -> list[Statement]:
 
 
 def _kept(body: list[Statement], read: set[str]) -> list[Statement]:
-    left: list[Statement] = []
-    for each in body:
-        each.body, each.other = _kept(each.body, read), _kept(each.other, read)
-        if each.op == "if" and not each.body and each.value:
-            each.value, each.body, each.other = negated(each.value), each.other, []
-        if each.op == "return" and left and left[-1].op == "=" and _is(each.value, left[-1].target):
-            each.value = left.pop().value
-        idle = not each.body if each.op in {"if", "for"} else each.target not in read
-        if each.op not in {"=", "if", "for"} or not (idle or _is(each.value, each.target)):
-            left.append(each)
-    return left
+    block: list[Statement] = []
+    for statement in body:
+        statement.body, statement.other = _kept(statement.body, read), _kept(statement.other, read)
+        if statement.op == "if" and not statement.body and statement.value:
+            statement.value, statement.body, statement.other = (
+                negated(statement.value),
+                statement.other,
+                [],
+            )
+        if (
+            statement.op == "return"
+            and block
+            and block[-1].op == "="
+            and _is(statement.value, block[-1].target)
+        ):
+            statement.value = block.pop().value
+        idle = not statement.body if statement.op in {"if", "for"} else statement.target not in read
+        if statement.op not in {"=", "if", "for"} or not (
+            idle or _is(statement.value, statement.target)
+        ):
+            block.append(statement)
+    return block
 
 
 def _is(value: Expression | None, variable: str) -> bool:
@@ -177,13 +188,13 @@ def _is(value: Expression | None, variable: str) -> bool:
 def constant(value: Any) -> Expression:  # noqa: ANN401 - None, a flag, a number, a tuple of them
     """Return what is known as an expression."""
     if isinstance(value, tuple):
-        return tuple_of([constant(each) for each in value])
+        return tuple_of([constant(part) for part in value])
     return Expression("constant", float(value) if type(value) is int else value)
 
 
 def tuple_of(parts: Sequence[Expression]) -> Expression:
     """Return a tuple of expressions."""
-    return Expression("tuple", tuple(each.kind for each in parts), tuple(parts))
+    return Expression("tuple", tuple(part.kind for part in parts), tuple(parts))
 
 
 def negated(value: Expression) -> Expression:

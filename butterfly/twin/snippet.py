@@ -28,8 +28,11 @@ def as_snippet(twin: Twin, options: Options) -> Written:
     actuators = next(made.root.iter("actuator"))
     joint.set("name", twin.identifier)
     joint.set("armature", "0")
-    for each in actuators:
-        each.attrib |= {"name": f"{twin.identifier}_{each.get('name')}", "joint": twin.identifier}
+    for actuator in actuators:
+        actuator.attrib |= {
+            "name": f"{twin.identifier}_{actuator.get('name')}",
+            "joint": twin.identifier,
+        }
     ElementTree.indent(actuators)
     head = (
         f"{twin.name}: lines for your own MJCF. Written for MuJoCo {mujoco.__version__}.",
@@ -65,9 +68,9 @@ def as_snippet(twin: Twin, options: Options) -> Written:
 
 def inertial(twin: Twin) -> str:
     """Return the MJCF of the body that swings, with what it carries."""
-    mass, beside, below, inertia = twin.body
+    mass, offset, below, inertia = twin.body
     turns = " ".join([repr(inertia)] * 3)
-    return f'<inertial pos="{beside!r} 0 {-below!r}" mass="{mass!r}" diaginertia="{turns}"/>'
+    return f'<inertial pos="{offset!r} 0 {-below!r}" mass="{mass!r}" diaginertia="{turns}"/>'
 
 
 def _on_body(twin: Twin) -> Iterator[str]:
@@ -110,5 +113,5 @@ def _on_actuators(twin: Twin) -> Iterator[str]:
         "cogging: a torque that repeats over a turn": p.cogging or p.cogging_cosine,
         "bristles: friction that is elastic before it slides": p.bristle_stiffness,
     }
-    if said := [text for text, there in others.items() if there]:
-        yield f"Leave ctrl of the other actuators at 0. {'; '.join(said)}."
+    if descriptions := [text for text, there in others.items() if there]:
+        yield f"Leave ctrl of the other actuators at 0. {'; '.join(descriptions)}."

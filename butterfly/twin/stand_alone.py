@@ -99,7 +99,7 @@ def _best(twin: Twin, options: Options, yardstick: Yardstick) -> Form:
     forms = [Form()]
     if twin.parameters.delay > NO_DELAY:
         short = ("none",) if twin.parameters.delay < options.timestep else ()
-        forms = [Form(delay=each) for each in (*short, "whole", "later", "between")]
+        forms = [Form(delay=delay) for delay in (*short, "whole", "later", "between")]
     error = cache(lambda form: yardstick.worst_of_some(mover(options, form)))
     best = min(forms, key=error) if len(forms) > 1 else forms[0]
     if twin.loaded.holding:
@@ -156,8 +156,8 @@ def _root(twin: Twin, options: Options, form: Form) -> ElementTree.Element:
         root.set("model", twin.identifier)
         named(root, "hand").set("name", twin.identifier)
     if robot.shape is Shape.SLIDE:
-        for each in root.iter():
-            each.attrib |= {k: "slide" for k in ("name", "joint") if each.get(k) == "hinge"}
+        for node in root.iter():
+            node.attrib |= {k: "slide" for k in ("name", "joint") if node.get(k) == "hinge"}
     return root
 
 
@@ -207,12 +207,12 @@ def models(
     form, step = _best(twin, options, Yardstick.of(twin, options.timestep)), options.timestep
     sets = list(drawn)
     remembered = 0
-    if any(form.late(each.delay, step) is not None for each in sets):  # states of one size then
-        sets = [replace(each, delay=max(each.delay, 2 * NO_DELAY)) for each in sets]
-        remembered = max(_samples(form.late(each.delay, step) or 0.0, step) for each in sets)
+    if any(form.late(p.delay, step) is not None for p in sets):  # states of one size then
+        sets = [replace(p, delay=max(p.delay, 2 * NO_DELAY)) for p in sets]
+        remembered = max(_samples(form.late(p.delay, step) or 0.0, step) for p in sets)
     for parameters in sets:
-        each = replace(twin, parameters=parameters, robot=None)
-        root = _root(each, options, form)
+        variant = replace(twin, parameters=parameters, robot=None)
+        root = _root(variant, options, form)
         if remembered:
             named(root, "motor").set("nsample", str(remembered))
         yield text_of(root)

@@ -38,8 +38,11 @@ from butterfly.twin.reduced import (
 )
 
 OF_NUMBERS: Mapping[Any, str] = {
-    **{each: each.__name__ for each in (abs, max, min, round, np.sign)},
-    **{each: each.__name__ for each in (math.sin, math.cos, math.exp, math.sqrt, math.ceil)},
+    **{function: function.__name__ for function in (abs, max, min, round, np.sign)},
+    **{
+        function: function.__name__
+        for function in (math.sin, math.cos, math.exp, math.sqrt, math.ceil)
+    },
 }
 """Functions of numbers, and what they are called."""
 
@@ -81,7 +84,7 @@ class _Reduction:
     def __init__(self, translator: Translator, source: Any, kinds: Sequence[Kind]) -> None:  # noqa: ANN401
         self._translator, self._source = translator, source
         tree: Any = ast.parse(textwrap.dedent(inspect.getsource(source))).body[0]
-        self._tree, self._arguments = tree, [each.arg for each in tree.args.args]
+        self._tree, self._arguments = tree, [argument.arg for argument in tree.args.args]
         self._kinds = dict(zip(self._arguments, kinds, strict=True))
         self._returned: Kind = math.nan
 
@@ -91,7 +94,7 @@ class _Reduction:
         while known != (known := (dict(self._kinds), self._returned)):
             body = self._block(self._tree.body)
         body = tidy(without_aliases(body, self._arguments))
-        used = {name for each in all_of(body) if each.value for name in each.value.names()}
+        used = {name for s in all_of(body) if s.value for name in s.value.names()}
         return Function(
             name=self._source.__name__.strip("_"),
             about=(ast.get_docstring(self._tree) or "").split("\n")[0],
@@ -141,32 +144,32 @@ class _Reduction:
             self._kinds[target.id] = join(self._kinds.get(target.id, math.nan), value.kind)
             return [Statement("=", value, target.id)]
         made: list[Statement] = []
-        names = [each.id for each in ast.walk(target) if isinstance(each, ast.Name)]
+        names = [node.id for node in ast.walk(target) if isinstance(node, ast.Name)]
         if not (value.op == "name" or (value.op == "tuple" and {*value.names()}.isdisjoint(names))):
             holder = ast.Name("_".join(["all", *(name for name in names if name != "_")]))
             made = self._assign(holder, value)
             value = Expression("name", self._kinds[holder.id], meant=holder.id)
-        for number, each in enumerate(target.elts):
-            if ast.unparse(each) != "_":
-                made += self._assign(each, _item(value, number))
+        for number, part in enumerate(target.elts):
+            if ast.unparse(part) != "_":
+                made += self._assign(part, _item(value, number))
         return made
 
     def _loop(self, node: ast.For) -> list[Statement]:
         """Return a loop over a range, or over a tuple of numbers."""
         target, over, more = ast.unparse(node.target), node.iter, []
         if isinstance(over, ast.Tuple):
-            choices = [self._value(each) for each in over.elts]
+            choices = [self._value(part) for part in over.elts]
             count, number, chosen = constant(len(choices)), f"{target}s", choices[-1]
-            for k, each in reversed([*enumerate(choices[:-1])]):
+            for k, choice in reversed([*enumerate(choices[:-1])]):
                 name = Expression("name", NUMBER, meant=number)
-                chosen = _choice(Expression("==", FLAG, (name, constant(k))), each, chosen)
+                chosen = _choice(Expression("==", FLAG, (name, constant(k))), choice, chosen)
             more, target = self._assign(node.target, chosen), number
         else:
             count = self._value(over.args[0])  # type: ignore[attr-defined]
         self._kinds[target] = NUMBER
         body = more + self._block(node.body)
         once = is_known(count.kind) and count.kind >= 1 and body and body[-1].leaves
-        ends = [each.op for each in all_of(body) if each.op in {"break", "continue"}]
+        ends = [statement.op for statement in all_of(body) if statement.op in {"break", "continue"}]
         if once and ends == ["break"] * (body[-1].op == "break"):
             return body[:-1] if ends else body
         return [Statement("for", count, target, body)]
@@ -181,13 +184,13 @@ class _Reduction:
                 return constant(self._object(node))
             case ast.Attribute(value=owner, attr=attr):
                 if isinstance(fields := self._kinds.get(ast.unparse(owner)), Fields):
-                    own = self._value(owner)
-                    return _known_or(Expression("field", fields.kinds[attr], (own,), attr))
+                    constants = self._value(owner)
+                    return _known_or(Expression("field", fields.kinds[attr], (constants,), attr))
                 return constant(self._object(node))
             case ast.Subscript(value=value, slice=number):
                 return _item(self._value(value), int(self._value(number).kind))
             case ast.Tuple(elts=elements):
-                return tuple_of([self._value(each) for each in elements])
+                return tuple_of([self._value(part) for part in elements])
             case ast.UnaryOp(op=ast.Not(), operand=operand):
                 return negated(self._value(operand))
             case ast.UnaryOp(op=ast.USub(), operand=operand):
@@ -197,9 +200,9 @@ class _Reduction:
             case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATORS:
                 return _arithmetic(*_OPERATORS[type(op)], self._value(left), self._value(right))
             case ast.BoolOp(op=op, values=values):
-                return _all_or_any(isinstance(op, ast.And), [self._value(each) for each in values])
+                return _all_or_any(isinstance(op, ast.And), [self._value(part) for part in values])
             case ast.Compare(left=left, ops=ops, comparators=others):
-                sides = [self._value(each) for each in (left, *others)]
+                sides = [self._value(side) for side in (left, *others)]
                 return _all_or_any(True, list(map(_compared, ops, sides, sides[1:])))
             case ast.IfExp(test=test, body=body, orelse=other):
                 condition = self._value(test)
@@ -207,7 +210,7 @@ class _Reduction:
                     return self._value(body if condition.kind else other)
                 return _choice(condition, self._value(body), self._value(other))
             case ast.Call(func=func, args=arguments):
-                return self._call(self._object(func), [self._value(each) for each in arguments])
+                return self._call(self._object(func), [self._value(part) for part in arguments])
         raise NotImplementedError(ast.unparse(node))
 
     def _object(self, node: Any) -> Any:  # noqa: ANN401
@@ -224,7 +227,7 @@ class _Reduction:
             if name in {"min", "max"} and len(others) > 1:
                 others = [self._call(called, others)]
             return _called(name, called, [first, *others])
-        function = self._translator.function(called, *(each.kind for each in arguments))
+        function = self._translator.function(called, *(argument.kind for argument in arguments))
         names = inspect.signature(getattr(called, "py_func", called)).parameters
         given = dict(zip(names, arguments, strict=True))
         if (forwarded := function.forwarded) is not None:
@@ -247,8 +250,8 @@ def _item(value: Expression, number: int) -> Expression:
 
 
 def _called(name: str, function: Callable[..., Any], arguments: Sequence[Expression]) -> Expression:
-    if all(is_known(each.kind) for each in arguments):
-        return constant(float(function(*(each.kind for each in arguments))))
+    if all(is_known(argument.kind) for argument in arguments):
+        return constant(float(function(*(argument.kind for argument in arguments))))
     return Expression("call", NUMBER, tuple(arguments), name)
 
 
@@ -268,17 +271,17 @@ def _compared(op: ast.cmpop, one: Expression, other: Expression) -> Expression:
 
 
 def _all_or_any(every: bool, parts: Iterable[Expression]) -> Expression:
-    left = [part for part in parts if not (is_known(part.kind) and bool(part.kind) is every)]
-    if not left or any(is_known(part.kind) for part in left):
-        return constant(every if not left else not every)
-    return left[0] if len(left) == 1 else Expression("and" if every else "or", FLAG, tuple(left))
+    rest = [part for part in parts if not (is_known(part.kind) and bool(part.kind) is every)]
+    if not rest or any(is_known(part.kind) for part in rest):
+        return constant(every if not rest else not every)
+    return rest[0] if len(rest) == 1 else Expression("and" if every else "or", FLAG, tuple(rest))
 
 
 def _arithmetic(
     sign: str, function: Callable[[Any, Any], Any], one: Expression, other: Expression
 ) -> Expression:
-    """Return a sum, difference, product or quotient, less what 0 and 1 make of no use."""
-    zero, unit = [[each.kind == number for each in (one, other)] for number in (0.0, 1.0)]
+    """Return a sum, difference, product or quotient, simplified where an operand is 0 or 1."""
+    zero, unit = [[operand.kind == number for operand in (one, other)] for number in (0.0, 1.0)]
     if is_known(one.kind) and is_known(other.kind) and not (sign == "/" and zero[1]):
         return constant(function(one.kind, other.kind))
     if (sign == "*" and any(zero)) or (sign == "/" and zero[0]):

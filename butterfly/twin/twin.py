@@ -67,14 +67,14 @@ class Twin:
 
     @classmethod
     def identified(
-        cls, found: Identified, added: AddedMass = NO_ADDED_MASS, mass: float | None = None
+        cls, identified: Identified, added: AddedMass = NO_ADDED_MASS, mass: float | None = None
     ) -> Twin:
         """Return the twin of what was learnt, with a load and a mass in kg."""
-        estimate, origin = found.estimate, found.origin
+        estimate, origin = identified.estimate, identified.origin
 
         def recorded() -> Sequence[tuple[Log, Setting]]:
             try:
-                logs = found.data
+                logs = identified.data
             except ButterflyError:
                 return ()
             settings = (logs.simulations.setting(k, estimate) for k in range(len(logs.logs)))
@@ -93,8 +93,8 @@ class Twin:
             servo=ServoLoop.of(loop, whole=False) if loop else None,
             known=Prior.of(origin.get("known", {})),
             ratios=estimate.ratios,
-            holds=found.fit.holds,
-            zeros=tuple(found.zeros.values()),
+            holds=identified.fit.holds,
+            zeros=tuple(identified.zeros.values()),
             mass=mass,
             is_butterfly=manifest.get("shape") == "butterfly",
             recorded=recorded,
@@ -129,9 +129,9 @@ class Twin:
         if robot.shape is Shape.SLIDE:
             return Body(p1, 0.0, 0.0, p1)
         mass = hand.mass + added.mass
-        beside = hand.mass * hand.com_offset / mass
+        offset = hand.mass * hand.com_offset / mass
         below = (hand.mass * hand.com_distance + added.mass * added.arm) / mass
-        return Body(mass, beside, below, p1 - mass * (beside**2 + below**2))
+        return Body(mass, offset, below, p1 - mass * (offset**2 + below**2))
 
     @property
     def log_lines(self) -> tuple[str, ...]:
@@ -139,9 +139,9 @@ class Twin:
         held = (self.holds,) if self.holds else ()
         if not self.zeros:
             return held
-        ends = dict.fromkeys(f"{round(each(self.zeros), 4) + 0.0:g}" for each in (min, max))
-        said = f"Encoder's angle = angle here + zero; zero = {' to '.join(ends)} rad in the logs."
-        return *held, said
+        ends = dict.fromkeys(f"{round(extreme(self.zeros), 4) + 0.0:g}" for extreme in (min, max))
+        text = f"Encoder's angle = angle here + zero; zero = {' to '.join(ends)} rad in the logs."
+        return *held, text
 
     @property
     def identifier(self) -> str:
@@ -171,8 +171,8 @@ def unheard(twin: Twin) -> Iterator[str]:
 
 def beyond(p: LumpedParameters, held: Collection[str]) -> list[Term]:
     """Return the active terms of a joint that a format cannot represent."""
-    rows = (TERMS[each.name] for each in fields(p) if each.name in TERMS.keys() - held)
-    idle = {each.name: each.default for each in fields(p)}
+    rows = (TERMS[term.name] for term in fields(p) if term.name in TERMS.keys() - held)
+    idle = {term.name: term.default for term in fields(p)}
     return [
         row
         for row in rows
@@ -184,18 +184,18 @@ def beyond(p: LumpedParameters, held: Collection[str]) -> list[Term]:
 def listed(p: LumpedParameters, rows: Iterable[Term], unit: str) -> str:
     """Return terms with their values; ``unit`` is the command's."""
     units = {"–": ""}
-    said = (
+    texts = (
         f"{row.name} {getattr(p, row.name):.4g} {units.get(row.unit, row.unit)}" for row in rows
     )
-    return ", ".join(each.strip().replace("unit", unit) for each in said)
+    return ", ".join(text.strip().replace("unit", unit) for text in texts)
 
 
 def told_of(servo: ServoLoop, held: Collection[str]) -> list[str]:
     """Return what else is told of a servo's loop than what a format holds."""
     return [
-        f"{each.name} {value.value if isinstance(value, Known) else value}"
-        for each in fields(servo)
-        if each.name not in held and (value := getattr(servo, each.name)) != each.default
+        f"{setting.name} {value.value if isinstance(value, Known) else value}"
+        for setting in fields(servo)
+        if setting.name not in held and (value := getattr(servo, setting.name)) != setting.default
     ]
 
 
@@ -226,8 +226,8 @@ class Accuracy:
     @property
     def lines(self) -> tuple[str, ...]:
         """Lines for a file: the sentence, and each log."""
-        each = (f"{name}: {error:.2g} {self.unit}" for name, error in self.errors.items())
-        return self.sentence, *(each if len(self.errors) > 1 else ())
+        errors = (f"{name}: {error:.2g} {self.unit}" for name, error in self.errors.items())
+        return self.sentence, *(errors if len(self.errors) > 1 else ())
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -159,7 +159,7 @@ def test_a_file_that_changes_while_it_is_read_is_one_of_both_or_a_line(tmp_path,
     def change():
         for turn, content in enumerate(itertools.cycle(contents)):
             if how == "replaced":
-                write_file(path, content, own=True)
+                write_file(path, content, internal=True)
             else:
                 path.write_bytes(content)
             if over.wait(0.002 * 1.1**turn):  # slower and slower, so that any machine reads one

@@ -1,15 +1,15 @@
 """Which parameters some logs can tell, before they are identified, and what would mend it.
 
-The free runs of the logs are fitted from the values of the weak form on, with the common terms that
-it has. What the equations there determine has the interval of a fit:
-cluster-robust over logs, with the estimates without each added mass and rivals by conditions.
-Other terms, and all that is checked afterwards, may widen it, so that it is a lower limit.
+The free runs of the logs are fitted, starting at the values of the weak form, with the common terms
+that it has. Parameters that are determined have the interval of a fit: cluster-robust over logs,
+with the estimates without each added mass and rivals by conditions. Other terms, and all that is
+checked afterwards, may widen it: it is a lower limit.
 
 With h the half-width of that interval over the value, a parameter is *identifiable* if h is at most
 `PRECISE`; *not identifiable* if h is 1 or more, so that it may be 0, or if the equations are
 singular; *weak* between. A delay d turns a share w d of a torque at the frequency w by a quarter of
-its period, as an error of p4 enlarges it by its own share: so its h is w times the half-width, with
-w of the fastest log. Where no log reverses, Coulomb friction is *weak* at best.
+its period, as an error of p4 enlarges it by its own share: its h is w times the half-width, with w
+of the fastest log. Where no log reverses, Coulomb friction is *weak* at best.
 """
 
 from __future__ import annotations
@@ -76,12 +76,12 @@ class Forecast:
 
 def forecast(logs: Sequence[Log], known: Prior) -> tuple[Forecast, ...]:
     """Return a forecast of each parameter that every joint has; none without logs."""
-    found, fastest, why, mend = None, 0.0, "", ""
+    fit, fastest, why, mend = None, 0.0, "", ""
     try:
         with counted(), np.errstate(all="ignore"):
             data = DataSet.of([thinned(log, GLANCE) for log in logs], known=known)
             known = data.known if is_driven(logs) else data.known.within({*known.values, "p3"})
-            found, fastest = expected(data), max(map(pace_of, data.logs))
+            fit, fastest = expected(data), max(map(pace_of, data.logs))
     except InputError as error:
         why, mend = f"{error.field} is {error.value}", f"expected: {error.expected}"
     except (ButterflyError, np.linalg.LinAlgError) as error:
@@ -95,20 +95,20 @@ def forecast(logs: Sequence[Log], known: Prior) -> tuple[Forecast, ...]:
         row = Forecast(name=name, meaning=meaning, unit=unit, word=Told.NOT, why=why, mend=mend)
         if name in known.fixed:
             row = replace(row, word=Told.KNOWN, half_width=0.0, expected=0.0, why="", mend="")
-        elif found is not None and name in found.names:
-            row = _told(row, found, fastest)
+        elif fit is not None and name in fit.names:
+            row = _told(row, fit, fastest)
             if name == "coulomb" and not any(_reverses(log.angle) for log in logs):
                 why = "no log reverses, so it cannot be told from a constant torque"
                 row = replace(row, word=max(row.word, Told.WEAK, key=[*Told].index), why=why)
                 row = replace(row, mend="motion in both directions")
-        elif found is not None:
+        elif fit is not None:
             row = replace(row, why="the input is always zero", mend="add logs of the driven joint")
         rows.append(row)
     return tuple(rows)
 
 
 def expected(data: DataSet) -> Estimate:
-    """Return a fit from the weak form's values on, with all terms that it has."""
+    """Return the estimate of a fit that starts at the weak form's values, with all its terms."""
     first, *_ = starts(data, None)
     terms = tuple(name for name in COMMON if getattr(first.parameters, name))
     estimator = OutputError(terms=terms)
@@ -123,20 +123,20 @@ def _reverses(angle: Samples) -> bool:
     return bool(min(back) > MATTERS * np.ptp(angle))
 
 
-def _told(row: Forecast, found: Estimate, fastest: float) -> Forecast:
+def _told(row: Forecast, fit: Estimate, fastest: float) -> Forecast:
     """Add to a row its word, its half-widths, and what would mend it."""
-    place = found.names.index(row.name)
-    half, value = float(found.farther[place]), abs(float(found.values[place]))
+    place = fit.names.index(row.name)
+    half, value = float(fit.farther[place]), abs(float(fit.values[place]))
     share = fastest if row.name == "delay" else 1 / value if value else np.inf
     row = replace(row, half_width=or_none(half), expected=or_none(share * half))
     if share * half <= PRECISE:
         return replace(row, word=Told.IDENTIFIABLE)
     word = Told.WEAK if share * half < 1 else Told.NOT
-    common = abs(unit_diagonal(found.covariance)[0][place])
-    common[[name == row.name or name not in PARAMETERS for name in found.names]] = 0.0
-    other = found.names[int(common.argmax())]
+    common = abs(unit_diagonal(fit.covariance)[0][place])
+    common[[name == row.name or name not in PARAMETERS for name in fit.names]] = 0.0
+    other = fit.names[int(common.argmax())]
     alone = share * half * (max(1 - float(common.max()) ** 2, 0.0)) ** 0.5
-    if row.name in found.on_bound:
+    if row.name in fit.on_bound:
         why, mend = "it may be 0", "none needed if it is 0"
     elif alone <= PRECISE:
         why = f"{row.name} and {other} are hard to tell apart"

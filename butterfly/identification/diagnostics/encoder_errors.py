@@ -2,8 +2,8 @@
 
 A disc beside its axis reads a sine of the angle too much, once a turn: e = a sin th + b cos th. Of
 small swings a is a scale of the angle, which moves p4 and friction and which no log bounds; what it
-does at larger ones, and b, do not look like any term. Both are fitted to the errors beside all
-values, so that these are what they would be with a centred disc.
+does at larger ones, and b, do not look like any term. Both are fitted to the errors together with
+all values, which are then those of a centred disc.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ def off_centre(
 ) -> OffCentre | None:
     """Return the eccentricity that errors of free runs show, by the first n unknowns; or none.
 
-    ``waves``: (m, 2) effects of each wave on the m equations of each log. As of a term that many
-    joints have, its chance is below 1 %, and it predicts the logs of other masses better.
+    ``waves``: (m, 2) effects of both waves on the m equations of each log. Like a term that many
+    joints have, it must have a chance below 1 %, and predict the logs of other masses better.
     """
     count, every = len(names), (*names, *_WAVES)
     cells = replace(
@@ -64,16 +64,16 @@ def off_centre(
     without, whole = np.arange(len(every)) < count, np.ones(len(every), dtype=bool)
     masks = np.array([without, whole])
     before, after = np.sqrt(nested.held_out(masks))
-    gain, found = before - after, nested.fitted(masks)[1]
-    if not (np.isfinite(found).all() and gain.mean() > standard_error(gain)):
+    gain, values = before - after, nested.fitted(masks)[1]
+    if not (np.isfinite(values).all() and gain.mean() > standard_error(gain)):
         return None
-    about = nested.about(found).equations
+    about = nested.about(values).equations
     covariance, freedom = cluster_covariance(*about.stack)
     waved, degrees = covariance[count:, count:], max(float(freedom[count:].min()), 2.0)
     # Hotelling's square of two values, as an F
-    square = float(found[count:] @ np.linalg.solve(waved, found[count:])) / len(_WAVES)
+    square = float(values[count:] @ np.linalg.solve(waved, values[count:])) / len(_WAVES)
     if not fdtrc(len(_WAVES), degrees - 1, square * (degrees - 1) / degrees) < MATTERS:
         return None
     half = half_widths(covariance, freedom)[:count]
-    rival = Rival(found[:count], half, predicts=False)
-    return OffCentre(amplitude=float(np.hypot(*found[count:])), rival=rival)
+    rival = Rival(values[:count], half, predicts=False)
+    return OffCentre(amplitude=float(np.hypot(*values[count:])), rival=rival)

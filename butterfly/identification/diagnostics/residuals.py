@@ -74,7 +74,7 @@ class LogResiduals:
     def excess(self) -> float:
         """Largest distance of the curves from their centres, over the half-width of the band."""
         curves = (self.autocorrelation, self.cross_correlation)
-        return max((each.excess for each in curves if each), default=np.inf)
+        return max((curve.excess for curve in curves if curve), default=np.inf)
 
     @property
     def outside(self) -> bool:
@@ -92,7 +92,7 @@ class LogResiduals:
         return self.left / self.explained if self.explained else np.inf
 
     def numbers(self) -> dict[str, Any]:
-        """Return it for programs."""
+        """Return all numbers, for programs."""
         sensor = self.sensor
         lengths = (self.motion, self.error, self.left, self.explained, sensor.step, sensor.noise)
         return {
@@ -156,7 +156,7 @@ class Residuals:
         return [followed, Finding(kind, number=self.times), *off, *self.missing.findings]
 
     def numbers(self) -> dict[str, Any]:
-        """Return it for programs but for its findings: shares of the rms motion, over all logs."""
+        """Return all numbers but the findings, for programs: shares of the rms motion of logs."""
         return {
             "relative": self.relative,
             "after_small_changes": self.left,
@@ -165,7 +165,7 @@ class Residuals:
             "beyond_sensors": self.beyond_sensors,
             "logs_outside": self.outside,
             "missing_terms": list(self.missing.terms),
-            "missing_terms_or": [list(each) for each in self.missing.others],
+            "missing_terms_or": [list(terms) for terms in self.missing.others],
             "missing_terms_share": self.missing.share,
             "logs": [log.numbers() for log in self.logs],
         }
@@ -185,26 +185,28 @@ def residuals_of(data: DataSet, estimate: Estimate, runs: Sequence[FreeRun] = ()
         expanded = unknowns.expanded(run, data.simulations.setting(k, estimate))
         every.append(expanded and expanded[0])
         parts += [expanded[1]] if expanded else []
-    found = [each for each in every if each is not None]
-    if not found:
+    run_errors = [errors for errors in every if errors is not None]
+    if not run_errors:
         return Residuals(logs=tuple(map(_bare, data.logs)))
     at, random = unknowns.equations(parts), np.random.default_rng(0)
     parts.clear()  # they are as large as the equations that they make
     directions = at.directions(len(unknowns.keys))
-    left = at.moved(-directions @ (directions.T @ at.gradient))
-    pairs = list(zip(found, left.by_log, strict=True))
-    draws = [each.drawn(rest, random) for each, rest in pairs]
+    residuals = at.moved(-directions @ (directions.T @ at.gradient))
+    pairs = list(zip(run_errors, residuals.by_log, strict=True))
+    draws = [errors.drawn(rest, random) for errors, rest in pairs]
     _reduce([errors for _, errors in draws], at, directions)
-    judged = [each.judged(rest, *drawn) for (each, rest), drawn in zip(pairs, draws, strict=True)]
-    del left, pairs, draws
+    judged = [
+        errors.judged(rest, *drawn) for (errors, rest), drawn in zip(pairs, draws, strict=True)
+    ]
+    del residuals, pairs, draws
     following = iter(judged)
     places = zip(data.logs, every, strict=True)
-    whole = (_bare(log) if each is None else next(following) for log, each in places)
-    result = Residuals(logs=tuple(whole), encoder=unknowns.off_centre(at, found))
+    whole = (_bare(log) if errors is None else next(following) for log, errors in places)
+    result = Residuals(logs=tuple(whole), encoder=unknowns.off_centre(at, run_errors))
     if not result.beyond_sensors:
         return result
     shares = estimate.missing.shares
-    logs = (replace(each, share=shares.get(each.name, 0.0)) for each in result.logs)
+    logs = (replace(log, share=shares.get(log.name, 0.0)) for log in result.logs)
     return replace(result, logs=tuple(logs), missing=estimate.missing)
 
 
@@ -233,43 +235,46 @@ class _RunErrors:
         """Negligible error in rad: a share of the rms motion about its linear trend."""
         log = self.run.log
         time, angle = (
-            each[self.first :] - each[self.first :].mean() for each in (log.time, log.measured)
+            series[self.first :] - series[self.first :].mean()
+            for series in (log.time, log.measured)
         )
         return SHOWS * float(np.std(angle - time * ((time @ angle) / (time @ time))))
 
     @property
     def waves(self) -> Samples:
-        """(m, 2) relative effects on the errors of a reading that is a sine or cosine more."""
+        """(m, 2) relative effects on the errors of a sine and cosine that the encoder adds."""
         middles, roots = self.averages.middles, self.averages.roots
         angle = np.interp(middles, self.run.log.time, self.run.simulated)
         read = np.column_stack([-np.sin(angle) * roots, -np.cos(angle) * roots])
         self.starts.take_away(read)
         return np.asarray(read / (self.blank.motion * middles.size**0.5))
 
-    def drawn(self, left: Samples, random: np.random.Generator) -> tuple[SensorErrors, Samples]:
+    def drawn(
+        self, residuals: Samples, random: np.random.Generator
+    ) -> tuple[SensorErrors, Samples]:
         """Return the sensor by (m,) residuals, and (m, k) draws of its errors; k is 0 if white."""
         counts, roots, middles, _ = self.averages
-        unit, counted = self.blank.motion * left.size**0.5, slice(self.first, None)  # rad
+        unit, counted = self.blank.motion * residuals.size**0.5, slice(self.first, None)  # rad
         angle = self.run.simulated[counted] - np.interp(
-            self.run.log.time[counted], middles, (self.errors - unit * left) / roots
+            self.run.log.time[counted], middles, (self.errors - unit * residuals) / roots
         )
         sensor = SensorErrors.of(self.run.log.measured[counted], angle)
         if sensor.white:
-            return sensor, np.empty((left.size, 0))
+            return sensor, np.empty((residuals.size, 0))
         shifts = self.negligible * random.standard_normal(DRAWS)
         drawn = sensor.draw(angle, shifts, counts, random)
         drawn *= roots[:, np.newaxis] / unit
         self.starts.take_away(drawn)
         return sensor, drawn
 
-    def judged(self, left: Samples, sensor: SensorErrors, drawn: Samples) -> LogResiduals:
+    def judged(self, residuals: Samples, sensor: SensorErrors, drawn: Samples) -> LogResiduals:
         """Return the log's residuals by (m,) relative ones, compared with (m, k) drawn ones."""
-        count, motion = left.size, self.blank.motion
-        size = motion * float(np.linalg.norm(left))
+        count, motion = residuals.size, self.blank.motion
+        size = motion * float(np.linalg.norm(residuals))
         lags = max(1, min(round(_LONGEST_LAG / self.step), count // 4))
         lag = np.asarray(self.step * np.arange(lags + 1), dtype=np.float64)
         allowed = self.negligible / size if size else 0.0
-        auto, crossed = correlations([left, *drawn.T], self.averages.inputs, lags)
+        auto, crossed = correlations([residuals, *drawn.T], self.averages.inputs, lags)
         white = sensor.spread * (count / (self.run.log.time.size - self.first)) ** 0.5
         by_draws = motion * float(np.linalg.norm(drawn)) / DRAWS**0.5
         # of the parameters, to first order, and of the readings
@@ -310,7 +315,7 @@ class _Unknowns:
     ) -> tuple[_RunErrors, tuple[Samples, Samples]] | None:
         """Return the errors of a log's free run, and (m,) relative ones with (m, n) derivatives.
 
-        Of these the starts are projected out. None if the run fails or nothing moves.
+        The latter have the effects of starts projected out. None if the run fails or nothing moves.
         """
         log, first, blank = run.log, first_counted(run.log), _bare(run.log)
         columns = columns_of(self.keys, log)
@@ -323,10 +328,11 @@ class _Unknowns:
             return None
         averages = simulation.averages(setting.parameters)
         deviation = np.linalg.norm(rows[:, : len(self.root)] @ self.root.T, axis=1)
-        left = errors.copy()
-        for each in () if simulation.fitted else (left, rows):  # else `with_starts` has done it
-            starts.take_away(each)
-        found = _RunErrors(
+        residuals = errors.copy()
+        # else `with_starts` has done it
+        for array in () if simulation.fitted else (residuals, rows):
+            starts.take_away(array)
+        run_errors = _RunErrors(
             run=run,
             first=first,
             step=simulation.step,
@@ -337,7 +343,7 @@ class _Unknowns:
             deviation=deviation / averages.roots,
         )
         numbers = [*columns.values()]
-        return found, relative(left, rows, numbers, len(self.keys), blank.motion)
+        return run_errors, relative(residuals, rows, numbers, len(self.keys), blank.motion)
 
     def equations(self, parts: Sequence[tuple[Samples, Samples]]) -> Linearisation:
         """Return the equations of free runs in the n unknowns."""
@@ -347,23 +353,23 @@ class _Unknowns:
 
     def off_centre(self, at: Linearisation, runs: Sequence[_RunErrors]) -> OffCentre | None:
         """Return the eccentricity of the encoder that errors show, if any, with (p,) values."""
-        logs = [each.run.log for each in runs]
+        logs = [errors.run.log for errors in runs]
         if self.estimate.joint is not JointKind.HINGE or any(log.integrated for log in logs):
             return None
         masses, size = [log.added_mass for log in logs], self.estimate.values.size
-        found = off_centre(at, labels_of(self.keys), (each.waves for each in runs), masses)
-        return found and replace(found, rival=found.rival.within(slice(size)))
+        encoder = off_centre(at, labels_of(self.keys), (errors.waves for errors in runs), masses)
+        return encoder and replace(encoder, rival=encoder.rival.within(slice(size)))
 
 
 def _reduce(errors: Sequence[Samples], at: Linearisation, directions: Samples) -> None:
     """Subtract from each log's (m, k) errors, in place, the effect of the best common steps.
 
-    These are along (n, d) directions; logs of which k is 0 stay as they are.
+    These are along (n, d) directions; logs with k = 0 are not changed.
     """
     logs = np.split(at.rows, at.ends[:-1])
-    pairs = [(rows, each) for rows, each in zip(logs, errors, strict=True) if each.size]
-    pulls = [each.T @ rows for rows, each in pairs]
+    pairs = [(rows, draws) for rows, draws in zip(logs, errors, strict=True) if draws.size]
+    pulls = [draws.T @ rows for rows, draws in pairs]
     steps = -np.sum(pulls, axis=0) @ directions @ directions.T if pulls else np.empty(0)
-    for rows, each in pairs:
+    for rows, draws in pairs:
         for draw, step in enumerate(steps):
-            each[:, draw] += rows @ step
+            draws[:, draw] += rows @ step

@@ -2,9 +2,9 @@
 
 Every hypothesis of the table is one weak-form fit of the logs as they would be without the mistake.
 What the table leaves open, another mass or the delay of one log, is first scored: it is one column
-more in the fit of the logs as they are, and has to explain more than what else may follow the added
-mass does. A hypothesis is named if its fit leaves clearly less than that of the logs as they are,
-and if a joint that is identified without the mistake follows.
+more in the fit of the logs as they are, and has to explain more than any parameter that may follow
+the added mass. A hypothesis is named if its fit leaves clearly less than that of the logs as they
+are, and if a joint that is identified without the mistake follows.
 
 A joint that follows a set-point is driven by what is left to go: the input less the angle.
 """
@@ -66,17 +66,17 @@ def find_unit_errors(
     """Return the mistakes that explain a refusal, or else what is wrong with an estimate."""
     known = [(log, point) for log, point in zip(data.logs, data.points, strict=True) if point]
     ratios = np.array([1 + point.detuning for _, point in known])
-    found = unit_errors_of_omegas([log for log, _ in known], ratios)
-    if not found and (estimate is None or _is_doubtful(data, estimate)):
+    mistakes = unit_errors_of_omegas([log for log, _ in known], ratios)
+    if not mistakes and (estimate is None or _is_doubtful(data, estimate)):
         search = _Search(data, estimate)
-        found = search.of_table() or search.of_gain(estimator)
+        mistakes = search.of_table() or search.of_gain(estimator)
     answered = "mass_scale" in data.known.values
-    return found or ([] if answered else unit_errors_of_masses(data.masses))
+    return mistakes or ([] if answered else unit_errors_of_masses(data.masses))
 
 
 @np.errstate(all="ignore")
 def find_slow_clock(data: DataSet) -> list[Finding]:
-    """Return the unit of stamps so far apart that to simulate them as seconds takes ages."""
+    """Return the unit of stamps that are too far apart to be simulated as seconds."""
     if np.median([log.mean_step for log in data.logs]) <= _SLOW:
         return []
     search = _Search(data)
@@ -88,7 +88,7 @@ def _is_doubtful(data: DataSet, estimate: Estimate) -> bool:
     misfits = 1 - data.simulations.fits(estimate) / 100
     # of each log, noise over motion by what neighbours have not in common
     angles = [log.measured for log in data.logs]
-    noise = np.array([math.sqrt(white_variance(each)) / each.std() for each in angles])
+    noise = np.array([math.sqrt(white_variance(angle)) / angle.std() for angle in angles])
     return estimate.level is Level.WARNING or not (misfits < CLEARLY * noise).all()
 
 
@@ -119,7 +119,7 @@ class _Trial(NamedTuple):
     def tried(self, data: DataSet) -> _Trial:
         """Return the trial with its misfit on a data set."""
         try:
-            if self.error.column == "columns":  # of which neither is the angle's rest known
+            if self.error.column == "columns":  # the rest angle is not known either
                 return self._replace(misfit=_Fit.of(self.undone(data)).misfit)
             scale = self.number if self.error.column == "angle" else 1.0
             zeros = [scale * data.zero_of(log) for log in data.logs]
@@ -150,8 +150,8 @@ class _Fit(NamedTuple):
         known, (first, *others) = data.known.within(_NAMES), data.masses
         if not others and (scale := known.reference(first)):
             known = known.holding(scale)
-        own = map(data.zero_of, data.logs) if zeros is None else zeros
-        windows = [_windows_of(*each) for each in zip(data.logs, own, strict=True)]
+        origins = map(data.zero_of, data.logs) if zeros is None else zeros
+        windows = [_windows_of(*pair) for pair in zip(data.logs, origins, strict=True)]
         about = About(
             windows=windows,
             names=known.open(_NAMES),
@@ -161,22 +161,22 @@ class _Fit(NamedTuple):
             variance=0.0,
         )
         solved = about.regression().solve().values
-        found = known.fixed | dict(zip(about.names, solved, strict=True))
-        values, held = np.array([found[name] for name in _NAMES]), np.isin(_NAMES, [*known.fixed])
+        named = known.fixed | dict(zip(about.names, solved, strict=True))
+        values, held = np.array([named[name] for name in _NAMES]), np.isin(_NAMES, [*known.fixed])
         regression = replace(about, names=_NAMES, known=NO_PRIOR).regression()
         equations = regression.linearised(Solution(values=values, on_bound=held))
         torques = np.linalg.norm(regression.rows, axis=0) * regression.unknowns(values)
         size = math.hypot(*torques, float(np.linalg.norm(regression.target)))
-        possible = size > 0 and found["p1"] + min(each.added.inertia for each in windows) > 0
+        possible = size > 0 and named["p1"] + min(window.added.inertia for window in windows) > 0
         return cls(
             equations, float(np.linalg.norm(equations.residuals)) / size if possible else math.inf
         )
 
     def score(self, changes: Mapping[str, Sequence[float] | Samples]) -> tuple[float, float]:
-        """Return the misfit, and the slope, if values change by it times (k,) changes of logs."""
+        """Return misfit and slope if values change by the slope times (k,) changes of logs."""
         direction = np.zeros((self.equations.log.size, len(_NAMES)))
-        for name, each in changes.items():  # of logs of which some have no windows, and no cell
-            direction[:, _NAMES.index(name)] = np.asarray(each)[self.equations.log]
+        for name, change in changes.items():  # logs without windows have no cell
+            direction[:, _NAMES.index(name)] = np.asarray(change)[self.equations.log]
         rest, parts = self.equations.orthogonalised(direction)
         information = float(parts.sum()) or math.inf
         slope = -float(np.sum(rest * self.equations.gradients)) / information
@@ -210,19 +210,19 @@ class _Search:
 
     def named(self, trials: Iterable[_Trial | None], bar: float = math.inf) -> list[Finding]:
         """Return the mistakes of least misfit, below a bar, without which a joint follows."""
-        tried = sorted((each for each in trials if each), key=lambda each: each.misfit)
+        tried = sorted((trial for trial in trials if trial), key=lambda trial: trial.misfit)
         held: list[tuple[_Trial, Estimate]] = []
-        for each in [each for each in tried if each.misfit < bar][:_FITS]:
+        for trial in [trial for trial in tried if trial.misfit < bar][:_FITS]:
             late = out_of_time("the search for wrong units and masses")
-            if late or (held and each.misfit > _AS_GOOD * held[0][0].misfit):
+            if late or (held and trial.misfit > _AS_GOOD * held[0][0].misfit):
                 break
-            found = self._without(each)
-            if found is not None and (not each.log or self._others_fit(each.log)):
-                held.append((each, found))
-        ways, before = sum(bool(each.mass) and not each.log for each, _ in held), self.estimate
+            estimate = self._without(trial)
+            if estimate is not None and (not trial.log or self._others_fit(trial.log)):
+                held.append((trial, estimate))
+        ways, before = sum(bool(trial.mass) and not trial.log for trial, _ in held), self.estimate
         return [
-            each.finding(ways, moves=before is None or _moves(before, found))
-            for each, found in held
+            trial.finding(ways, moves=before is None or _moves(before, estimate))
+            for trial, estimate in held
         ]
 
     @cached_property
@@ -247,15 +247,15 @@ class _Search:
     def best(self, error: UnitError) -> _Trial | None:
         """Return the trial of a hypothesis with the best of its factors, if it has any."""
         trials = [
-            _Trial(error, each, partial(RIGHT[error.column], each)).tried(self._some)
-            for each in self._factors(error)
+            _Trial(error, factor, partial(RIGHT[error.column], factor)).tried(self._some)
+            for factor in self._factors(error)
         ]
-        found = min(trials, key=lambda each: each.misfit, default=None)
-        if error is UnitError.SIGN and found is not None:
+        best = min(trials, key=lambda trial: trial.misfit, default=None)
+        if error is UnitError.SIGN and best is not None:
             read = self.data.recorded[0].reading.columns.get("input")
-            return found._replace(unit=read.unit.removeprefix("-") if read else "")
-        stiffer = error is UnitError.SETPOINT and found is not None and found.number != 1
-        return None if stiffer else found  # a spring is no set-point
+            return best._replace(unit=read.unit.removeprefix("-") if read else "")
+        stiffer = error is UnitError.SETPOINT and best is not None and best.number != 1
+        return None if stiffer else best  # a spring is no set-point
 
     def _factors(self, error: UnitError) -> Sequence[float]:
         """Return the factors that are tried, those of an angle if they make a likely swing."""
@@ -279,7 +279,7 @@ class _Search:
         factors = error.factors
         if ratio is not None and error is UnitError.GEAR:
             factors = tuple({1 / ratio.value, ratio.value} - {1})
-        return [each for each in factors if least < each * swing <= most]
+        return [factor for factor in factors if least < factor * swing <= most]
 
     def _scored(self, here: _Fit) -> Iterator[_Trial]:
         """Yield other masses, in all logs or in one, and delays of one log that score best.
@@ -289,7 +289,7 @@ class _Search:
         logs = self.data.logs
         given = [log.added_mass for log in logs]
         contrasts = self.estimate.agreement if self.estimate else ()
-        shares = [each.share for each in contrasts if each.condition not in _NO_RIVALS]
+        shares = [contrast.share for contrast in contrasts if contrast.condition not in _NO_RIVALS]
         rival = min(
             *(here.score({name: [mass.mass for mass in given]})[0] for name in _NAMES),
             here.misfit * math.sqrt(max(0.0, 1 - max(shares, default=0.0))),
@@ -300,7 +300,7 @@ class _Search:
             suspects += [(mass, "") for mass in self.data.masses if mass.mass]
         for mass, name in suspects:
             more = replace(
-                mass, mass=mass.mass + 1, arm=mass.arm or max(each.arm for each in given)
+                mass, mass=mass.mass + 1, arm=mass.arm or max(other.arm for other in given)
             )
             wrong = np.array([log.added_mass == mass and name in {"", log.name} for log in logs])
             inertia, moment = more.inertia - mass.inertia, more.gravity_moment - mass.gravity_moment
@@ -310,7 +310,7 @@ class _Search:
                 change = partial(_weighed, mass, right)
                 yield _Trial(UnitError.MASS, right.mass, change, name, str(mass)).tried(self._thin)
         for log in logs if len(logs) > 1 else ():
-            misfit, late = here.score({"delay": [each is log for each in logs]})
+            misfit, late = here.score({"delay": [other is log for other in logs]})
             if misfit < rival:
                 change = partial(RIGHT["delay"], -late)
                 yield _Trial(UnitError.LATE, -late, change, log.name).tried(self._thin)
@@ -323,12 +323,16 @@ class _Search:
         width = HALF_WIDTH if trial.error.column == "time" else None
         try:
             undone = trial.undone(self.data)
-            found = WeakForm(half_width=width)(undone)
+            estimate = WeakForm(half_width=width)(undone)
         except _FAILURES:
             return None
-        possible = np.isfinite(found.values).all() and is_possible(found, undone.masses)
+        possible = np.isfinite(estimate.values).all() and is_possible(estimate, undone.masses)
         alone = [k for k, log in enumerate(undone.logs) if log.name == trial.log]
-        return found if possible and self._follows(undone, found, alone or undone.counted) else None
+        return (
+            estimate
+            if possible and self._follows(undone, estimate, alone or undone.counted)
+            else None
+        )
 
     def _others_fit(self, name: str) -> bool:
         """Return whether the same terms leave no more than noise of the logs without one."""
@@ -340,10 +344,10 @@ class _Search:
         except _FAILURES:
             return False
 
-    def _follows(self, data: DataSet, found: Estimate, logs: Sequence[int]) -> bool:
+    def _follows(self, data: DataSet, estimate: Estimate, logs: Sequence[int]) -> bool:
         """Return whether free runs of some logs leave clearly less of their motion than before."""
         before = 1.0 if self.estimate is None else _error(self.data, self.estimate, logs)
-        return _error(data, found, logs) < LOST * min(1.0, before)
+        return _error(data, estimate, logs) < LOST * min(1.0, before)
 
     def of_gain(self, estimator: Estimator) -> list[Finding]:
         """Return the factor of the P gain of a loop, if another one halves the misfit at least."""
@@ -355,12 +359,12 @@ class _Search:
         known = data.known | Prior({"loop_kp": Known(value=1.0, uncertainty=math.inf)})
         free = replace(estimator, terms=tuple({*before.names} & {*offered(estimator.method)}))
         try:
-            found = free.of_logs(data.logs, [Start.at(before, data)], known)
+            estimate = free.of_logs(data.logs, [Start.at(before, data)], known)
         except _FAILURES:
             return []
-        factor = found.parameters.loop_kp
-        if abs(factor - 1) > PRECISE and self._follows(data, found, range(len(data.logs))):
-            return [unit_error(UnitError.GAIN, factor, moves=_moves(before, found))]
+        factor = estimate.parameters.loop_kp
+        if abs(factor - 1) > PRECISE and self._follows(data, estimate, range(len(data.logs))):
+            return [unit_error(UnitError.GAIN, factor, moves=_moves(before, estimate))]
         return []
 
 
@@ -369,11 +373,11 @@ def _error(data: DataSet, estimate: Estimate, logs: Sequence[int] | None = None)
     return 1 - float(np.median(data.simulations.fits(estimate, logs))) / 100
 
 
-def _moves(before: Estimate, found: Estimate) -> bool:
+def _moves(before: Estimate, after: Estimate) -> bool:
     """Return whether p1 to p4 move by more than counts as known, and intervals that may be used."""
     if before.level is Level.WARNING:
         return True
-    then = found.named
+    then = after.named
     rows = zip(before.names, before.values, before.lower, before.upper, strict=True)
     return any(
         abs(then[name] - value) > max((upper - lower) / 2, PRECISE * abs(value))

@@ -1,4 +1,4 @@
-"""What a fit takes for granted that nobody says of logs, and what is done where it is not so.
+"""What a fit assumes of logs where nobody says it, and what is done where that is wrong.
 
 *Between its samples an input is held.* One that is held is late by half a sample, which the delay
 takes up unless it would be below 0: then inertia, damping and friction of a joint in a loop stand
@@ -75,7 +75,7 @@ def held_or_straight(logs: Sequence[Log], begun: Callable[[Sequence[Log]], Begun
     if late < _half_a_sample(logs) and not leaves_noise(first[1].linearisation):
         with suppress(IdentifiabilityError):
             other, most = begun(lines), len(first[0].keys)
-            held, lined = (_errors(*each, most) for each in (first, other))
+            held, lined = (_errors(*pair, most) for pair in (first, other))
             share = 1 - float(np.sum(lined**2) / np.sum(held**2))
             if share > MATERIAL and not as_good(held, lined):
                 return _taking(FindingKind.STRAIGHT, other, open_)
@@ -83,7 +83,7 @@ def held_or_straight(logs: Sequence[Log], begun: Callable[[Sequence[Log]], Begun
 
 
 def _opened(logs: Sequence[Log], lines: Sequence[Log]) -> tuple[str, ...]:
-    """Return the names of logs of which nobody says what their input does."""
+    """Return the names of logs that do not say what their input does between samples."""
     pairs = zip(logs, lines, strict=True)
     return tuple(log.name for log, line in pairs if log.intersample != line.intersample)
 
@@ -95,26 +95,26 @@ def _taking(kind: FindingKind, begun: Begun, names: Sequence[str]) -> Begun:
 
 
 def unsaid(problem: Problem, end: Fit) -> list[Samples]:
-    """Return (shared,) values of fits that follow the logs as well, by what nobody says of them.
+    """Return (shared,) values of fits under other assumptions that follow the logs as well.
 
-    These are straight lines between samples, and a loop whose clock is faster than assumed. The
-    delay stays that of held inputs.
+    These are inputs that go straight between samples, and a loop whose clock is faster than
+    assumed. The delay stays that of held inputs.
     """
-    logs, found = problem.logs, list[Samples]()
+    logs, rivals = problem.logs, list[Samples]()
     lines, fast = [straight(log) for log in logs], [_faster(log) for log in logs]
     for some, delay in ((lines, _half_a_sample(logs)), (fast, 0.0)):
-        told = any(new is not old for new, old in zip(some, logs, strict=True))
-        if not told or out_of_time("what nobody says of inputs"):
+        changed = any(new is not old for new, old in zip(some, logs, strict=True))
+        if not changed or out_of_time("what nobody says of inputs"):
             continue
-        there, own = problem.of_logs(some), np.array(problem.labels) == "delay"
-        begun = end.values + np.where(own, delay, 0.0)
+        there, mask = problem.of_logs(some), np.array(problem.labels) == "delay"
+        begun = end.values + np.where(mask, delay, 0.0)
         other = refitted(there, begun, end.linearisation)
         if other is None or not other.converged:
             continue
         ends = ((there, other), (problem, end))
-        if as_good(*(_errors(*each, len(begun)) for each in ends)):
-            found.append(np.where(own, end.values, other.values)[: problem.shared])
-    return found
+        if as_good(*(_errors(*pair, len(begun)) for pair in ends)):
+            rivals.append(np.where(mask, end.values, other.values)[: problem.shared])
+    return rivals
 
 
 def _faster(log: Log) -> Log:
@@ -129,14 +129,14 @@ def _half_a_sample(logs: Sequence[Log]) -> float:
     return float(np.median([log.mean_step for log in logs])) / 2
 
 
-def as_taken(data: DataSet, found: Estimate) -> tuple[DataSet, Estimate]:
+def as_taken(data: DataSet, estimate: Estimate) -> tuple[DataSet, Estimate]:
     """Return the logs with their input between samples as an estimate took it, and the estimate."""
-    kinds = {each.kind for each in found.findings}
+    kinds = {finding.kind for finding in estimate.findings}
     if FindingKind.STRAIGHT in kinds:
-        return data.corrected(straight), found
+        return data.corrected(straight), estimate
     if FindingKind.HELD in kinds:
-        return data.told(lambda log: replace(log, intersample=log.between_samples)), found
-    return data, found
+        return data.told(lambda log: replace(log, intersample=log.between_samples)), estimate
+    return data, estimate
 
 
 def _errors(problem: Problem, end: Fit, most: int) -> Samples:
@@ -148,16 +148,16 @@ def shorter_segments(every: Problem, fit: Fit) -> tuple[float, Start] | None:
     """Return the time in s of segments, and a first guess over them, if longer ones are no good.
 
     That is where nothing holds the joint in any log, and a fit leaves errors above white noise by
-    more than this is known.
+    more than the noise is known.
     """
     problem, end = every.of_fit(fit.plain), fit.plain
-    own, whole = _time_of(problem, end), math.isinf(problem.options.horizon)
-    if math.isinf(own) or _explained(end):
+    time, whole = _time_of(problem, end), math.isinf(problem.options.horizon)
+    if math.isinf(time) or _explained(end):
         return None
-    own = own if whole else problem.options.horizon
+    time = time if whole else problem.options.horizon
     first: tuple[float, Fit] | None = None
     for part in range(0 if whole else 1, FEW + 1):
-        horizon = float(f"{own / FEW**part:.2g}")
+        horizon = float(f"{time / FEW**part:.2g}")
         if horizon < _shortest(problem) or out_of_time("shorter segments"):
             break
         shorter = _over(problem, end, horizon)
@@ -174,17 +174,17 @@ def shorter_segments(every: Problem, fit: Fit) -> tuple[float, Start] | None:
 
 
 def over_shorter(problem: Problem, end: Fit) -> list[Samples]:
-    """Return (shared,) values over a third of segments of the joint's own time, which are as right.
+    """Return (shared,) values of a fit over segments of a third of the joint's own time.
 
-    Over some joints these are nearer the truth, over others not, and nothing tells which. None of
-    segments that are shorter already, as noise explains only those.
+    For some joints these are nearer the truth, for others not, and nothing tells which. Empty if
+    segments are shorter already, as noise explains only those.
     """
     horizon = problem.options.horizon
     third = horizon / FEW
     if horizon < (1 - PRECISE) * _time_of(problem, end) or third < _shortest(problem):
         return []
-    found = _over(problem, end, third)
-    return [found.values[: problem.shared]] if found is not None and found.converged else []
+    shorter = _over(problem, end, third)
+    return [shorter.values[: problem.shared]] if shorter is not None and shorter.converged else []
 
 
 def _time_of(problem: Problem, end: Fit) -> float:
@@ -217,11 +217,11 @@ def weighed(every: Problem, fit: Fit) -> Fit:
     """Return the fit to logs that are weighed by their likeliest scatter (see `scatter`).
 
     Two steps, on all rows of each log, compressed to as many as there are values. The first leads
-    from the end of the fit to where these logs, weighed, are best. There every log is simulated
-    with its likeliest friction and gain besides, which tells the scatter better; the second step is
-    to where logs weighed by that are best (Lindstrom & Bates, Biometrics 46, 1990). It is not
-    simulated again but to see that plain logs are followed there. Findings say which scatter is
-    more than chance. The fit stays as it was if there are too few logs to tell, or no such end.
+    from the end of the fit to the optimum of the weighed logs. There every log is simulated with
+    its likeliest friction and gain, which gives a better scatter; the second step leads to the
+    optimum of logs weighed by that (Lindstrom & Bates, Biometrics 46, 1990). There only the plain
+    logs are simulated, to see that they are followed. Findings say which scatter is more than
+    chance. The fit stays as it was if there are too few logs to tell, or no such end.
     """
     plain = _plain(every, fit)
     problem, at = every.of_fit(plain), plain.linearisation
@@ -229,21 +229,21 @@ def weighed(every: Problem, fit: Fit) -> Fit:
     if few or out_of_time("weighting the logs by their scatter"):
         return plain
     try:
-        begun, own = at, np.zeros((at.ends.size, at.values.size))
+        begun, effects = at, np.zeros((at.ends.size, at.values.size))
         if fit.scatter:  # of other terms: each log begins with what it had of its own
-            own = np.maximum(fit.scatter.own_of(problem.labels), problem.lower - at.values)
-            begun = problem.equations(at.values + own, at)
-        first = Likelihood(begun, at.values, own, problem.prior(at.values))
+            effects = np.maximum(fit.scatter.own_of(problem.labels), problem.lower - at.values)
+            begun = problem.equations(at.values + effects, at)
+        first = Likelihood(begun, at.values, effects, problem.prior(at.values))
         scatter = first.best()
         white = problem.knowing(first.weighed(scatter))
         step = white.step(*problem.box.about(white.values, np.inf))
         values = plain.values + step
-        own = np.maximum(scatter.random_effects(white, step), problem.lower - values)
-        there = problem.equations(values + own, at)
+        effects = np.maximum(scatter.random_effects(white, step), problem.lower - values)
+        there = problem.equations(values + effects, at)
         if not there.is_finite:
             return plain
-        second = Likelihood(there, values, own, problem.prior(values))
-        scatter = replace(second.best(), names=problem.labels, own=own, noise=second.noise)
+        second = Likelihood(there, values, effects, problem.prior(values))
+        scatter = replace(second.best(), names=problem.labels, own=effects, noise=second.noise)
         white = problem.knowing(second.weighed(scatter))
         step = white.step(*problem.box.about(values, np.inf))
     except IdentifiabilityError:
@@ -264,10 +264,10 @@ def weighed(every: Problem, fit: Fit) -> Fit:
 
 
 def _plain(every: Problem, fit: Fit) -> Fit:
-    """Return a fit before its logs were weighed; of other terms since, at the values of these."""
+    """Return a fit with its logs unweighed again, about its present values."""
     if fit.scatter is None:
         return fit
     problem = replace(every.of_fit(fit), scatter=None)
     at = problem.weighed(problem.equations(fit.values, fit.linearisation))
-    findings = tuple(each for each in fit.findings if each.kind is not FindingKind.SCATTER)
+    findings = tuple(finding for finding in fit.findings if finding.kind is not FindingKind.SCATTER)
     return replace(fit, linearisation=at, unweighed=None, scatter=None, findings=findings)

@@ -61,17 +61,17 @@ class Estimator:
     def label(self) -> str:
         """Short name for tables: the method and its options other than the defaults."""
         parts: list[str] = []
-        for each in fields(self):
-            value = getattr(self, each.name)
-            if each.name in {"method", "workers"} or value == each.default:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if field.name in {"method", "workers"} or value == field.default:
                 continue
-            if each.name == "terms":
+            if field.name == "terms":
                 parts += value or ["no terms"]
             elif isinstance(value, str):
                 parts.append(str(value))
             else:
                 listed = " ".join(value) if isinstance(value, tuple) else value
-                parts.append(f"{each.name} {listed}")
+                parts.append(f"{field.name} {listed}")
         return f"{self.method}({', '.join(parts)})" if parts else self.method
 
     def with_terms(self, terms: tuple[str, ...]) -> Self:
@@ -92,7 +92,7 @@ class Estimator:
         expected = "the method output-error: this one fits the terms that it is given"
         raise InputError(self.method, "terms", "a choice of terms", expected)
 
-    def near(self, found: Estimate) -> Callable[[DataSet], Estimate]:  # noqa: ARG002
+    def near(self, estimate: Estimate) -> Callable[[DataSet], Estimate]:  # noqa: ARG002
         """Return the estimator with its search, if any, started at an estimate."""
         return self
 

@@ -54,9 +54,8 @@ class HarmonicBalance(Estimator):
     """Estimate p1..p4, coulomb, delay and terms from the steady responses to sines: a fast look.
 
     Needs at least four logs with two different added masses (none counts as one), or enough known
-    values. Its intervals do not include the errors of describing functions, so that it is to be
-    used with care at best. Stribeck friction has the known velocity, or else a tenth of the largest
-    speed.
+    values. Its intervals do not include the errors of describing functions: use it with care at
+    best. Stribeck friction has the known velocity, or else a tenth of the largest speed.
 
     Parameters
     ----------
@@ -89,8 +88,8 @@ class HarmonicBalance(Estimator):
         sines = (k for k, point in enumerate(data.points) if point)
         lost = tuple(data.logs[k].name for k in sines if k not in data.steady)
         excluded = Finding(FindingKind.LEFT_OUT, number=count, logs=lost)
-        basis, found = _fitted(points, data.known, names, "harmonic balance")
-        return basis, replace(found, findings=(excluded,))
+        basis, fit = _fitted(points, data.known, names, "harmonic balance")
+        return basis, replace(fit, findings=(excluded,))
 
     def of_points(self, points: Sequence[ResponsePoint], known: Prior = NO_PRIOR) -> Estimate:
         """Estimate from steady responses (see `Estimator`)."""
@@ -223,10 +222,10 @@ class Phasors:
 
     def slope(self, values: Samples) -> Samples:
         """(n,) torque of the left-hand side over the swing."""
-        found = self.named(values)
-        torque = sum(value * self._columns[n] for n, value in found.items() if n in self._columns)
+        named = self.named(values)
+        torque = sum(value * self._columns[n] for n, value in named.items() if n in self._columns)
         inertia = self._of_masses("inertia")
-        heaviest = np.maximum(np.abs(inertia + found.get("p1", 0.0)), inertia.max())
+        heaviest = np.maximum(np.abs(inertia + named.get("p1", 0.0)), inertia.max())
         torque, least = torque + self._carried, SHOWS * heaviest * self.omega**2
         return np.asarray(np.maximum(np.abs(torque / self.angle), least))
 
@@ -265,7 +264,7 @@ def balanced(phasors: Phasors) -> Fit:
         regression = phasors.regression(weights, phasors.named(values))
         solution = regression.solve()
         moved = solution.values - values
-        before, unknowns = (regression.unknowns(each) for each in (values, solution.values))
+        before, unknowns = (regression.unknowns(vector) for vector in (values, solution.values))
         values = solution.values
         slope = phasors.slope(values)
         rest = regression.residuals(values).reshape(2, -1) / weights
@@ -278,8 +277,8 @@ def balanced(phasors: Phasors) -> Fit:
         settled = bool(change < ROUNDING * np.linalg.norm(regression.rows @ unknowns))
         if settled:
             break
-    found = Fit(linearisation=regression.linearised(solution))
-    return found if settled else replace(found, ending=Ending.STOPPED, unsettled=moved)
+    fit = Fit(linearisation=regression.linearised(solution))
+    return fit if settled else replace(fit, ending=Ending.STOPPED, unsettled=moved)
 
 
 def _parts(values: NDArray[Any]) -> Samples:

@@ -168,16 +168,16 @@ class OutputError(Estimator):
 
     def weigh(self, problem: Problem, fit: Fit) -> Fit:
         """Weigh logs by their scatter; choose again the terms that it hides."""
-        found = weighed(problem, fit)
-        if self.terms is None and found.scatters:
-            again = choose(problem, found, *self._rows(problem.logs, problem.robot))
-            same = again.linearisation.names == found.linearisation.names
-            found = again if same else weighed(problem, again)
-        return found
+        weighted = weighed(problem, fit)
+        if self.terms is None and weighted.scatters:
+            again = choose(problem, weighted, *self._rows(problem.logs, problem.robot))
+            same = again.linearisation.names == weighted.linearisation.names
+            weighted = again if same else weighed(problem, again)
+        return weighted
 
-    def near(self, found: Estimate) -> Callable[[DataSet], Estimate]:
+    def near(self, estimate: Estimate) -> Callable[[DataSet], Estimate]:
         """Return the estimator, its descent begun at an estimate."""
-        return lambda data: self._ended(*self.fit(data, [Start.at(found, data)]))
+        return lambda data: self._ended(*self.fit(data, [Start.at(estimate, data)]))
 
     def path(self, data: DataSet, offers: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
         """Return the terms after each round of a stagewise choice from some offers."""
@@ -219,7 +219,7 @@ class OutputError(Estimator):
         known = prior_of_fit(logs, known)
         over = self
         if self.horizon is None:
-            horizon = max(first_horizon(logs, each.parameters, each.zeros) for each in first)
+            horizon = max(first_horizon(logs, start.parameters, start.zeros) for start in first)
             over = replace(self, horizon=horizon)
         rows, rare = (offered, set[str]()) if offered else ((), set[str]())
         if self.terms is None:
@@ -231,9 +231,9 @@ class OutputError(Estimator):
             if any(log.closed for log in logs):
                 asked = self.terms, self.fixed
                 begins = [servo_start(over.over, asked, logs, first[0], known), *first]
-            every = [over.problem(logs, each, known) for each in begins]
-            no_terms = ([n for n in rows if not getattr(each.start, n)] for each in every)
-            bare = [each.without(names) for each, names in zip(every, no_terms, strict=True)]
+            every = [over.problem(logs, start, known) for start in begins]
+            no_terms = ([n for n in rows if not getattr(problem.start, n)] for problem in every)
+            bare = [problem.without(names) for problem, names in zip(every, no_terms, strict=True)]
             # a fit that is but the first need not be exact
             place, fit = lowest_end(bare, SHOWS if rows else ROUNDING)
             there = replace(every[place], initial=every[0].initial)
@@ -242,19 +242,19 @@ class OutputError(Estimator):
         return held_or_straight(logs, begun)
 
     def _over_own_time(self, problem: Problem, fit: Fit) -> Begun:
-        """Do it anew over segments where errors of whole logs are no good; choose as before."""
+        """Fit anew over segments where fits of whole logs are no good; choose terms as before."""
         shorter = None if self.horizon is not None else shorter_segments(problem, fit)
         if shorter is None or out_of_time("segments of the logs"):
             return problem, fit
         horizon, start = shorter
         again = replace(self, horizon=horizon)
         with suppress(IdentifiabilityError):
-            there, found = again.fit_of(problem.logs, [start], problem.robot)
+            there, end = again.fit_of(problem.logs, [start], problem.robot)
             if self.terms is None:
-                there, found = again.choose(there, found)
-            kept = (FindingKind.STRAIGHT, FindingKind.UNPREDICTABLE)
-            said = [each for each in fit.findings if each.kind in kept]
-            return there, replace(found, findings=(*found.findings, *said))
+                there, end = again.choose(there, end)
+            kinds = (FindingKind.STRAIGHT, FindingKind.UNPREDICTABLE)
+            findings = [finding for finding in fit.findings if finding.kind in kinds]
+            return there, replace(end, findings=(*end.findings, *findings))
         return problem, fit
 
     def over(self, terms: Iterable[str], fixed: Iterable[str], horizon: float) -> ProblemOf:
@@ -267,7 +267,7 @@ class OutputError(Estimator):
         lacking = tuple(name for name in rows if name not in problem.names)
         wider = self._wider(problem, (*(self.terms or ()), *lacking))
         tried = choose(wider, fit, lacking, rare, rounds=0)
-        rivals = tuple(each.values for each in tried.missing if each.values in tried.rivals)
+        rivals = tuple(term.values for term in tried.missing if term.values in tried.rivals)
         return replace(fit, missing=tried.missing, rivals=rivals)
 
     def _wider(self, problem: Problem, terms: Iterable[str]) -> Problem:
@@ -280,7 +280,7 @@ class OutputError(Estimator):
     def infer(self, problem: Problem, fit: Fit) -> Estimate:
         """Return the estimate of a fit in some of the values of a problem.
 
-        No term that was not asked for refuses an answer: without it the logs are fitted again.
+        If chosen terms make it unidentifiable, the logs are fitted again without them.
         """
         try:
             return self._inferred(problem, fit)
@@ -290,8 +290,8 @@ class OutputError(Estimator):
                 raise
         fewer = problem.of_fit(fit.plain).without(chosen)
         bare = fewer.descend(fewer.equations(fewer.initial, fit.linearisation))
-        said = Finding(FindingKind.INSEPARABLE, tuple(sorted(chosen)))
-        return self._inferred(problem, replace(bare, findings=(*fit.plain.findings, said)))
+        finding = Finding(FindingKind.INSEPARABLE, tuple(sorted(chosen)))
+        return self._inferred(problem, replace(bare, findings=(*fit.plain.findings, finding)))
 
     def _inferred(self, every: Problem, fit: Fit) -> Estimate:
         """Return the estimate of a fit (see `infer`)."""
@@ -299,8 +299,8 @@ class OutputError(Estimator):
         twins = self._twins(problem, plain)
         names, values = problem.labels[: problem.shared], fit.values
         others = [
-            np.array([each.get(name, value_if_absent(name)) for name in names])
-            for each in fit.rivals
+            np.array([rival.get(name, value_if_absent(name)) for name in names])
+            for rival in fit.rivals
         ]
         if not fit.scatters:  # which hides it
             others += unsaid(problem, plain)
@@ -320,18 +320,18 @@ class OutputError(Estimator):
             large=plain.linearisation.is_misfit,
             consider_covariance=_waits(logs, problem.names),
             fixed=self._fixed(problem),
-            findings=[each.finding for each in twins],
+            findings=[twin.finding for twin in twins],
         )
-        found = infer(problem.in_cells(fit), basis)
+        estimate = infer(problem.in_cells(fit), basis)
         whole = self.horizon is None and horizon == math.inf
         local = _local(problem.keys[problem.shared :], values)
-        half = (found.upper - found.lower) / 2
-        missing = MissingTerms.of(fit.missing, found.named, half, logs)
+        half = (estimate.upper - estimate.lower) / 2
+        missing = MissingTerms.of(fit.missing, estimate.named, half, logs)
         over = None if whole else horizon
-        return replace(found, local=local, horizon=over, missing=missing)
+        return replace(estimate, local=local, horizon=over, missing=missing)
 
     def _twins(self, problem: Problem, fit: Fit) -> list[TwinTerm]:
-        """Return the terms that are not fitted and that those which are speak for."""
+        """Return the terms that are not fitted, though a fitted one suggests them."""
         masses = [log.added_mass for log in problem.logs]
         rows = candidates(spoken_for(problem.names), masses, problem.robot)
         rows = tuple(name for name in rows if name not in self.fixed)
@@ -389,30 +389,30 @@ class OutputError(Estimator):
         return (*(name for name in terms if name not in self.fixed), *sorted(brought))
 
     def _fixed(self, problem: Problem) -> dict[str, float]:
-        """Return what kept the start's value: what was to, and what is no default of the model."""
-        start, told = problem.start, {*self.fixed, "cogging_periods"}
+        """Return the values that were not fitted: those held as asked, and others than defaults."""
+        start, held = problem.start, {*self.fixed, "cogging_periods"}
         fitted = {*problem.names}
         if "slow_delay" not in fitted and not start.slow_delay:
             fitted.add("slow_interval")
         return {
-            each.name: getattr(start, each.name)
-            for each in fields(start)
-            if each.name in told
-            or (each.name not in fitted and getattr(start, each.name) != each.default)
+            field.name: getattr(start, field.name)
+            for field in fields(start)
+            if field.name in held
+            or (field.name not in fitted and getattr(start, field.name) != field.default)
         }
 
 
 def _local(owned: Sequence[Key], values: Samples) -> dict[AddedMass | str | None, dict[str, float]]:
-    """Return the last of some values by whose they are."""
+    """Return the last of some values, by owner (mass, log or all) and name."""
     local: dict[AddedMass | str | None, dict[str, float]] = {}
-    own = values[values.size - len(owned) :].tolist()
-    for (name, whose), value in zip(owned, own, strict=True):
+    tail = values[values.size - len(owned) :].tolist()
+    for (name, whose), value in zip(owned, tail, strict=True):
         local.setdefault(whose, {})[name] = value
     return local
 
 
 def _waits(logs: Sequence[Log], names: Sequence[str]) -> Samples | None:
-    """(n, n) covariance of what nobody tells: a set-point waits for firmware up to a period."""
+    """(n, n) covariance of an unknown wait: a set-point waits for firmware up to a period."""
     periods = [log.servo.period for log in logs if log.closed and log.servo is not None]
     if not periods or "delay" not in names:
         return None

@@ -63,13 +63,13 @@ _GEAR = 0.1  # of each of a gear's torques that friction takes, from where on it
 
 
 def starts(data: DataSet, terms: tuple[str, ...] | None) -> list[Start]:
-    """Return what the weak form finds: with all common terms and without, if none are given.
+    """Return first guesses by the weak form: with all common terms and without, if none are given.
 
-    Of few logs many terms may be astray. Given terms that follow no log, as with a friction that
-    holds the joint, are left out, too. Where there is none, it is a guess of the scale.
-    ButterflyError if there is none either.
+    With few logs many terms may be far off. Given terms are also left out if no log is followed, as
+    with a friction that holds the joint. Without a result, the scale is guessed; ButterflyError if
+    that fails too.
     """
-    found: list[Start] = []
+    guesses: list[Start] = []
     refusals: list[ButterflyError] = []
     common = candidates(COMMON, data.masses, data.known)
     for some in dict.fromkeys((common if terms is None else terms, ())):
@@ -78,15 +78,15 @@ def starts(data: DataSet, terms: tuple[str, ...] | None) -> list[Start]:
         except ButterflyError as refusal:
             refusals.append(refusal)
             continue
-        found.append(start)
+        guesses.append(start)
         if terms is not None and _follows(data, start):
             break
-    if not found:
+    if not guesses:
         guess = None if data.known.scale() else _of_ratios(data)
         if guess is None:
             raise refusals[-1]
-        found.append(guess)
-    return found
+        guesses.append(guess)
+    return guesses
 
 
 def _least_inertia(start: Start, data: DataSet) -> float:
@@ -110,10 +110,10 @@ def _follows(data: DataSet, start: Start) -> bool:
 
 
 def _without_inertia(data: DataSet, inertia: float) -> ButterflyError:
-    said = ", ".join(f"{name} = {value:g}" for name, value in data.known.fixed.items() if value)
-    told = f" and the known values ({said})" if said else ""
+    values = ", ".join(f"{name} = {value:g}" for name, value in data.known.fixed.items() if value)
+    clause = f" and the known values ({values})" if values else ""
     return IdentifiabilityError(
-        f"no joint explains these angles with this input{told}: its inertia would be "
+        f"no joint explains these angles with this input{clause}: its inertia would be "
         f"{inertia:.3g}, which must be positive. Check that both come from one recording, and that "
         "nothing but the input moves the joint"
     )
@@ -123,19 +123,19 @@ def _of_weak_form(data: DataSet, terms: tuple[str, ...], *, turned: bool) -> Sta
     """Fit the weak form over windows of the logs' own time, or short ones if runs follow better.
 
     Long ones hide a fast motion beside a slow one. IdentifiabilityError if it finds no inertia.
-    ``turned``: whether an offset of gravity that is seen corrects rest angles that nobody told.
+    ``turned``: whether an offset of gravity corrects rest angles that nobody has given.
     """
     turned = turned and bool(data.unread)
-    found = _over_windows(data, terms, None, turned=turned)
+    start = _over_windows(data, terms, None, turned=turned)
     closed = any(log.closed for log in data.glance)
     if not closed and any(half_width_of(log) > HALF_WIDTH for log in data.glance):
         with suppress(ButterflyError):
             short = _over_windows(data, terms, HALF_WIDTH, turned=turned)
-            found = max(found, short, key=partial(_velocity_fit, data))
-    inertia = _least_inertia(found, data)
+            start = max(start, short, key=partial(_velocity_fit, data))
+    inertia = _least_inertia(start, data)
     if not inertia > 0:
         raise _without_inertia(data, inertia)
-    return found
+    return start
 
 
 def _velocity_fit(data: DataSet, start: Start) -> float:
@@ -162,14 +162,14 @@ def _over_windows(
     if fit.values["p1"] + min(mass.inertia for mass in data.masses) <= 0 and "delay" in fit.names:
         fit = closed_form.through_instruments(data.glance, zeros, known | _AT_ONCE)
     fit.solved.independent.conditioning.require()
-    found = _moving(fit, data)
-    return _hung(Start(found, zeros)) if turned else Start(found, zeros)
+    parameters = _moving(fit, data)
+    return _hung(Start(parameters, zeros)) if turned else Start(parameters, zeros)
 
 
 def _hung(start: Start) -> Start:
-    """Return a first guess whose rest angles say what its offset of gravity does."""
+    """Return a first guess with its offset of gravity expressed by its rest angles."""
     loaded = {mass: start.parameters.with_added_mass(mass) for mass in start.zeros}
-    turned = {mass: math.atan2(each.p3_offset, each.p3) for mass, each in loaded.items()}
+    turned = {mass: math.atan2(joint.p3_offset, joint.p3) for mass, joint in loaded.items()}
     lightest = loaded[min(loaded)]
     p3 = start.parameters.p3 + math.hypot(lightest.p3, lightest.p3_offset) - lightest.p3
     zeros = {mass: zero - turned[mass] for mass, zero in start.zeros.items()}
@@ -182,7 +182,7 @@ def _half_widths(fit: WeakFit) -> dict[str, float]:
 
 
 def _moving(fit: WeakFit, data: DataSet) -> LumpedParameters:
-    """Return the parameters of a fit; an inertia below 0 that may be above hardly shows."""
+    """Return the parameters of a fit, its inertia made positive if its interval allows that."""
     parameters, least = fit.parameters, min(mass.inertia for mass in data.masses)
     if parameters.p1 + least > 0 or "p1" not in fit.names or not data.known.scale():
         return parameters
@@ -200,38 +200,38 @@ def _of_ratios(data: DataSet) -> Start | None:
     squares by the half-widths of the ratios. Masses too small for that leave a guess.
     """
     rows, zeros = list[Samples](), dict[AddedMass, float]()
-    found, best = dict[str, float](), math.inf
+    best_ratios, best = dict[str, float](), math.inf
     for mass, zero in data.equilibria.items():
         bare = replace(mass, mass=0.0, arm=0.0)
-        logs = [replace(each, added_mass=bare) for each in data.logs if each.added_mass == mass]
+        logs = [replace(log, added_mass=bare) for log in data.logs if log.added_mass == mass]
         try:
-            own = WeakForm(terms=("p3_offset",)).through_instruments(
+            fit = WeakForm(terms=("p3_offset",)).through_instruments(
                 logs, {bare: zero}, data.known | _RATIOS
             )
-            own.solved.independent.conditioning.require()
+            fit.solved.independent.conditioning.require()
         except ButterflyError:
             continue
-        errors, named = _half_widths(own), own.solved.named
+        errors, named = _half_widths(fit), fit.solved.named
         ratios = {**named, "p3_offset": 0.0}  # which turns the zero
-        zeros[mass] = zero - math.atan2(own.parameters.p3_offset, own.parameters.p3)
+        zeros[mass] = zero - math.atan2(fit.parameters.p3_offset, fit.parameters.p3)
         for name, load in (("p1", mass.inertia), ("p3", mass.gravity_moment)):
             if errors.get(name, 0.0) > 0:
                 row = np.array([-(name == "p1"), -(name == "p3"), named[name], load])
                 rows.append(row / errors[name])
         if 0 < errors.get("p1", 0.0) < best * abs(named["p1"]):
-            found, best = ratios, errors["p1"] / abs(named["p1"])
-    if not found:
+            best_ratios, best = ratios, errors["p1"] / abs(named["p1"])
+    if not best_ratios:
         return None
     *scaled, loads = np.array(rows).T
     p1, p3, p4 = scaled_least_squares(np.column_stack(scaled), loads).tolist()
     least, largest = (limit(mass.inertia for mass in data.masses) for limit in (min, max))
-    if not (p1 + least > 0 and p4 * found["p1"] > 0):
-        p4 = largest / found["p1"]
-        p1, p3 = largest, p4 * found.get("p3", 0.0)
+    if not (p1 + least > 0 and p4 * best_ratios["p1"] > 0):
+        p4 = largest / best_ratios["p1"]
+        p1, p3 = largest, p4 * best_ratios.get("p3", 0.0)
     if not p4:
         return None
-    guess = {name: p4 * each for name, each in found.items() if name in GROWING}
-    guess |= {"p1": p1, "p3": p3, "p4": p4, "delay": found.get("delay", 0.0)}
+    guess = {name: p4 * ratio for name, ratio in best_ratios.items() if name in GROWING}
+    guess |= {"p1": p1, "p3": p3, "p4": p4, "delay": best_ratios.get("delay", 0.0)}
     return Start(LumpedParameters(**guess), data.equilibria | zeros)
 
 
@@ -240,8 +240,8 @@ def lowest_end(problems: Sequence[Problem], enough: float = ROUNDING) -> tuple[i
 
     From the others only where more than the noise of the sensors is left; ``enough``: of a step.
     """
-    begun = [(k, each, each.equations(each.initial)) for k, each in enumerate(problems)]
-    begun.sort(key=lambda each: each[2].cost if each[2].is_finite else math.inf)
+    begun = [(k, trial, trial.equations(trial.initial)) for k, trial in enumerate(problems)]
+    begun.sort(key=lambda row: row[2].cost if row[2].is_finite else math.inf)
     (place, problem, at), *others = begun
     end = problem.descend(at, enough=enough)
     costs = [end.cost] if end.converged else []
@@ -326,14 +326,14 @@ def servo_start(
     no stop is far off. ``over`` makes the problem with some terms, with what is fixed, over a
     horizon in s; ``asked`` are the terms, None to choose them, and what is fixed.
     """
-    told, fixed = asked
+    wanted, fixed = asked
     loaded = [guess.parameters.with_added_mass(log.added_mass) for log in logs]
-    fastest = max(max(resonance_frequency(each), each.p2 / each.p1) for each in loaded)
-    gear = {*GEAR} & {*(OF_SERVO if told is None else told)}
+    fastest = max(max(resonance_frequency(joint), joint.p2 / joint.p1) for joint in loaded)
+    gear = {*GEAR} & {*(OF_SERVO if wanted is None else wanted)}
     begun = dict.fromkeys(gear - known.parameters.keys(), _GEAR)
     start = replace(guess, parameters=replace(guess.parameters, **begun))
     rows, rare = offered_rows(logs, known)
-    terms = [name for name in rows if name not in rare] if told is None else told
+    terms = [name for name in rows if name not in rare] if wanted is None else wanted
     horizon = 2 * math.pi / fastest if fastest > 0 else math.inf
     problem_of = over(terms, {"delay", *fixed, *LOOP_TERMS}, horizon)
     scanned = "delay" not in {*known.fixed, *fixed}
@@ -351,23 +351,23 @@ def servo_start(
         else:
             end = problem.descend()
         ends.append((end.cost, delay, problem, end))
-        ends.sort(key=lambda each: each[:2])
+        ends.sort(key=lambda row: row[:2])
 
     attempt(delay)
     if scanned and any(log.rebuilt for log in logs):
         step = float(np.median([log.mean_step for log in logs]))
-        while ends[0][1] == max(each[1] for each in ends) and len(ends) < MOST:
+        while ends[0][1] == max(row[1] for row in ends) and len(ends) < MOST:
             attempt(ends[0][1] + step)
         if ends[0][1] == 0.0:
             attempt(step / 2)
         for _ in range(_PARABOLAS):
-            costs, delays = np.array([each[:2] for each in ends[:3]]).T / [[ends[0][0]], [step]]
+            costs, delays = np.array([row[:2] for row in ends[:3]]).T / [[ends[0][0]], [step]]
             bend, slope, _ = np.linalg.solve(np.vander(delays, 3), costs).tolist()
             lowest = max(-slope / (2 * bend), 0.0) if bend > 0 else delays[0]
             if np.abs(delays - lowest).min() < MATTERS:
                 break
             attempt(lowest * step)
     _, delay, problem, end = ends[0]
-    found = problem.start_at(end.values)
-    found = _hung(found) if "zero" in problem.names else found
-    return replace(found, parameters=replace(found.parameters, delay=delay))
+    first = problem.start_at(end.values)
+    first = _hung(first) if "zero" in problem.names else first
+    return replace(first, parameters=replace(first.parameters, delay=delay))

@@ -11,11 +11,10 @@ J. Comput. Phys. 443, 2021). The bump is (1 - s^2)^4. Only the friction terms ne
 local polynomials; windows in which the joint sticks are left out, since friction is then not a
 function of the motion. The delay enters as p4 d int phi' u, about the current one.
 
-The noise of the angle enters regressors and targets alike, so that least squares is biased by its
-power. The same regressors of a simulation with the recorded inputs are free of it: equations that
-are multiplied by them, not by the noisy regressors, are not biased by noise (instrumental
-variables; Soderstrom & Stoica, Instrumental Variable Methods for System Identification, 1983;
-Young, Automatica 17, 1981).
+The noise of the angle enters regressors and targets alike: its power biases least squares. The same
+regressors of a simulation with the recorded inputs are free of it: equations that are multiplied by
+them, not by the noisy regressors, are not biased by noise (instrumental variables; Soderstrom &
+Stoica, Instrumental Variable Methods for System Identification, 1983; Young, Automatica 17, 1981).
 
 Errors of the encoder's zero, which the fit took as given, add to its covariance: with the
 residuals' slopes J by the parameters and g by the zero, an error e of the zero moves the estimate
@@ -93,12 +92,12 @@ class WeakForm(Estimator):
         data.require_angles(*OF_ANGLE.intersection(self.terms))
         zeros = data.equilibria
         uncertain = offset_errors(data.offsets) if data.hangs else None
-        basis, found = self._of_logs(data.logs, zeros, data.known, uncertain)
-        said = [Finding(FindingKind.ZERO_GUESSED, logs=data.guessed)] if data.guessed else []
+        basis, fit = self._of_logs(data.logs, zeros, data.known, uncertain)
+        findings = [Finding(FindingKind.ZERO_GUESSED, logs=data.guessed)] if data.guessed else []
         spread = max(zeros.values()) - min(zeros.values())
         if data.unread and spread >= _DIFFERENT:
-            said.append(Finding(FindingKind.REST_DIFFERS, number=spread))
-        return basis, replace(found, findings=(*found.findings, *said))
+            findings.append(Finding(FindingKind.REST_DIFFERS, number=spread))
+        return basis, replace(fit, findings=(*fit.findings, *findings))
 
     def of_logs(
         self,
@@ -157,10 +156,10 @@ class WeakForm(Estimator):
 
 def _require_enough(windows: Sequence[Averaging], names: Sequence[str], delay: float) -> None:
     """Raise IdentifiabilityError if the joint moves in fewer windows than there are values."""
-    moving = sum(int(each.moving(delay).sum()) for each in windows)
+    moving = sum(int(window.moving(delay).sum()) for window in windows)
     if moving >= len(names):
         return
-    longest = max(windows, key=lambda each: each.duration)
+    longest = max(windows, key=lambda window: window.duration)
     hold = f"{longest.duration:.3g} s hold" if len(windows) == 1 else f"{len(windows)} logs hold"
     plural, length = "" if moving == 1 else "s", 2 * longest.half_width
     raise IdentifiabilityError(
@@ -180,10 +179,10 @@ def instruments_of(
     if not parameters.p1 + min(log.added_mass.inertia for log in logs) > 0:
         return [*windows]
     instruments = []
-    for log, each in zip(logs, windows, strict=True):
+    for log, window in zip(logs, windows, strict=True):
         run = FreeRun.of(log, Setting(parameters=parameters, zero=reading_of(log, zeros)))
         follows = run.fit > LEAST_FIT
-        instruments.append(each.moving_so(run.simulated) if follows else each)
+        instruments.append(window.moving_so(run.simulated) if follows else window)
     return instruments
 
 
@@ -191,12 +190,12 @@ def refined(fit: WeakFit, instruments: Sequence[Averaging]) -> WeakFit:
     """Return the instrumental-variables estimate about a fit; active bounds stay active."""
     names, pairs = fit.solved.names, [*zip(fit.about.windows, instruments, strict=True)]
     delay = fit.about.delay
-    moving = [each.moving(delay) & other.moving(delay) for each, other in pairs]
+    moving = [window.moving(delay) & other.moving(delay) for window, other in pairs]
     regression = replace(fit.about, use=moving).regression()
     about = replace(fit.about, windows=instruments, use=moving)
     through = about.regression()
     # errors of balance of the simulations are subtracted from those of the logs
-    simulated = np.array([each is not other for each, other in pairs])
+    simulated = np.array([window is not other for window, other in pairs])
     error = np.where(simulated[through.cluster], through.residuals(fit.solved.values), 0.0)
     regression = replace(regression, target=regression.target + error)
     more, wanted = regression.known_rows
@@ -234,7 +233,7 @@ def _through(
 
 def offset_covariance(fit: WeakFit, uncertain: Samples) -> Samples:
     """(n, n) covariance that (k, logs) errors of zeros add to the n values of a fit."""
-    solved, masses = fit.solved, [each.added for each in fit.about.windows]
+    solved, masses = fit.solved, [window.added for window in fit.about.windows]
     gravity = replace(fit.about, names=OF_GRAVITY).regression()
     moment = fit.values["p3"] + np.array([mass.gravity_moment for mass in masses])
     slopes = gravity.rows[:, 0] * fit.values.get("p3_offset", 0.0)

@@ -80,13 +80,13 @@ class Conditions:
         times = (part - log.time[0] for log in logs for part in np.array_split(log.time, cells))
         of_logs = [_of_log(log) for log in logs]
         values = {
-            **{n: np.repeat([each[n] for each in of_logs], cells) for n in of_logs[0]},
+            **{n: np.repeat([row[n] for row in of_logs], cells) for n in of_logs[0]},
             Condition.SWING: np.array([np.var(part) for part in angles]),
             Condition.TIME: np.array([part.mean() for part in times]),
         }
         if limit := slow_interval(logs):
             slow = (log.is_slow(limit)[-log.time.size :] for log in logs)
-            parts = (part.mean() for each in slow for part in np.array_split(each, cells))
+            parts = (part.mean() for mask in slow for part in np.array_split(mask, cells))
             values[Condition.REGIME] = np.fromiter(parts, np.float64)
         if cells == 1:
             del values[Condition.TIME]
@@ -205,9 +205,9 @@ class _Significant(NamedTuple):
     def matters(self, equations: Linearisation, of: Sequence[str]) -> bool:
         """Whether it is significant between logs too, and explains much or moves some values."""
         also = ("delay",) if self.tried.condition is Condition.REGIME else ()
-        kept = np.isin(equations.names, [*of, *also]) & (equations.values != 0)
+        mask = np.isin(equations.names, [*of, *also]) & (equations.values != 0)
         there = np.array([end for _, end in self.ends] or [self.tried.at_mean])
-        moved = np.max(np.abs(there[:, kept] / equations.values[kept] - 1), initial=0.0)
+        moved = np.max(np.abs(there[:, mask] / equations.values[mask] - 1), initial=0.0)
         if not self.tried.of_logs < 1 - CONFIDENCE:
             return False
         return bool(self.tried.share > MATERIAL or moved > MATTERS)
@@ -229,30 +229,32 @@ def disagreements_of(
     """
     fitted, equations = equations.values, _at_least_squares(equations)
     significant = _significant(equations, conditions)
-    found = [each for each in significant if each.matters(equations, OF_SCALE)]
-    found.sort(key=lambda each: -each.tried.share)
+    relevant = [
+        disagreement for disagreement in significant if disagreement.matters(equations, OF_SCALE)
+    ]
+    relevant.sort(key=lambda disagreement: -disagreement.tried.share)
     rivals = [
         Rival(
             end,
-            None if large else _widths_at(equations, each.tried, limit, end),
+            None if large else _widths_at(equations, disagreement.tried, limit, end),
             predicts=False,
         )
-        for each in found
-        for limit, end in each.ends
+        for disagreement in relevant
+        for limit, end in disagreement.ends
     ]
-    contrasts = [each.contrast for each in found]
+    contrasts = [disagreement.contrast for disagreement in relevant]
     if between_logs:
         contrasts += from_log_to_log(equations.whole_logs)
-        contrasts.sort(key=lambda each: -each.share)
+        contrasts.sort(key=lambda contrast: -contrast.share)
         if contrasts and contrasts[0].condition is Condition.LOG:
             differing = differing_values(equations, contrasts[0].parameter)
             rivals += [] if differing is None else [Rival(differing, predicts=False)]
     friction = np.isin(equations.names, _OF_FRICTION)
     rivals += [
         Rival(np.where(friction, end, fitted), predicts=False)
-        for each in (significant if large else ())
-        if each.matters(equations, _FRICTION_OF_ALL)
-        for _, end in each.ends
+        for disagreement in (significant if large else ())
+        if disagreement.matters(equations, _FRICTION_OF_ALL)
+        for _, end in disagreement.ends
     ]
     return tuple(contrasts), rivals
 
@@ -265,19 +267,19 @@ def _at_least_squares(equations: Linearisation) -> Linearisation:
 def _significant(equations: Linearisation, conditions: Conditions) -> list[_Significant]:
     """Return the contrasts that are no chance, the least likely first."""
     asked = [*_of_parameters(equations, conditions), *_of_masses(equations, conditions)]
-    tried = [found for each in asked if (found := _solved(equations, each))]
-    tried.sort(key=lambda each: each.chance)
+    tried = [solved for trial in asked if (solved := _solved(equations, trial))]
+    tried.sort(key=lambda trial: trial.chance)
     significant: list[_Significant] = []
-    for passed, each in enumerate(tried):
-        chance = each.chance * (len(tried) - passed)  # Holm, Scand. J. Statist. 6, 1979
+    for passed, trial in enumerate(tried):
+        chance = trial.chance * (len(tried) - passed)  # Holm, Scand. J. Statist. 6, 1979
         if not chance < 1 - CONFIDENCE:
             break
-        limits = _LIMITS.get(each.condition, (0.0,))
-        if each.condition is Condition.TIME:  # whose disturbance vanishes nowhere
-            limits = float(each.x.min()), float(each.x.max())
-        place = 0 if not limits else equations.names.index(each.parameter)
-        ends = [(limit, np.maximum(each.at(limit, place), equations.lower)) for limit in limits]
-        significant.append(_Significant(_contrast(each, place, chance), each, ends))
+        limits = _LIMITS.get(trial.condition, (0.0,))
+        if trial.condition is Condition.TIME:  # whose disturbance vanishes nowhere
+            limits = float(trial.x.min()), float(trial.x.max())
+        place = 0 if not limits else equations.names.index(trial.parameter)
+        ends = [(limit, np.maximum(trial.at(limit, place), equations.lower)) for limit in limits]
+        significant.append(_Significant(_contrast(trial, place, chance), trial, ends))
     return significant
 
 
@@ -285,14 +287,14 @@ def score_of(equations: Linearisation, name: str) -> float | None:
     """Return the p-value of the score test of a parameter that is held; None if unidentifiable."""
     every = np.ones(equations.log.size)
     unit = np.outer(every, np.array(equations.names) == name)
-    found = _solved(equations, _Tried(name, Condition.ALL, 0.0, every, unit))
-    return None if found is None else max(found.chance, found.of_logs)
+    tried = _solved(equations, _Tried(name, Condition.ALL, 0.0, every, unit))
+    return None if tried is None else max(tried.chance, tried.of_logs)
 
 
 def weighed_within(contrasts: Sequence[Contrast]) -> float:
     """Return the least relative change of an added mass that makes logs agree; 0 if they do."""
-    wrong = [each for each in contrasts if each.condition is Condition.WEIGHED]
-    return min((abs(each.last / each.first - 1) for each in wrong), default=0.0)
+    wrong = [contrast for contrast in contrasts if contrast.condition is Condition.WEIGHED]
+    return min((abs(contrast.last / contrast.first - 1) for contrast in wrong), default=0.0)
 
 
 def _of_parameters(equations: Linearisation, conditions: Conditions) -> Iterator[_Tried]:
@@ -336,7 +338,7 @@ def _solved(equations: Linearisation, asked: _Tried) -> _Tried | None:
     gamma, cost = -float(scores.sum()) / information, float(equations.squares.sum())
     explained = gamma**2 * information
     logs = np.unique(equations.log, return_inverse=True)[1]
-    sums = (np.asarray(np.bincount(logs, each), dtype=float) for each in (scores, parts))
+    sums = (np.asarray(np.bincount(logs, weights), dtype=float) for weights in (scores, parts))
     of_logs, chance = _chance(*sums, gamma=gamma), _chance(scores, parts, gamma=gamma)
     return asked._replace(
         gamma=gamma,
@@ -347,19 +349,21 @@ def _solved(equations: Linearisation, asked: _Tried) -> _Tried | None:
     )
 
 
-def _widths_at(equations: Linearisation, each: _Tried, limit: float, values: Samples) -> Samples:
+def _widths_at(equations: Linearisation, tried: _Tried, limit: float, values: Samples) -> Samples:
     """(n,) half-widths of (n,) values at a condition's limit, the slope being estimated too."""
-    unit = np.array([name == each.parameter for name in equations.names])
-    slope = np.einsum("kmn,kn->km", equations.stack[0], np.outer(each.x - limit, unit)).ravel()
-    left = equations.residuals + equations.rows @ (values - equations.values) + slope * each.gamma
+    unit = np.array([name == tried.parameter for name in equations.names])
+    slope = np.einsum("kmn,kn->km", equations.stack[0], np.outer(tried.x - limit, unit)).ravel()
+    residuals = (
+        equations.residuals + equations.rows @ (values - equations.values) + slope * tried.gamma
+    )
     whole = replace(
         equations,
         names=(*equations.names, "slope"),
-        values=np.append(values, each.gamma),
+        values=np.append(values, tried.gamma),
         lower=np.append(equations.lower, -np.inf),
         held=np.append(equations.on_bound, [False]),
         rows=np.column_stack([equations.rows, slope]),
-        residuals=left,
+        residuals=residuals,
         prior=None if equations.prior is None else equations.prior.padded(1),
     ).independent
     try:
@@ -381,10 +385,10 @@ def from_log_to_log(equations: Linearisation) -> Iterator[Contrast]:
         if change is None:
             continue
         explained = -float(change @ equations.gradients[:, place])
-        left = max((cost - explained) / (rows - more), ROUNDING * cost)
-        chance = float(fdtrc(more, rows - more, explained / more / left)) * len(CHANGING)
+        variance = max((cost - explained) / (rows - more), ROUNDING * cost)
+        chance = float(fdtrc(more, rows - more, explained / more / variance)) * len(CHANGING)
         scatter = float(np.std(change)) / (abs(float(equations.values[place])) or np.inf)
-        share = 1 - left / (cost / rows)
+        share = 1 - variance / (cost / rows)
         if chance < ACCUSED and scatter > MATTERS and _is_relevant(equations, share):
             values = equations.values[place] + change
             yield Contrast(
@@ -441,21 +445,21 @@ def _is_relevant(equations: Linearisation, share: float) -> bool:
     return bool(share * equations.squares.sum() > (_LEAST_TORQUE * torques.max()) ** 2)
 
 
-def _contrast(each: _Tried, place: int, chance: float) -> Contrast:
+def _contrast(tried: _Tried, place: int, chance: float) -> Contrast:
     """Return a contrast: a parameter at both ends of its condition, or a mass given and fitted."""
-    least, largest = float(each.x.min()), float(each.x.max())
-    if each.condition is Condition.WEIGHED:
-        least = largest = each.mean
-        first, last = each.mean, each.mean + each.gamma
+    least, largest = float(tried.x.min()), float(tried.x.max())
+    if tried.condition is Condition.WEIGHED:
+        least = largest = tried.mean
+        first, last = tried.mean, tried.mean + tried.gamma
     else:
-        first, last = (float(each.at(x, place)[place]) for x in (least, largest))
+        first, last = (float(tried.at(x, place)[place]) for x in (least, largest))
     return Contrast(
-        parameter=each.parameter,
-        condition=each.condition,
+        parameter=tried.parameter,
+        condition=tried.condition,
         least=least,
         largest=largest,
         first=first,
         last=last,
-        share=each.share,
+        share=tried.share,
         chance=chance,
     )

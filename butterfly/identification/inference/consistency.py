@@ -2,7 +2,7 @@
 
 Where all logs carry the same, the equations are homogeneous: p1..p4 with the carried inertia and
 moment fit as well times any factor. Noise in the regressors would bias least squares towards small
-factors. So the known value that determines the scale best is held in the fit, and given its
+factors. The known value that determines the scale best is held in the fit, and given its
 uncertainty after it (see `infer.with_held`).
 """
 
@@ -82,7 +82,7 @@ def moved_by_givens(
     """
     count, values = cells.ends.size, cells.named
     inertia, gravity = (
-        np.array([getattr(each, name) for each in carried] or np.zeros(count))
+        np.array([getattr(mass, name) for mass in carried] or np.zeros(count))
         for name in ("inertia", "gravity_moment")
     )
     moves: dict[tuple[str, float], Samples] = {}
@@ -90,7 +90,7 @@ def moved_by_givens(
         for key, by_inertia, by_gravity in _moves(added):
             move = moves.setdefault(key, np.zeros((2, count)))
             move[:, position] = by_inertia, by_gravity
-    columns = [_moved(cells, {"p1": each[0], "p3": each[1]}) for each in moves.values()]
+    columns = [_moved(cells, {"p1": pair[0], "p3": pair[1]}) for pair in moves.values()]
     for scale, share in known.scales.items():
         grows = OF_SCALES[scale]
         if "p4" in grows and "p4" in known.fixed:
@@ -200,14 +200,14 @@ def scale_rivals(
 def _effects_of(
     cells: Linearisation, carried: Sequence[AddedMass], scales: Sequence[str]
 ) -> dict[str, Samples]:
-    """Return by scale the (k, m) changes of residuals if it is larger, parameters as they are."""
+    """Return by scale the (k, m) derivatives of the residuals by it, with parameters fixed."""
     if not {"p1", "p3"} <= {*cells.names} or not any(mass.mass for mass in carried):
         return {}
     fitted = {name: value for name, value in cells.named.items() if name in TERMS}
     bare = LumpedParameters(**dict.fromkeys(PARAMETERS, 0.0) | fitted)
-    loaded = [bare.with_added_mass(each) for each in carried]
-    inertia = np.array([each.p1 - bare.p1 for each in loaded])
-    gravity = np.array([each.p3 - bare.p3 for each in loaded])
+    loaded = [bare.with_added_mass(mass) for mass in carried]
+    inertia = np.array([joint.p1 - bare.p1 for joint in loaded])
+    gravity = np.array([joint.p3 - bare.p3 for joint in loaded])
     return {
         scale: _moved(cells, {"p1": powers[0] * inertia, "p3": powers[1] * gravity})
         for scale, powers in _OF_MASSES.items()
@@ -217,9 +217,9 @@ def _effects_of(
 
 def _undone(cells: Linearisation, effect: Samples) -> tuple[Samples, Samples]:
     """(n,) changes of values with an effect nearest to a (k, m) one, and what that leaves of it."""
-    rows, left = cells.with_prior
+    rows, residuals = cells.with_prior
     rows = np.where(cells.free, rows, 0.0)
-    wanted = np.zeros(left.size)
+    wanted = np.zeros(residuals.size)
     wanted[: effect.size] = effect.ravel()
     by = scaled_least_squares(rows, wanted)
     return by, effect - (cells.stack[0] @ by)
@@ -229,9 +229,9 @@ def _as_good_without(cells: Linearisation, term: str) -> bool:
     """Whether the equations are solved as well without a term."""
     names = np.array(cells.names)
     lost = np.where(names == term, value_if_absent(term) - cells.values, 0.0)
-    rows, left = cells.with_prior
-    kept = cells.free & ~np.isin(names, [term, *companions({term})])
-    step = lost + scaled_least_squares(np.where(kept, rows, 0.0), -(left + rows @ lost))
+    rows, residuals = cells.with_prior
+    mask = cells.free & ~np.isin(names, [term, *companions({term})])
+    step = lost + scaled_least_squares(np.where(mask, rows, 0.0), -(residuals + rows @ lost))
     return _as_good(cells, cells.residuals + cells.rows @ step)
 
 
@@ -263,8 +263,8 @@ def prior_contradictions(
             continue  # the logs have no information on the parameter
         distance = float(abs(cells.values[k] - prior.mean[k]) / np.sqrt(variance))
         if distance > CLEARLY:
-            own = known.values.get(cells.names[k])
-            assumed = [str(own)] if own is not None and own.heavy else []
+            guess = known.values.get(cells.names[k])
+            assumed = [str(guess)] if guess is not None and guess.heavy else []
             names = (cells.names[k], *assumed)
             findings.append(Finding(FindingKind.PRIOR_CONFLICT, names, number=distance))
     return findings
@@ -273,8 +273,8 @@ def prior_contradictions(
 def scale_errors(cells: Linearisation, carried: Sequence[AddedMass], known: Prior) -> list[Finding]:
     """Return whether the added masses of k cells contradict parameters that are known exactly.
 
-    Residuals do not change with a common factor of all torques, so their derivative by that of the
-    known ones is minus that of all others. Its step is the factor that the logs of k cells support.
+    Residuals do not change with a common factor of all torques: their derivative by a factor of the
+    known ones is minus that by one of all others. Its step is the factor that the logs support.
     """
     fixed = tuple(name for name in known.scale() if name in known.fixed)
     names, (rows, residuals) = cells.names, cells.stack

@@ -100,14 +100,16 @@ class Estimate:
     @property
     def unestimated(self) -> tuple[str, ...]:
         """Names of values that the method sets without estimating them, by its finding."""
-        found = (each for each in self.findings if each.kind is FindingKind.NOT_ESTIMATED)
-        return next((each.parameters for each in found), ())
+        findings = (
+            finding for finding in self.findings if finding.kind is FindingKind.NOT_ESTIMATED
+        )
+        return next((finding.parameters for finding in findings), ())
 
     @property
     def open(self) -> tuple[str, ...]:
-        """Names of values of the scale of which these data give a limit alone.
+        """Names of the parameters of the scale for which these data give only a limit.
 
-        Their half-width is as large as they are, so that they might be 0, which no joint has.
+        Their half-width is at least their value: they might be 0, which no joint has.
         """
         widths = self.relative_half_widths
         scale = (name for name in OF_SCALE if name not in self.unestimated)
@@ -170,11 +172,11 @@ class Estimate:
         if self.ratios and not term.of_gain:
             unit = f"{unit}/({unit_of('p1', self.input_kind, self.joint)})"
         meaning, doubted = meaning_of(name, self.joint), False
-        for each in self.findings:
-            if each.parameters[:1] == (name,) and each.kind in _OF_UNIT:
-                silent = each.kind is FindingKind.UNIT_ASSUMED
-                meaning += f"; {taken_text(each.parameters[1], silent=silent)}"
-                doubted |= each.doubts
+        for finding in self.findings:
+            if finding.parameters[:1] == (name,) and finding.kind in _OF_UNIT:
+                silent = finding.kind is FindingKind.UNIT_ASSUMED
+                meaning += f"; {taken_text(finding.parameters[1], silent=silent)}"
+                doubted |= finding.doubts
         row = Parameter(
             name=name,
             meaning=meaning,
@@ -198,12 +200,12 @@ class Estimate:
             "unestimated": {name: self.named[name] for name in (*self.unestimated, *self.open)},
             "covariance": {"names": list(self.names), "matrix": self.covariance.tolist()},
             "left_out": left_out_content(self.names, self.left_out),
-            "rivals": [each.to_dict() for each in self.rivals],
+            "rivals": [rival.to_dict() for rival in self.rivals],
             "bias": None if self.bias is None else self.bias.tolist(),
             "simulator": None if self.simulator is None else self.simulator.tolist(),
             "least": None if self.least is None else self.least.tolist(),
             "missing": self.missing.to_dict(),
-            "agreement": [asdict(each) for each in self.agreement],
+            "agreement": [asdict(contrast) for contrast in self.agreement],
             "freedom": None if self.freedom is None else self.freedom.tolist(),
             "condition": self.condition,
             "findings": [asdict(finding) for finding in self.findings],
@@ -217,8 +219,8 @@ class Estimate:
                 for whose, values in self.local.items()
             ],
         }
-        found: dict[str, Any] = finite(content)
-        return found
+        document: dict[str, Any] = finite(content)
+        return document
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Estimate:
@@ -233,7 +235,7 @@ class Estimate:
             )
             for part in content["left_out"]
         }
-        found = cls(
+        estimate = cls(
             method=str(content["method"]),
             names=names,
             values=_array(values),
@@ -253,39 +255,39 @@ class Estimate:
             ending=Ending(content["ending"]),
             # findings of older programs may be of kinds that no longer exist
             findings=_FINDINGS.validate_python(
-                [each for each in content["findings"] if each["kind"] in KINDS]
+                [finding for finding in content["findings"] if finding["kind"] in KINDS]
             ),
             fixed={str(name): float(value) for name, value in content["held"].items()},
             known=Prior.of(content.get("known", {})),
-            resonances={_mass(key): float(_array(each)) for key, each in content["resonances"]},
+            resonances={_mass(key): float(_array(omega)) for key, omega in content["resonances"]},
             horizon=_horizon(content.get("horizon")),
             local={
-                _mass(key) if isinstance(key, dict) else key: dict(each)
-                for key, each in content["local"]
+                _mass(key) if isinstance(key, dict) else key: dict(numbers)
+                for key, numbers in content["local"]
             },
             input_kind=None if content.get("input") is None else InputKind(content["input"]),
             joint=JointKind(content.get("joint", JointKind.HINGE)),
         )
-        named = {*names, *found.on_bound, *found.fixed, *found.unestimated}
+        named = {*names, *estimate.on_bound, *estimate.fixed, *estimate.unestimated}
         if not named <= TERMS.keys() or len({*names}) < len(names):
             raise ValueError("names that are no parameters, or twice the same")
-        if any(each.shape != found.values.shape for each in found._arrays):
+        if any(array.shape != estimate.values.shape for array in estimate._arrays):
             raise ValueError("not as many values as names")
-        if not np.allclose(found.covariance, found.covariance.T, atol=0.0, equal_nan=True):
+        if not np.allclose(estimate.covariance, estimate.covariance.T, atol=0.0, equal_nan=True):
             raise ValueError("a covariance that is not symmetric")
-        if (np.diag(found.covariance) < 0).any():
+        if (np.diag(estimate.covariance) < 0).any():
             raise ValueError("variances below 0")
-        if found.freedom is not None and (found.freedom <= 0).any():
+        if estimate.freedom is not None and (estimate.freedom <= 0).any():
             raise ValueError("degrees of freedom that are not above 0")
-        return found
+        return estimate
 
     @property
     def usable(self) -> Estimate:
         """The same estimate; ValueError if its numbers are not finite or too large."""
-        if not all(np.isfinite(each).all() for each in self._arrays):
+        if not all(np.isfinite(array).all() for array in self._arrays):
             raise ValueError("values that are no numbers")
         others = (self.covariance, self.lower, self.upper, np.array(self.condition))
-        if any((np.abs(each) > _LARGEST).any() for each in (*self._arrays, *others)):
+        if any((np.abs(array) > _LARGEST).any() for array in (*self._arrays, *others)):
             raise ValueError(f"numbers above {_LARGEST:g}")
         return self
 
@@ -295,7 +297,7 @@ class Estimate:
         maybe = [self.freedom, self.bias, self.simulator, self.missing.rival]
         for rival in self.rivals:
             maybe += [rival.values, rival.half_widths]
-        some = (each for each in maybe if each is not None)
+        some = (array for array in maybe if array is not None)
         return (self.values, *self.left_out.values(), *some)
 
     @cached_property
@@ -304,7 +306,7 @@ class Estimate:
 
         Of a scale that is open, no value is given: the others decide.
         """
-        if self.unsettled or any(each.forbids for each in self.findings):
+        if self.unsettled or any(finding.forbids for finding in self.findings):
             return Level.WARNING
         widths, trust = self.relative_half_widths, self.trust
         deciding = [name for name in OF_SCALE if name in widths]
@@ -312,21 +314,21 @@ class Estimate:
             deciding = [n for n in PARAMETERS if n != "delay" and widths.get(n, math.inf) < 1]
         near = all(trust[name].level is Level.GOOD for name in deciding)
         near = near and bool(deciding or not self.open)
-        doubted = any(each.doubts for each in self.findings)
+        doubted = any(finding.doubts for finding in self.findings)
         return Level.GOOD if near and not doubted else Level.CARE
 
     @property
     def trust(self) -> dict[str, Trust]:
         """How far each of the n values can be trusted, by its limits."""
         rows = zip(self.values.tolist(), self.lower.tolist(), self.upper.tolist(), strict=True)
-        found = (trust_of(*row) for row in rows)
-        rated = dict(zip(self.names, found, strict=True))
+        ratings = (trust_of(*row) for row in rows)
+        rated = dict(zip(self.names, ratings, strict=True))
         return rated | dict.fromkeys(self.open, Trust.OPEN)
 
     @property
     def unsettled(self) -> bool:
         """Whether the fit did not converge, though nobody stopped it."""
-        stopped = any(each.kind is FindingKind.SEARCH_STOPPED for each in self.findings)
+        stopped = any(finding.kind is FindingKind.SEARCH_STOPPED for finding in self.findings)
         return self.ending is not Ending.CONVERGED and not stopped
 
     @property
@@ -336,7 +338,7 @@ class Estimate:
 
     @property
     def interval_covariance(self) -> Samples:
-        """(n, n) covariance, enlarged so that its standard errors are those of the intervals."""
+        """(n, n) covariance, enlarged to the standard errors of the intervals."""
         errors = self.standard_errors
         widest = np.maximum(self.farther / SPREADS, errors)
         scale = np.divide(widest, errors, out=np.ones_like(errors), where=errors > 0)
@@ -382,7 +384,7 @@ class Estimate:
 
     @property
     def evidence(self) -> Evidence:
-        """What its limits rest on; of a method without degrees of freedom, these themselves."""
+        """What its limits rest on; without degrees of freedom, the limits themselves."""
         half = self.farther
         if self.freedom is not None:
             of_simulator = 0.0 if self.simulator is None else np.diag(self.simulator**2)
@@ -398,21 +400,21 @@ class Estimate:
         )
 
     def with_evidence(self, *rivals: Rival, simulator: Samples | None = None) -> Estimate:
-        """Return the estimate with more that its limits rest on, and these anew."""
-        found = replace(self, rivals=(*self.rivals, *rivals))
+        """Return the estimate with more rivals, and (n,) errors of a simulator, in its limits."""
+        estimate = replace(self, rivals=(*self.rivals, *rivals))
         if simulator is not None:
             whole = simulator if self.simulator is None else np.hypot(simulator, self.simulator)
             covariance = self.covariance + np.outer(simulator, simulator)
-            found = replace(found, simulator=whole, covariance=covariance)
-        lower, upper = found.evidence.limits
-        return replace(found, lower=lower, upper=upper)
+            estimate = replace(estimate, simulator=whole, covariance=covariance)
+        lower, upper = estimate.evidence.limits
+        return replace(estimate, lower=lower, upper=upper)
 
     def resting_on(self, error: Samples) -> Estimate:
         """Return the estimate with (n,) errors of its logs' simulator, as standard uncertainty."""
         most = int(np.argmax(np.abs(error) / np.maximum(self.farther, np.finfo(float).tiny)))
         share = abs(error[most]) / max(abs(self.values[most]), abs(error[most]))
-        told = Finding(FindingKind.PLANT, (self.names[most],), number=float(share))
-        return self.with_evidence(simulator=error).with_findings(told)
+        finding = Finding(FindingKind.PLANT, (self.names[most],), number=float(share))
+        return self.with_evidence(simulator=error).with_findings(finding)
 
 
 def left_out_content(
@@ -422,8 +424,8 @@ def left_out_content(
     content = []
     for key, values in left_out.items():
         carried = {"added_mass": asdict(key)} if isinstance(key, AddedMass) else {}
-        found = dict(zip(names, map(float, values), strict=True))
-        content.append({"without": str(key), **carried, "values": found})
+        named = dict(zip(names, map(float, values), strict=True))
+        content.append({"without": str(key), **carried, "values": named})
     return content
 
 
@@ -433,7 +435,7 @@ def _array(values: Any) -> Samples:  # noqa: ANN401 - whatever is in the file
 
 
 def _array_or_none(values: Any, null: float = np.nan) -> Samples | None:  # noqa: ANN401 - as above
-    return None if values is None else np.where(np.isnan(each := _array(values)), null, each)
+    return None if values is None else np.where(np.isnan(array := _array(values)), null, array)
 
 
 def _mass(key: dict[str, Any]) -> AddedMass:

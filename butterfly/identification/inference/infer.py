@@ -76,14 +76,14 @@ class Basis:
     def carried(self, log: NDArray[np.intp], share: float) -> list[AddedMass]:
         """Return the masses of cells, by their logs, uncertain by ``share`` or more."""
         weighed = [
-            replace(each, mass_uncertainty=max(each.mass_uncertainty, share * each.mass))
-            for each in self.masses
+            replace(mass, mass_uncertainty=max(mass.mass_uncertainty, share * mass.mass))
+            for mass in self.masses
         ]
         return [weighed[number] for number in log] if weighed else []
 
 
 def _with_scale(fit: Fit, basis: Basis) -> tuple[Fit, Basis]:
-    """Return them with the known value that was held for the scale, and its prior, among the n."""
+    """Return fit and basis with the value held for the scale, and its prior, among the n."""
     name, given, consider = basis.known.held, basis.known.given, basis.consider_covariance
     if name is None:
         return fit, replace(basis, known=given)
@@ -95,7 +95,7 @@ def _with_scale(fit: Fit, basis: Basis) -> tuple[Fit, Basis]:
         basis,
         shared=None if basis.shared is None else basis.shared + 1,
         known=given,
-        rivals=[each.inserted(at, value) for each in basis.rivals],
+        rivals=[rival.inserted(at, value) for rival in basis.rivals],
         consider_covariance=consider,
     )
 
@@ -122,15 +122,15 @@ def infer(ended: Fit, about: Basis) -> Estimate:
     half = half_widths(covariance, freedom)
     rivals = (
         *basis.rivals,
-        *(each.rival(covariance, freedom).within(robot) for each in scales),
-        *(each.at_most(half).within(robot) for each in disagreeing),
+        *(scale.rival(covariance, freedom).within(robot) for scale in scales),
+        *(rival.at_most(half).within(robot) for rival in disagreeing),
     )
     values = equations.values[robot]
     evidence = Evidence(
         values=values,
         half=half[robot],
         least=equations.lower[robot],
-        left_out=[each[robot] for each in left_out.values()],
+        left_out=[estimate[robot] for estimate in left_out.values()],
         rivals=rivals,
     )
     if basis.torques:
@@ -143,7 +143,7 @@ def infer(ended: Fit, about: Basis) -> Estimate:
         covariance=covariance[robot, robot],
         lower=lower,
         upper=upper,
-        left_out={key: each[robot] for key, each in left_out.items()},
+        left_out={key: estimate[robot] for key, estimate in left_out.items()},
         condition=conditioning.number,
         on_bound=tuple(compress(names, equations.on_bound[robot])),
         ending=ending_of(fit, evidence.half_widths),
@@ -170,13 +170,13 @@ def infer(ended: Fit, about: Basis) -> Estimate:
 def findings_of_scales(rivals: Iterable[ScaleRival]) -> list[Finding]:
     """Return for each term the scales that may be wrong instead."""
     of_terms: dict[str, list[ScaleRival]] = {}
-    for each in rivals:
-        of_terms.setdefault(each.term, []).append(each)
+    for rival in rivals:
+        of_terms.setdefault(rival.term, []).append(rival)
     return [
         Finding(
             FindingKind.LIKE_SCALE,
-            (term, *(each.scale for each in some)),
-            number=max(abs(each.share) for each in some),
+            (term, *(rival.scale for rival in some)),
+            number=max(abs(rival.share) for rival in some),
         )
         for term, some in of_terms.items()
     ]
@@ -194,7 +194,7 @@ def agreement_of(fit: Fit, basis: Basis) -> tuple[tuple[Contrast, ...], list[Riv
         about, basis.conditions, between_logs=not fit.scatters, large=basis.large
     )
     shift = fit.values - about.values
-    return contrasts, [each._replace(values=each.values + shift) for each in rivals]
+    return contrasts, [rival._replace(values=rival.values + shift) for rival in rivals]
 
 
 def covariance_of(fit: Fit, basis: Basis, carried: Sequence[AddedMass]) -> Pair:
@@ -245,7 +245,7 @@ def bias_of(equations: Linearisation, evidence: Evidence) -> Samples:
     values, half = evidence.values, evidence.half_widths
     misfit = misfit_over_value(equations.rows, equations.residuals, equations.values)[: values.size]
     limits = zip(values.tolist(), (values - half).tolist(), (values + half).tolist(), strict=True)
-    looks = [trust_of(*each) is Trust.PRECISE for each in limits]
+    looks = [trust_of(*row) is Trust.PRECISE for row in limits]
     doubted = np.isin(equations.names[: values.size], OF_SCALE) | looks
     return np.where(doubted & (misfit > LOST), misfit * np.abs(values), 0.0)
 
@@ -270,8 +270,8 @@ def findings_of_bounds(
         (FindingKind.ON_BOUND, active & ~beyond),
         (FindingKind.SIGN_UNKNOWN, [not TERMS[name].sign_observable for name in names]),
     )
-    found = ((kind, tuple(compress(names, which))) for kind, which in groups)
-    return [Finding(kind, some) for kind, some in found if some]
+    bounds = ((kind, tuple(compress(names, which))) for kind, which in groups)
+    return [Finding(kind, some) for kind, some in bounds if some]
 
 
 def with_held(fit: Fit, name: str, known: Prior, added: AddedMass) -> Fit:
@@ -282,7 +282,7 @@ def with_held(fit: Fit, name: str, known: Prior, added: AddedMass) -> Fit:
     """
     solved = fit.linearisation
     before = [*PARAMETERS, name]
-    at = sum(each in solved.names for each in before[: before.index(name)])
+    at = sum(other in solved.names for other in before[: before.index(name)])
     names = (*solved.names[:at], name, *solved.names[at:])
     grown = growth(names, np.insert(solved.values, at, known.fixed[name]), added)
     turned = np.insert(np.eye(len(solved.names)), at, -np.delete(grown, at) / grown[at], axis=1)
@@ -290,13 +290,13 @@ def with_held(fit: Fit, name: str, known: Prior, added: AddedMass) -> Fit:
     def own_prior(equations: Linearisation) -> Penalty:
         values = np.insert(equations.values, at, known.fixed[name])
         about = dict(zip(names, values.tolist(), strict=True))
-        own = Penalty.of(names, known.parameters, equations.realised_variance, about)
-        assert own is not None  # noqa: S101 - what is held is uncertain
-        return own
+        penalty = Penalty.of(names, known.parameters, equations.realised_variance, about)
+        assert penalty is not None  # noqa: S101 - what is held is uncertain
+        return penalty
 
     def held(equations: Linearisation) -> Linearisation:
         """Return equations with the parameter among the values, which move only if others do."""
-        values, own = np.insert(equations.values, at, known.fixed[name]), own_prior(equations)
+        values, penalty = np.insert(equations.values, at, known.fixed[name]), own_prior(equations)
         whole = replace(
             equations,
             names=names,
@@ -304,9 +304,9 @@ def with_held(fit: Fit, name: str, known: Prior, added: AddedMass) -> Fit:
             rows=equations.rows @ turned,
             held=np.insert(equations.on_bound, at, [False]),
             lower=np.insert(equations.lower, at, TERMS[name].lower),
-            prior=own.beside(equations.prior, at),
+            prior=penalty.beside(equations.prior, at),
         )
-        if own.active.sum() == 1:
+        if penalty.active.sum() == 1:
             return whole
         moved = np.maximum(values - scaled_least_squares(*whole.with_prior), whole.lower)
         return replace(whole.moved(moved - values), values=moved)

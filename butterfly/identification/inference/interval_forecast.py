@@ -1,10 +1,9 @@
 """Intervals as they will be after more logs: standard errors times quantiles of Student's t.
 
 Both follow from the derivatives of the logs alone, as `cluster_covariance` has them: an interval
-shrinks as its standard error does, and as the degrees of freedom grow that this rests on. So a few
-more logs of the kind that a parameter rests on help more than many others. Errors are in such units
-that the logs so far have the intervals that they show: what is not white, or rests on something
-else, counts as often as it did before.
+shrinks with its standard error, and as the degrees of freedom grow. So a few more logs of the kind
+that determine a parameter help more than many others. Predictions are scaled to the intervals that
+the logs so far have: what errors that are not white, or other evidence, add stays in proportion.
 """
 
 from __future__ import annotations
@@ -91,6 +90,6 @@ def _variance(covariance: Samples, logs: Sequence[CutLog], precision: Samples) -
     known: so trace(CH)/s = n - trace(CP).
     """
     rows = np.concatenate([log.cut(1)[0] for log in logs])
-    left = precision.size - float(np.diag(covariance) @ precision)
+    trace = precision.size - float(np.diag(covariance) @ precision)
     moved = float(np.einsum("kn,nm,km->", rows, covariance, rows))
-    return moved / max(left, ROUNDING)
+    return moved / max(trace, ROUNDING)

@@ -5,8 +5,8 @@ theta, fitted to residuals r_g with weighted rows X_g of cluster g,
 
     C = N (sum X_g^T A_g r_g r_g^T A_g X_g) N + what is known,   h = t_nu(0.975) sqrt(diag C)
 
-(see `cluster_covariance`). Other answers show by how much a model errs, and not to which side, so
-that intervals reach as far to either (see `Evidence`):
+(see `cluster_covariance`). Other answers show by how much a model errs, and not to which side:
+intervals reach as far to either (see `Evidence`):
 
     h' = max(h, |theta_-g - theta|, |theta_r - theta| + h_r, R |theta|),   g, r: each of these
     limits = theta -+ sqrt(h'^2 + (1.96 e)^2), within the bounds of the values
@@ -92,8 +92,8 @@ def cluster_covariance(
 def robust(covariance: Samples, weighted: Samples, bread: Samples) -> Samples:
     """Return the covariance of an M-estimate from that of its weighted least squares.
 
-    The weights depend on the residuals, so that the gradient changes by ``bread`` (n, n), less than
-    the ``weighted`` normal equations have it (Huber & Ronchetti, Robust Statistics, 2nd ed. 2009,
+    The weights depend on the residuals: the derivative of the gradient is ``bread`` (n, n), smaller
+    than the ``weighted`` normal equations (Huber & Ronchetti, Robust Statistics, 2nd ed. 2009,
     section 7.6). Where the bread is not positive definite, the covariance stays.
     """
     if np.linalg.eigvalsh(bread / np.sqrt(np.outer(np.diag(weighted), np.diag(weighted))))[0] <= 0:
@@ -103,9 +103,9 @@ def robust(covariance: Samples, weighted: Samples, bread: Samples) -> Samples:
 
 
 def expected_covariance(rows: Samples, weight: Samples) -> tuple[Samples, Samples]:
-    """Return what `cluster_covariance` has on average if errors have variance 1, without residuals.
+    """Return the (p, p) mean of `cluster_covariance` for errors of variance 1, and (p,) freedom.
 
-    Of (n, m, p) weighted rows of clusters, and the (p,) weights of a prior.
+    ``rows``: (n, m, p) weighted, of clusters; ``weight``: (p,) of a prior.
     """
     clusters = Clusters.of(rows, weight)
     given = np.einsum("ij,j,ji->i", clusters.normal, weight / clusters.scale**2, clusters.normal)
@@ -162,8 +162,8 @@ class Clusters:
         """(p,) degrees of freedom tr(P)^2/tr(P^2), with one matrix P for each parameter.
 
         P = D - B N B^T over clusters: D the squared length of each cluster's influence on the
-        parameter, and the rows of B that influence times X_g. It is never formed, so that memory
-        grows with the number of clusters only.
+        parameter, and the rows of B that influence times X_g. It is never formed: memory grows
+        with the number of clusters only.
         """
         influence, normal = self.influence, self.normal
         lengths = np.sum(influence**2, axis=1)  # (n, p): the diagonals of D
@@ -173,7 +173,7 @@ class Clusters:
         trace = lengths.sum(axis=0) - np.trace(shared, axis1=1, axis2=2)
         squares = (lengths**2 - 2 * lengths * overlap).sum(axis=0)
         squares += np.einsum("pij,pji->p", shared, shared)
-        # P has no negative eigenvalue, so that these bounds are violated by rounding only
+        # P has no negative eigenvalue: only rounding violates these bounds
         squares = np.clip(squares, trace**2 / self.rows.shape[0], trace**2)
         return np.asarray(np.divide(trace**2, squares, out=np.ones_like(trace), where=squares > 0))
 
@@ -203,7 +203,7 @@ class Rival(NamedTuple):
 
     @classmethod
     def from_dict(cls, content: Any) -> Rival:  # noqa: ANN401 - whatever is in the file
-        """Return that of a `to_dict`, or of the values alone, as older programs wrote it."""
+        """Return the rival of a `to_dict`, or of a list of values, as older programs wrote it."""
         if isinstance(content, list):
             return cls(np.array(content, dtype=np.float64))
         half = content["half_widths"]
@@ -224,9 +224,9 @@ class Rival(NamedTuple):
         return self._replace(values=self.values[some], half_widths=half)
 
     def at_most(self, half: Samples) -> Rival:
-        """Return it with half-widths of (n,) at most."""
-        own = half if self.half_widths is None else np.minimum(self.half_widths, half)
-        return self._replace(half_widths=own)
+        """Return the rival with its half-widths limited to (n,) ``half``."""
+        widths = half if self.half_widths is None else np.minimum(self.half_widths, half)
+        return self._replace(half_widths=widths)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -248,15 +248,15 @@ class Evidence:
     @property
     def half_widths(self) -> Samples:
         """(n,) half-widths that include all of it."""
-        found = np.array(self.half)
+        half = np.array(self.half)
         for other in self.left_out:
-            found = np.maximum(found, np.abs(other - self.values))
+            half = np.maximum(half, np.abs(other - self.values))
         for rival in self.rivals:
             about = self.half if rival.half_widths is None else rival.half_widths
-            found = np.maximum(found, np.abs(rival.values - self.values) + about)
+            half = np.maximum(half, np.abs(rival.values - self.values) + about)
         if self.bias is not None:
-            found = np.maximum(found, self.bias)
-        return found if self.simulator is None else np.hypot(found, SPREADS * self.simulator)
+            half = np.maximum(half, self.bias)
+        return half if self.simulator is None else np.hypot(half, SPREADS * self.simulator)
 
     @property
     def limits(self) -> tuple[Samples, Samples]:
@@ -274,9 +274,9 @@ def misfit_over_value(rows: Samples, residuals: Samples, values: Samples) -> Sam
     flat = rows.reshape(-1, rows.shape[-1])
     scaled, size = unit_diagonal(flat.T @ flat)
     alone = size / np.sqrt(np.diag(np.linalg.pinv(scaled)))
-    effect, left = np.abs(values) * alone, float(np.linalg.norm(residuals))
+    effect, norm = np.abs(values) * alone, float(np.linalg.norm(residuals))
     most = np.full(effect.size, np.finfo(float).max)
-    return np.asarray(np.divide(left, effect, out=most, where=effect > left * _NOTHING))
+    return np.asarray(np.divide(norm, effect, out=most, where=effect > norm * _NOTHING))
 
 
 def widened(
@@ -339,7 +339,7 @@ class Conditioning:
         known: NDArray[np.bool_] | None = None,
         about: tuple[Samples, Samples] | None = None,
     ) -> Conditioning:
-        """Return that of (m, n) rows; ``known``: (n,) mask of parameters with a prior."""
+        """Return the conditioning of (m, n) rows; ``known``: (n,) mask of those with a prior."""
         # ``about``: values and residuals, to compute the combination of two parameters
         scaled, size = unit_columns(rows)  # one without effect makes the regression singular
         whole = scaled if known is None else np.concatenate([scaled, np.eye(len(names))[known]])
@@ -347,17 +347,17 @@ class Conditioning:
         # those of more than an equal share of the direction
         largest = np.flatnonzero(right[-1] ** 2 > 1 / (1 + len(names)))
         number = float(singular[0] / singular[-1]) if singular[-1] > 0 else math.inf
-        found = cls(number=number, weakest=tuple(names[k] for k in largest))
-        ours = largest.size == 2 and {*found.weakest} <= TERMS.keys()  # noqa: PLR2004 - a sum
+        conditioning = cls(number=number, weakest=tuple(names[k] for k in largest))
+        ours = largest.size == 2 and {*conditioning.weakest} <= TERMS.keys()  # noqa: PLR2004 - a sum
         if about is None or not ours:
-            return found
+            return conditioning
         values = about[0] - np.linalg.lstsq(scaled, about[1], rcond=1 / WEAK_CONDITION)[0] / size
-        (first, second), (one, other) = found.weakest, right[-1][largest] / size[largest]
+        (first, second), (one, other) = conditioning.weakest, right[-1][largest] / size[largest]
         share = float(-one / other)
         both = float(values[largest[0]] + share * values[largest[1]])
         text = f"{first} {'+' if share > 0 else '-'} {abs(share):.3g} {second} is {both:.4g}"
         most = f", {first} at most that" if share > 0 and not TERMS[second].lower < 0 else ""
-        return replace(found, sum=f"{text}{most}")
+        return replace(conditioning, sum=f"{text}{most}")
 
     @property
     def singular(self) -> bool:

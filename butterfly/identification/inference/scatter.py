@@ -1,7 +1,7 @@
 """Random effects of friction and gain from log to log, and weights of logs that include them.
 
 From day to day friction differs by a fifth, the gain by a hundredth. Least squares takes that for
-noise, so that the logs with most friction bias the inertia. Here it is a random effect. In the
+noise, and the logs with most friction bias the inertia. Here it is a random effect. In the
 singular vectors U of a log's (m, n) derivatives J, its (m,) residuals r are
 
     U'r = -R change of the parameters + errors,   R = U'J,
@@ -11,9 +11,9 @@ the variance of the errors: N has the autocovariance of r less its projection on
 (friction * value)^2 of the terms of friction, (gain * p4)^2, 0 else. Misfit, friction and gain
 maximise the restricted likelihood (REML: Patterson & Thompson, Biometrika 58, 1971), with weak
 priors that shrink them to 0 where logs have little information. Divided by a root of V, rows and
-residuals have independent errors of variance 1. Inertia and gravity have no random effects, so that
-the scale stays identifiable. Where motions are not linear in a log's friction, U, R and r are
-best those about that log's predicted random effects (Lindstrom & Bates, Biometrics 46, 1990).
+residuals have independent errors of variance 1. Inertia and gravity have no random effects: the
+scale stays identifiable. Where motions are not linear in a log's friction, U, R and r are taken
+about that log's predicted random effects (Lindstrom & Bates, Biometrics 46, 1990).
 """
 
 from __future__ import annotations
@@ -60,19 +60,19 @@ class Scatter:
         return np.array([self.misfit, self.friction, self.gain])
 
     def own_of(self, names: Sequence[str]) -> Samples:
-        """(k, m) what each log has besides of some values, by name; 0 of others."""
-        found = np.zeros((len(self.own), len(names)))
+        """(k, m) deviations of each log from some values, by name; 0 of names without one."""
+        effects = np.zeros((len(self.own), len(names)))
         for place, name in enumerate(names):
             if name in self.names:
-                found[:, place] = self.own[:, self.names.index(name)]
-        return found
+                effects[:, place] = self.own[:, self.names.index(name)]
+        return effects
 
-    def weighed(self, at: Linearisation, values: Samples, own: Samples) -> Linearisation:
+    def weighed(self, at: Linearisation, values: Samples, effects: Samples) -> Linearisation:
         """Return equations of k logs about (n,) values, with errors of variance 1.
 
-        The logs were simulated at these values and (k, n) ``own`` besides.
+        The logs were simulated at these values and (k, n) ``effects`` besides.
         """
-        return Likelihood(at, values, own, noise=self.noise).weighed(self)
+        return Likelihood(at, values, effects, noise=self.noise).weighed(self)
 
     def random_effects(self, at: Linearisation, step: Samples) -> Samples:
         """(k, n) predicted (BLUP) deviations of logs from values an (n,) step from `weighed` ones.
@@ -93,7 +93,7 @@ def spread_of(names: Sequence[str], values: Samples) -> Samples:
 class Likelihood:
     """Minus twice the restricted log-likelihood of k logs, a function of `Scatter.sizes`.
 
-    The logs were simulated at (n,) values and (k, n) ``own`` besides. ``prior``: of the values,
+    The logs were simulated at (n,) values and (k, n) ``effects`` besides. ``prior``: of the values,
     with weights for errors of variance 1. ``noise``: (m,) errors of each log, of which the noise
     has the autocovariance; those that the values leave if not given.
     """
@@ -102,25 +102,25 @@ class Likelihood:
         self,
         at: Linearisation,
         values: Samples,
-        own: Samples | None = None,
+        effects: Samples | None = None,
         prior: Penalty | None = None,
         noise: Sequence[Samples] = (),
     ) -> None:
         self._at, self._values, count = at, values, values.size
-        logs = [np.split(each, at.ends[:-1]) for each in (at.residuals, at.rows)]
-        found = [_coordinates(*log) for log in zip(*logs, strict=True)]
-        self.noise = tuple(noise) or tuple(each[-1] for each in found)
-        sizes = np.array([along.size for _, along, *_ in found])
+        logs = [np.split(array, at.ends[:-1]) for array in (at.residuals, at.rows)]
+        coordinates = [_coordinates(*log) for log in zip(*logs, strict=True)]
+        self.noise = tuple(noise) or tuple(row[-1] for row in coordinates)
+        sizes = np.array([along.size for _, along, *_ in coordinates])
         self._present = np.arange(sizes.max()) < sizes[:, None]
         shape = self._present.shape
         self._rows, self._residuals = np.zeros((*shape, count)), np.zeros(shape)
         self._noise = np.tile(np.eye(shape[1]), (shape[0], 1, 1))
-        for k, (size, left, part) in enumerate(zip(sizes, self.noise, found, strict=True)):
+        for k, (size, errors, part) in enumerate(zip(sizes, self.noise, coordinates, strict=True)):
             self._rows[k, :size], self._residuals[k, :size], basis, _ = part
-            coloured = _coloured(basis, left) + NEGLIGIBLE**2 * np.eye(size)
+            coloured = _coloured(basis, errors) + NEGLIGIBLE**2 * np.eye(size)
             self._noise[k, :size, :size] = coloured
-        if own is not None:
-            self._residuals -= np.einsum("kqn,kn->kq", self._rows, own)
+        if effects is not None:
+            self._residuals -= np.einsum("kqn,kn->kq", self._rows, effects)
         self._parts = self._parts_of(spread_of(at.names, values))
         self._both = np.concatenate([self._rows, -self._residuals[:, :, None]], axis=2)
         self._known, self._pull = np.zeros(count), np.zeros(count)
@@ -140,15 +140,15 @@ class Likelihood:
             ends=size * np.arange(1, logs + 1),
         )
 
-    def findings(self, found: Scatter) -> tuple[Finding, ...]:
+    def findings(self, scatter: Scatter) -> tuple[Finding, ...]:
         """Return the significant random effects of a likeliest scatter."""
-        whole = self.expanded(found.sizes)[0]
+        whole = self.expanded(scatter.sizes)[0]
         groups = ([name for name in self._at.names if name in FRICTION], ["p4"])
         return tuple(
-            Finding(FindingKind.SCATTER, tuple(group), number=float(found.sizes[k]))
+            Finding(FindingKind.SCATTER, tuple(group), number=float(scatter.sizes[k]))
             for k, group in enumerate(groups, start=1)
             # twice the logarithm of a likelihood ratio is a squared normal deviate
-            if found.sizes[k] > MATTERS
+            if scatter.sizes[k] > MATTERS
             and self.expanded(self.best(without=k).sizes)[0] - whole > CLEARLY**2
         )
 
@@ -173,9 +173,9 @@ class Likelihood:
         change = inverse @ pull
         logarithms = np.linalg.slogdet(variance)[1].sum() + np.log(eigenvalues).sum()
         logarithms += 2 * np.log(scale).sum()
-        rows, left = weighed[:, :, :-1], weighed[:, :, -1] - weighed[:, :, :-1] @ change
+        rows, residuals = weighed[:, :, :-1], weighed[:, :, -1] - weighed[:, :, :-1] @ change
         slope = weight - rows @ inverse @ np.swapaxes(rows, 1, 2)
-        slope -= left[:, :, None] * left[:, None, :]
+        slope -= residuals[:, :, None] * residuals[:, None, :]
         slopes = 2 * sizes * (self._parts.reshape(sizes.size, -1) @ slope.ravel())
         return float(logarithms + sums[-1, -1] - pull @ change), slopes
 
@@ -194,7 +194,7 @@ class Likelihood:
 
         bounds = [(0.0, 1 / MATTERS)] * usual.size  # beyond, a step would find V singular
         # from large and from small sizes: at 0 the likelihood is flat
-        begins = (np.full(usual.size, each) for each in (LOST, MATTERS))
+        begins = (np.full(usual.size, share) for share in (LOST, MATTERS))
         ends = [minimize(cost, x, jac=True, method="L-BFGS-B", bounds=bounds) for x in begins]
         misfit, friction, gain = (min(ends, key=lambda end: end.fun).x * usual).tolist()
         return Scatter(misfit=misfit, friction=friction, gain=gain)
@@ -217,11 +217,11 @@ def _coordinates(residuals: Samples, rows: Samples) -> tuple[Samples, Samples, S
     """Return (q, n) R, (q,) U'r, (m, q) U of a log, and (m,) residuals less their projection."""
     basis, triangle = np.linalg.qr(rows)
     scaled, lengths = unit_columns(triangle)
-    left, sizes, right = np.linalg.svd(scaled, full_matrices=False)
-    kept = sizes > np.finfo(float).eps * residuals.size * sizes[0]
-    basis = basis @ left[:, kept]
+    vectors, sizes, right = np.linalg.svd(scaled, full_matrices=False)
+    mask = sizes > np.finfo(float).eps * residuals.size * sizes[0]
+    basis = basis @ vectors[:, mask]
     along = basis.T @ residuals
-    return sizes[kept, None] * right[kept] * lengths, along, basis, residuals - basis @ along
+    return sizes[mask, None] * right[mask] * lengths, along, basis, residuals - basis @ along
 
 
 def _coloured(basis: Samples, residuals: Samples) -> Samples:

@@ -60,7 +60,7 @@ def stribeck_velocities(fastest: float, known: Prior = NO_PRIOR) -> list[float]:
     """Return Stribeck velocities in rad/s to try: the known one, or else shares of a speed."""
     if "stribeck_velocity" in known.fixed:
         return [known.fixed["stribeck_velocity"]]
-    return [float(each) for each in fastest * np.geomspace(*_SPEEDS)]
+    return [float(speed) for speed in fastest * np.geomspace(*_SPEEDS)]
 
 
 def stribeck_velocity(fastest: float, known: Prior) -> float:
@@ -176,8 +176,11 @@ class ChosenTerms(Generic[M]):
     def rival_values(self) -> list[Mapping[str, float]]:
         """Return the values, by label, of fits that predict as well, and of those with rivals."""
         swapped = (row.swapped(taken) for row, taken in self.ties)
-        offered = [*(each for each in swapped if each), *(each.values for each in self.rivals)]
-        return [each for each in offered if self.model.confirms(each)]
+        offered = [
+            *(values for values in swapped if values),
+            *(rival.values for rival in self.rivals),
+        ]
+        return [values for values in offered if self.model.confirms(values)]
 
 
 def stagewise(
@@ -185,7 +188,7 @@ def stagewise(
 ) -> ChosenTerms[M]:
     """Add and take away terms of some rows until none helps; of rare ones more is asked.
 
-    In so many ``rounds``, or in none if only what is missing is asked.
+    It takes ``rounds`` rounds, or none if only what is missing is asked.
     """
     refused: set[str] = set()
     gone: set[str] = set()  # since a term was added, which they may need
@@ -201,24 +204,24 @@ def stagewise(
         asked = [name for name in absent if is_simulated_with(name, model.terms)]
         offers = model.offers(asked) if asked else []
         last = added == rounds or (model.simulates and out_of_time("the selection of terms"))
-        found = None if last else _best(model, offers, rare, refused, ties)
-        if found is None:
+        wider = None if last else _best(model, offers, rare, refused, ties)
+        if wider is None:
             break
         gone.clear()
         added += 1
-        model = found
+        model = wider
         path.append(_ordered(model.terms, rows))
-    felt = {each.name: each for each in offers}
+    felt = {offer.name: offer for offer in offers}
     holm = _holm(offers)
     return ChosenTerms(
         model=model,
         path=tuple(path),
         ties=tuple((felt[n], term) for n, term in ties if n in felt and term in model.terms),
         rivals=tuple(
-            each
-            for each in offers
-            if holm[each.name] < 1 - CONFIDENCE
-            or (each.ratio > 1 and (each.name not in rare or each.share > MATERIAL))
+            offer
+            for offer in offers
+            if holm[offer.name] < 1 - CONFIDENCE
+            or (offer.ratio > 1 and (offer.name not in rare or offer.share > MATERIAL))
         ),
         missing=_missing(offers, rare, model.nested.negligible),
         idle=tuple(name for name in rows if name in (gone | refused).union(felt)),
@@ -230,17 +233,19 @@ def _missing(
     offers: Sequence[Offer], rare: Collection[str], negligible: float
 ) -> tuple[Offer, ...]:
     """Return the best of the rows that pass, and those that leave errors as small."""
-    passing = sorted(_passing(offers, rare, negligible), key=lambda each: -float(each.gain.mean()))
-    return tuple(each for each in passing if as_good(-each.gain, -passing[0].gain))
+    passing = sorted(
+        _passing(offers, rare, negligible), key=lambda offer: -float(offer.gain.mean())
+    )
+    return tuple(offer for offer in passing if as_good(-offer.gain, -passing[0].gain))
 
 
 def _passing(offers: Sequence[Offer], rare: Collection[str], negligible: float) -> list[Offer]:
     """Return the rows that are worth trying."""
     holm, levels = _holm(offers), dict.fromkeys(rare, _RARE)
     return [
-        each
-        for each in offers
-        if each.passes(levels.get(each.name, _COMMON), holm[each.name], negligible)
+        offer
+        for offer in offers
+        if offer.passes(levels.get(offer.name, _COMMON), holm[offer.name], negligible)
     ]
 
 
@@ -253,19 +258,19 @@ def _idle(model: Model, rows: Sequence[str], begun: Sequence[str]) -> tuple[str,
     """Return terms that help to predict no more than by chance, or not at all if they were added.
 
     Those on their bound are absent already. Others leave the equations one after the other, the one
-    that helps least first. Where what was left out cannot be predicted at all, it is that without
-    which this is done best.
+    that helps least first. Where held-out data cannot be predicted at all, the term goes without
+    which they are predicted best.
     """
-    nested, kept, lost = model.nested, model.kept, list[str]()
+    nested, mask, lost = model.nested, model.kept, list[str]()
     on_bound = np.array(nested.names)[nested.equations.on_bound]
     if absent := tuple(name for name in _ordered(model.terms, rows) if name in on_bound):
         return absent
     while terms := [name for name in _ordered(model.terms, rows) if name not in lost]:
-        fewer = [kept & ~np.isin(nested.names, [n, *companions({n})]) for n in terms]
-        whole, *errors = np.sqrt(nested.held_out(np.array([kept, *fewer])))
+        fewer = [mask & ~np.isin(nested.names, [n, *companions({n})]) for n in terms]
+        whole, *errors = np.sqrt(nested.held_out(np.array([mask, *fewer])))
         whole = np.nan_to_num(whole, nan=float(np.finfo(np.float32).max))
         gains = {
-            n: (each - whole, left) for n, each, left in zip(terms, errors, fewer, strict=True)
+            n: (error - whole, rest) for n, error, rest in zip(terms, errors, fewer, strict=True)
         }
         means = {
             name: float(np.mean(gain))
@@ -277,7 +282,7 @@ def _idle(model: Model, rows: Sequence[str], begun: Sequence[str]) -> tuple[str,
         if not means:
             break
         lost.append(min(means, key=lambda name: means[name]))
-        kept = gains[lost[-1]][1]
+        mask = gains[lost[-1]][1]
     return tuple(lost)
 
 
@@ -294,19 +299,19 @@ def _best(
     one step predicts them too roughly to tell them apart.
     """
     negligible = model.nested.negligible
-    ranked = sorted(offers, key=lambda each: -float(each.gain.mean()))
+    ranked = sorted(offers, key=lambda offer: -float(offer.gain.mean()))
     passing = _passing(ranked, rare, negligible)
     while passing:
         first = passing[0]
         near = [
-            each
-            for each in ranked
-            if each is not first
-            and each.gain.mean() > negligible
-            and each.name not in refused
-            and (each in passing or each.name not in rare or first.name in rare)
+            offer
+            for offer in ranked
+            if offer is not first
+            and offer.gain.mean() > negligible
+            and offer.name not in refused
+            and (offer in passing or offer.name not in rare or first.name in rare)
         ]
-        tried = [(each.name, model.adding(each)) for each in (first, *near[:_TIES])]
+        tried = [(offer.name, model.adding(offer)) for offer in (first, *near[:_TIES])]
         fits = {name: fit for name, fit in tried if fit is not None}
         refused.update(name for name, fit in tried if fit is None)
         if fits:
@@ -316,7 +321,7 @@ def _best(
             taken = first.name if first.name in alike else lowest
             ties.extend((name, taken) for name in alike if name != taken)
             return fits[taken]
-        passing = [each for each in passing if each.name not in refused]
+        passing = [offer for offer in passing if offer.name not in refused]
     return None
 
 
@@ -329,7 +334,7 @@ def as_good(errors: Samples, least: Samples) -> bool:
 def is_near(
     values: Mapping[str, float], fitted: Mapping[str, float], masses: Iterable[AddedMass]
 ) -> bool:
-    """Whether linear equations about a fit may be believed so far that they are simulated.
+    """Whether values from linear equations about a fit are near enough to be simulated.
 
     The values, by label, are finite, and the least inertia with an added mass is within ten times
     that of the fit, whose cost is the lowest that was simulated.
@@ -337,35 +342,37 @@ def is_near(
     if not np.isfinite([*values.values()]).all():
         return False
     carried = min((mass.inertia for mass in masses), default=0.0)
-    here, there = (each.get("p1", 0.0) + carried for each in (fitted, values))
+    here, there = (point.get("p1", 0.0) + carried for point in (fitted, values))
     return "p1" not in fitted or PRECISE * here <= there <= here / PRECISE
 
 
 def _holm(offers: Sequence[Offer]) -> dict[str, float]:
     """Return the chance of each row over all rows together."""
-    found, most = {}, 0.0
-    for rank, each in enumerate(sorted(offers, key=lambda each: each.chance)):
-        most = max(most, each.chance * (len(offers) - rank))
-        found[each.name] = most
-    return found
+    chances, most = {}, 0.0
+    for rank, offer in enumerate(sorted(offers, key=lambda offer: offer.chance)):
+        most = max(most, offer.chance * (len(offers) - rank))
+        chances[offer.name] = most
+    return chances
 
 
 def offers_in(
-    nested: Submodels, kept: NDArray[np.bool_], rows: Collection[str], masses: Iterable[AddedMass]
+    nested: Submodels, mask: NDArray[np.bool_], rows: Collection[str], masses: Iterable[AddedMass]
 ) -> list[Offer]:
-    """Test rows on equations that have them all, about the end of the fit of what is ``kept``.
+    """Test rows on equations that have them all, about the end of a fit of those in ``mask``.
 
     Rows that the equations cannot tell from the rest are left out.
     """
     equations, names = nested.equations, np.array(nested.names)
-    about = replace(equations, held=equations.on_bound | ~kept)
+    about = replace(equations, held=equations.on_bound | ~mask)
     asked = [name for name in rows if name in nested.names]
-    chances = {name: found for name in asked if (found := score_of(about, name)) is not None}
+    chances = {
+        name: probability for name in asked if (probability := score_of(about, name)) is not None
+    }
     if not chances:
         return []
-    masks = np.array([kept, *(kept | (names == name) for name in chances)])
+    masks = np.array([mask, *(mask | (names == name) for name in chances)])
     fits = nested.fitted(masks)
-    left = nested.costs(fits).sum(axis=1)
+    costs = nested.costs(fits).sum(axis=1)
     errors = np.sqrt(nested.held_out(masks))
     offers = []
     for k, (name, chance) in enumerate(chances.items(), 1):
@@ -378,11 +385,11 @@ def offers_in(
             Offer(
                 name=name,
                 chance=chance if possible else 1.0,
-                share=float(1 - left[k] / left[0]) if possible and left[0] > 0 else 0.0,
+                share=float(1 - costs[k] / costs[0]) if possible and costs[0] > 0 else 0.0,
                 gain=gain if possible else np.zeros_like(gain),
                 values=values,
                 nested=nested,
-                kept=kept,
+                kept=mask,
             )
         )
     return offers

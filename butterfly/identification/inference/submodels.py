@@ -1,8 +1,8 @@
 """Nested models of one fit with every term, from its linear equations.
 
 About a fit with all terms the equations are linear. Those of a nested model are the same, its
-missing terms held at the values of a joint without them; so a fit with fewer terms, or to fewer
-logs, and its prediction of held-out data, costs the solution of a few equations and no simulation.
+missing terms held at the values of a joint without them. A fit with fewer terms, or to fewer
+logs, and its prediction of held-out data, then costs a few linear equations and no simulation.
 """
 
 from __future__ import annotations
@@ -46,32 +46,32 @@ class Submodels:
         moved = self.equations.moved(values - self.equations.values)
         return replace(self, equations=replace(moved, values=values, held=None))
 
-    def fitted(self, kept: NDArray[np.bool_]) -> Samples:
+    def fitted(self, masks: NDArray[np.bool_]) -> Samples:
         """Return (t, n) values of t fits of (t, n) masks of parameters; nan if undetermined."""
-        return self._fitted(self.equations.curvature, self.equations.gradient, kept)
+        return self._fitted(self.equations.curvature, self.equations.gradient, masks)
 
-    def held_out(self, kept: NDArray[np.bool_]) -> Samples:
+    def held_out(self, masks: NDArray[np.bool_]) -> Samples:
         """(t, k) squared errors of cells by fits without their fold; nan if undetermined."""
-        found = self._left_out(kept, self.folds)
-        if np.isfinite(found[0]).all() or np.unique(self.folds).size == self.folds.size:
-            return found
-        return self._left_out(kept, np.arange(self.folds.size))  # each cell a fold
+        errors = self._left_out(masks, self.folds)
+        if np.isfinite(errors[0]).all() or np.unique(self.folds).size == self.folds.size:
+            return errors
+        return self._left_out(masks, np.arange(self.folds.size))  # each cell a fold
 
-    def _left_out(self, kept: NDArray[np.bool_], folds: NDArray[np.intp]) -> Samples:
+    def _left_out(self, masks: NDArray[np.bool_], folds: NDArray[np.intp]) -> Samples:
         parts, every = np.unique(folds), self.equations
-        errors = np.empty((len(kept), folds.size))
-        lost = np.full(len(kept), parts.size == 1)
-        at_once = max(1, 4096 // len(kept))  # which bounds the memory that the fits take
+        errors = np.empty((len(masks), folds.size))
+        lost = np.full(len(masks), parts.size == 1)
+        at_once = max(1, 4096 // len(masks))  # which bounds the memory that the fits take
         for some in np.split(parts, range(at_once, parts.size, at_once)):
             left_out = folds == some[:, None]
             curvature, gradient = (
-                np.repeat(whole - np.tensordot(left_out, each, 1), len(kept), axis=0)
-                for whole, each in (
+                np.repeat(whole - np.tensordot(left_out, cells, 1), len(masks), axis=0)
+                for whole, cells in (
                     (every.curvature, every.curvatures),
                     (every.gradient, every.gradients),
                 )
             )
-            fits = self._fitted(curvature, gradient, np.tile(kept, (some.size, 1)))
+            fits = self._fitted(curvature, gradient, np.tile(masks, (some.size, 1)))
             for mine, values in zip(left_out, np.split(fits, some.size), strict=True):
                 lost |= np.isnan(values).any(axis=1)
                 errors[:, mine] = self.costs(values)[:, mine]
@@ -84,13 +84,13 @@ class Submodels:
         bent = np.einsum("tn,knt->tk", steps, at.curvatures @ steps.T)
         return np.asarray(np.maximum(at.squares + 2 * steps @ at.gradients.T + bent, 0.0))
 
-    def _fitted(self, curvature: Samples, gradient: Samples, kept: NDArray[np.bool_]) -> Samples:
-        """(t, n) values of the parameters ``kept``; the others as if their term were absent."""
+    def _fitted(self, curvature: Samples, gradient: Samples, masks: NDArray[np.bool_]) -> Samples:
+        """(t, n) values of fits of (t, n) ``masks``; others are as if their term were absent."""
         # parameters that only another term identifies stay as they are when absent
         followers = [name in FOLLOWERS for name in self.names]
         without = [value_if_absent(name) for name in self.names]
         absent = np.where(followers, self.equations.values, without)
-        return _bounded(self.equations, (curvature, gradient), kept, absent)
+        return _bounded(self.equations, (curvature, gradient), masks, absent)
 
 
 def submodels_of(
@@ -114,24 +114,24 @@ def folds_of(parts: Sequence[Hashable]) -> NDArray[np.intp]:
 def without_logs(equations: Linearisation, logs: Iterable[int]) -> Samples:
     """Return (n,) values without some logs, to first order (linear jackknife); or nan."""
     rest = equations.without(logs)
-    left, whole = (np.einsum("kii->i", each.curvatures) for each in (rest, equations))
-    moved = (left > ROUNDING**2 * whole) | (whole == 0)  # others are identified by these alone
+    partial, whole = (np.einsum("kii->i", system.curvatures) for system in (rest, equations))
+    moved = (partial > ROUNDING**2 * whole) | (whole == 0)  # others are identified by these alone
     return np.asarray(
         _bounded(equations, (rest.curvature, rest.gradient), moved[np.newaxis], equations.values)[0]
     )
 
 
 def _bounded(
-    about: Linearisation, total: tuple[Samples, Samples], kept: NDArray[np.bool_], absent: Samples
+    about: Linearisation, total: tuple[Samples, Samples], masks: NDArray[np.bool_], absent: Samples
 ) -> Samples:
-    """(t, n) bounded solutions for parameters ``kept``; nan if undetermined."""
+    """(t, n) bounded solutions for (t, n) ``masks`` of parameters; nan if undetermined."""
     (curvature, gradient), at, lower = total, about.values, about.lower
-    held, (count, size) = np.maximum(at, lower), kept.shape
+    held, (count, size) = np.maximum(at, lower), masks.shape
     curvature = np.broadcast_to(curvature, (count, size, size))
-    gradient = np.broadcast_to(gradient, kept.shape)
-    values = np.where(kept, held, absent)
+    gradient = np.broadcast_to(gradient, masks.shape)
+    values = np.where(masks, held, absent)
     idle = ~(np.einsum("tnn->tn", curvature) > 0) & (held <= lower)
-    free = kept & ~idle
+    free = masks & ~idle
     rows = np.flatnonzero(free.any(axis=1))
     while rows.size:
         some = curvature[rows]

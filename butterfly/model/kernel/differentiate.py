@@ -95,7 +95,7 @@ class Work(NamedTuple):
 
     @classmethod
     def of(cls, initial: Samples, looped: int) -> Work:
-        """Return arrays for (4, k) ``initial`` derivatives and so many intervals in a loop."""
+        """Return arrays for (4, k) ``initial`` derivatives and ``looped`` intervals in a loop."""
         columns = initial.shape[1]
         stages = np.zeros((4, 4, STAGE_WIDTH))
         stages[:, X, V] = 1.0
@@ -121,12 +121,12 @@ def differentiate(
     derivatives. Interval k writes the sums ``into[k]``, unless that is negative. Each of (s, 2)
     ``pieces``, from one instant to another, begins anew at its row of (s, 2) ``starts``.
     ``initial`` is (4, k) derivatives of the state; `butterfly.model.greybox.differentiate` has the
-    other arrays. The
-    ``loop`` of a servo, unless None, drives the joint instead of ``drives``, with the constants
-    ``without_drive`` while it is off. ``moving`` is None for a fixed base; ``work`` is fresh.
-    An interval that needs more than ``most`` steps diverges. Returns the number of steps taken.
+    other arrays. The ``loop`` of a servo, unless None, drives the joint instead of ``drives``, with
+    the constants ``without_drive`` while it is off. ``moving`` is None for a fixed base; ``work``
+    is fresh. An interval that needs more than ``most`` steps diverges. Returns the number of steps
+    taken.
     """
-    tape, tangents, kept, splits, steps = work.tape, work.tangents, work.kept, False, 0
+    tape, tangents, record, splits, steps = work.tape, work.tangents, work.kept, False, 0
     for k in column:
         splits |= (
             k in (COULOMB, STRIBECK, COULOMB_SLOPE) or MOTOR_FRICTION <= k <= LOWERING_STRIBECK
@@ -144,8 +144,8 @@ def differentiate(
             if loop is None:
                 drive = (drives[k, 0], drives[k, 1], drives[k, 2])
             else:
-                held = torque(k, state, loop, work.memory, held, kept)
-                kept[k, TORQUE] = held
+                held = torque(k, state, loop, work.memory, held, record)
+                record[k, TORQUE] = held
                 drive, now = (held, held, held), at(k, loop, c, without_drive)
             count = count_steps(state, h, now, moving, most)
             steps += max(count, 1)
@@ -153,8 +153,8 @@ def differentiate(
                 state = LOST
             for part in range(count):
                 tape[0, INTERVAL], tape[0, PART], tape[0, PARTS] = k, part, count
-                own = drive if count == 1 else part_of(drive, part, count)
-                state = step(state, own, h / count, now, tape, splits, moving)
+                part_drive = drive if count == 1 else part_of(drive, part, count)
+                state = step(state, part_drive, h / count, now, tape, splits, moving)
                 if tape[0, COUNT] > _ROWS - 1 - _MOST:
                     _play(
                         time, drives, c, into, weights, column, initial, moved, rows,
@@ -192,15 +192,15 @@ def _play(  # noqa: PLR0915 - a tape, row by row
     time, drives, c, into, weights, column, initial, moved, rows, loop, without_drive, moving, work,
 ):  # fmt: skip
     """Propagate the derivatives through the tape and clear it."""
-    tape, stages, tangents, own = work.tape, work.stages, work.tangents, work.own
-    states, kept, remembered = states_of(c), work.kept, work.remembered
+    tape, stages, tangents, slopes = work.tape, work.stages, work.tangents, work.own
+    states, record, remembered = states_of(c), work.kept, work.remembered
     ripples, carries = c.cogging != 0.0 or c.cogging_cosine != 0.0, c.geared != 0.0
     for k in column:
         ripples |= COGGING <= k <= PERIODS
         carries |= MOTOR_FRICTION <= k <= LOWERING_STRIBECK
     current, latest, now, drive = np.int64(tape[0, CURRENT]), np.int64(-1), c, (0.0, 0.0, 0.0)
     if loop is not None and current >= 0:
-        now, drive = at(current, loop, c, without_drive), _held_drive(current, kept)
+        now, drive = at(current, loop, c, without_drive), _held_drive(current, record)
     for row in range(1, np.int64(tape[0, COUNT]) + 1):
         kind, begin, share = tape[row, KIND], tape[row, BEGIN], tape[row, SHARE]
         k, part = np.int64(tape[row, INTERVAL]), np.int64(tape[row, PART])
@@ -211,15 +211,17 @@ def _play(  # noqa: PLR0915 - a tape, row by row
             _open(k, into, weights, tangents, rows)
             current, latest = k, np.int64(-1)
             if loop is not None:
-                now, drive = at(k, loop, c, without_drive), _held_drive(k, kept)
+                now, drive = at(k, loop, c, without_drive), _held_drive(k, record)
                 differentiate_torque(
-                    k, loop, kept, tangents, column, initial, remembered, tangents[HELD]
+                    k, loop, record, tangents, column, initial, remembered, tangents[HELD]
                 )
         if part != latest:
             latest = part
-            _begin_part(k, part, parts, tangents, moved, own)
+            _begin_part(k, part, parts, tangents, moved, slopes)
         if kind not in (LOOSE, REST):
-            _linearise_step(tape, row, now, ripples, carries, own, moved.shape[0], stages, moving)
+            _linearise_step(
+                tape, row, now, ripples, carries, slopes, moved.shape[0], stages, moving
+            )
             if loop is not None:
                 _open_circuit(k, loop, stages)
             if moving is not None and kind in (STUCK, FREED):
@@ -241,18 +243,18 @@ def _play(  # noqa: PLR0915 - a tape, row by row
         elif kind == REVERSAL:
             reverse(drive, begin, share, h, now, stages, tangents, column)
         elif moving is not None:  # freed
-            break_free(drive, tape, row, h, now, own, stages, tangents, column)
+            break_free(drive, tape, row, h, now, slopes, stages, tangents, column)
         elif kind == LOOSE:
-            break_loose(drive, tape, row, now, own, stages, tangents, column)
+            break_loose(drive, tape, row, now, slopes, stages, tangents, column)
         else:
-            come_to_rest(drive, begin, tape[row, STAGE + 1], h, now, own, tangents, column)
+            come_to_rest(drive, begin, tape[row, STAGE + 1], h, now, slopes, tangents, column)
     tape[0, COUNT], tape[0, CURRENT] = 0.0, current
 
 
 @inner
-def _held_drive(k, kept):
+def _held_drive(k, record):
     """Return the torque held during interval k as drives."""
-    return kept[k, TORQUE], kept[k, TORQUE], kept[k, TORQUE]
+    return record[k, TORQUE], record[k, TORQUE], record[k, TORQUE]
 
 
 @inner
@@ -276,7 +278,7 @@ def _carry_held(states, stages, tangents):
 
 
 @inlined
-def _begin_part(k, part, parts, tangents, moved, own):
+def _begin_part(k, part, parts, tangents, moved, slopes):
     """Begin a part of interval k, with its own drives, at an instant that no parameter moves."""
     for j in range(tangents.shape[1]):
         tangents[LATE, j] = 0.0
@@ -284,11 +286,11 @@ def _begin_part(k, part, parts, tangents, moved, own):
         whole = (moved[q, k, 0], moved[q, k, 1], moved[q, k, 2])
         if parts > 1:
             whole = part_of(whole, part, parts)
-        own[q, 0], own[q, 1], own[q, 2] = whole
+        slopes[q, 0], slopes[q, 1], slopes[q, 2] = whole
 
 
 @inlined
-def _linearise_step(tape, row, c, ripples, carries, own, count, stages, moving):
+def _linearise_step(tape, row, c, ripples, carries, slopes, count, stages, moving):
     """Write the derivatives at the four stages of a step, including ``count`` drives."""
     begin, share, sign = tape[row, BEGIN], tape[row, SHARE], tape[row, SIGN]
     for i in range(4):
@@ -305,7 +307,7 @@ def _linearise_step(tape, row, c, ripples, carries, own, count, stages, moving):
         stages[i, X, RATE], stages[i, V, RATE] = state[V], rate[0]
         stages[i, M, RATE], stages[i, Z, RATE] = rate[1], rate[2]
     for q in range(count):
-        n, three = BASIS + DRIVES + q, (own[q, 0], own[q, 1], own[q, 2])
+        n, three = BASIS + DRIVES + q, (slopes[q, 0], slopes[q, 1], slopes[q, 2])
         if share < 1.0:
             three = piece_of(three, begin, share)
         for i in range(4):

@@ -32,7 +32,7 @@ LATE, BEFORE, HELD = 4, 5, 6
 """Rows of the derivatives after those of the states: of the instant of an event, of the motor
 torque before a rest, and of the torque held by a servo loop (0 without one)."""
 
-_REACH = (0.0, 0.5, 0.5, 1.0)  # share of a step at which its four stages stand
+_REACH = (0.0, 0.5, 0.5, 1.0)  # share of a step at which each of its four stages is
 _GRAZING = 1e-9  # rad/s^2, slower than which a reversal has no instant to speak of
 
 
@@ -103,7 +103,7 @@ def by_share(drives, begin, share, h, c, stages):
 
 
 @pasted
-def come_to_rest(drives, begin, motor, h, c, own, tangents, column):
+def come_to_rest(drives, begin, motor, h, c, slopes, tangents, column):
     """Differentiate a rest to the interval's end; the motor torque, first ``motor``, evolves."""
     for j in range(column.size):
         tangents[V, j] = 0.0
@@ -117,7 +117,7 @@ def come_to_rest(drives, begin, motor, h, c, own, tangents, column):
         target = slope * late + tangents[HELD, j]
         if k >= DRIVES:
             q = k - DRIVES
-            target += drive_at((own[q, 0], own[q, 1], own[q, 2]), middle)
+            target += drive_at((slopes[q, 0], slopes[q, 1], slopes[q, 2]), middle)
         exponent = h / c.lag * late
         if k == LAG:
             exponent += (1.0 - begin) * h / c.lag**2
@@ -126,7 +126,7 @@ def come_to_rest(drives, begin, motor, h, c, own, tangents, column):
 
 
 @pasted
-def break_loose(drives, tape, row, c, own, stages, tangents, column):
+def break_loose(drives, tape, row, c, slopes, stages, tangents, column):
     """Propagate the derivatives from the beginning of a rest to breaking loose.
 
     There the motor torque leaves the range in which friction holds the joint. With a lag it is
@@ -149,7 +149,7 @@ def break_loose(drives, tape, row, c, own, stages, tangents, column):
         if c.lag == 0.0:
             if k >= DRIVES:
                 q = k - DRIVES
-                hold -= drive_at((own[q, 0], own[q, 1], own[q, 2]), at)
+                hold -= drive_at((slopes[q, 0], slopes[q, 1], slopes[q, 2]), at)
             slope = drive_slope(drives, at)
             tangents[LATE, j] = hold / slope if slope != 0.0 else 0.0
             continue

@@ -79,14 +79,14 @@ def interval(state, drives, h, c, moving):
 def after_steps(state, drives, h, count, c, moving):
     """Return the state at the end of one interval, after ``count`` steps; lost without any."""
     for k in range(count):
-        own = drives if count == 1 else part_of(drives, k, count)
-        state = step(state, own, h / count, c, None, False, moving)
+        part_drives = drives if count == 1 else part_of(drives, k, count)
+        state = step(state, part_drives, h / count, c, None, False, moving)
     return state if count else LOST
 
 
 @compiled
 def begin_to_give(time, angle, velocity, c, torques):
-    """Write (n - 1, 3) torques by ``give`` on a motion whose base begins to give.
+    """Write (n - 1, 3) derivatives of the torque by a base's compliance ``give`` at 0, on a motion.
 
     With the momentum h' thd of the motion on (n,) instants, and rests = swing sd + slow s + h' thd,
 

@@ -120,7 +120,7 @@ def hold_still(tangents):
 
 
 @pasted
-def break_free(drives, tape, row, h, c, own, stages, tangents, column):
+def break_free(drives, tape, row, h, c, slopes, stages, tangents, column):
     """Correct the derivatives where the held torque exceeds friction, at the end of a step.
 
     A sliding joint would not accelerate there either.
@@ -149,7 +149,7 @@ def break_free(drives, tape, row, h, c, own, stages, tangents, column):
             more += stages[0, V, r] * tangents[r, j]
         if k >= DRIVES:
             q = k - DRIVES
-            three = (own[q, 0], own[q, 1], own[q, 2])
+            three = (slopes[q, 0], slopes[q, 1], slopes[q, 2])
             more += stages[0, V, GAIN] * drive_at(three, begin + share)
         elif k >= 0:
             more += stages[0, V, BASIS + k]

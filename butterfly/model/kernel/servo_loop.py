@@ -95,17 +95,17 @@ class Loop(NamedTuple):
         setpoint, late, supply, enabled = columns
         p = LumpedParameters(p1=1.0, p2=0.0, p3=0.0, p4=1.0) if parameters is None else parameters
         known = servo or ServoLoop(law="pid-torque")
-        told, reach, rule = known.told, known.reach, known.rule
+        nominal, reach, rule = known.told, known.reach, known.rule
         structure = _STRUCTURES[rule.structure]
-        gains = told[0] * p.loop_kp, told[1] * p.loop_ki, told[2] * p.loop_kd
+        gains = nominal[0] * p.loop_kp, nominal[1] * p.loop_ki, nominal[2] * p.loop_kd
         if servo is None:
-            structure, gains, told = RECORDED, (1.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+            structure, gains, nominal = RECORDED, (1.0, 0.0, 0.0), (0.0, 0.0, 0.0)
         ahead = 0.0 if servo is None else max(period - known.period, 0.0) / 2 - p.latency
         volts = (rule.output is Output.DUTY and known.supply) or 1.0
         return cls(
             structure,
             *gains,
-            *told,
+            *nominal,
             limit=rule.limit if known.limit is None else float(known.limit),
             speed_limit=float(known.speed_limit),
             dead_band=float(known.dead_band),
@@ -137,10 +137,10 @@ def at(k, loop, c, without_drive):
 
 
 @inner
-def torque(k, state, loop, memory, held, kept):  # noqa: PLR0915 - a law, step by step
+def torque(k, state, loop, memory, held, record):  # noqa: PLR0915 - a law, step by step
     """Return the torque of the drive in N m during interval k, ``held`` before.
 
-    ``kept``, unless None, receives the values for the derivatives.
+    ``record``, unless None, receives the values for the derivatives.
     """
     if loop.on[k] == 0.0:
         memory[INTEGRAL] = memory[OUTPUT] = memory[LOOKED] = 0.0
@@ -175,32 +175,32 @@ def torque(k, state, loop, memory, held, kept):  # noqa: PLR0915 - a law, step b
     past = command - max(-loop.dead_zone, min(loop.dead_zone, command))
     weaker = 1.0 / (1.0 + loop.compression * abs(past))
     delivered = past * weaker
-    if kept is not None:
+    if record is not None:
         slope = weaker * weaker if past != 0.0 or loop.dead_zone == 0.0 else 0.0
         limited = 0.0 if command == supplied else 1.0
-        kept[k, SLOPE] = (1.0 - limited) * slope * loop.supply[k]
-        kept[k, BY_SPEED], kept[k, DELIVERED] = limited * slope * loop.emf, delivered
-        kept[k, BY_DEAD_ZONE] = -np.sign(past) * weaker * weaker
-        kept[k, BY_COMPRESSION] = -past * abs(past) * weaker * weaker
-        _rise(k, seen, of_p, error, loop, kept)
-        kept[k, GATE], kept[k, LOOKS_BACK] = gate, looks_back
-        kept[k, SEEN_SPEED], kept[k, SEEN_RATE] = state[V] + loop.ahead * rate, rate
+        record[k, SLOPE] = (1.0 - limited) * slope * loop.supply[k]
+        record[k, BY_SPEED], record[k, DELIVERED] = limited * slope * loop.emf, delivered
+        record[k, BY_DEAD_ZONE] = -np.sign(past) * weaker * weaker
+        record[k, BY_COMPRESSION] = -past * abs(past) * weaker * weaker
+        _rise(k, seen, of_p, error, loop, record)
+        record[k, GATE], record[k, LOOKS_BACK] = gate, looks_back
+        record[k, SEEN_SPEED], record[k, SEEN_RATE] = state[V] + loop.ahead * rate, rate
         for of_output, of_rise in (
             (BY_SETPOINT, RISE_BY_SETPOINT),
             (BY_ANGLE, RISE_BY_ANGLE),
             (BY_VELOCITY, RISE_BY_VELOCITY),
             (BY_P, RISE_BY_P),
         ):
-            kept[k, of_output] = free * steep * kept[k, of_rise]
-        kept[k, BY_VELOCITY] -= free * damping
-        kept[k, BY_INTEGRAL], kept[k, BY_LAST] = free * loop.ki, of_last
-        kept[k, BY_I] = free * loop.told_ki * z
+            record[k, of_output] = free * steep * record[k, of_rise]
+        record[k, BY_VELOCITY] -= free * damping
+        record[k, BY_INTEGRAL], record[k, BY_LAST] = free * loop.ki, of_last
+        record[k, BY_I] = free * loop.told_ki * z
         if loop.structure == CASCADE:
-            kept[k, BY_D] = free * loop.told_kd * rise
+            record[k, BY_D] = free * loop.told_kd * rise
         else:
-            kept[k, BY_P] = free * loop.told_kp * rise
-            kept[k, BY_D] = free * loop.told_kd * (pace - v)
-            kept[k, BY_PACE] = looks_back * free * damping * loop.on_error / loop.period
+            record[k, BY_P] = free * loop.told_kp * rise
+            record[k, BY_D] = free * loop.told_kd * (pace - v)
+            record[k, BY_PACE] = looks_back * free * damping * loop.on_error / loop.period
     return loop.p4 * delivered
 
 
@@ -213,7 +213,7 @@ def _seen(state, loop, memory):
 
 
 @inner
-def _rise(k, seen, of_p, error, loop, kept):
+def _rise(k, seen, of_p, error, loop, record):
     """Keep the derivatives of the integral's increment in interval k."""
     by_setpoint, by_angle, by_velocity, by_p = seen, -seen, 0.0, 0.0
     if loop.structure >= SPEED:
@@ -222,12 +222,12 @@ def _rise(k, seen, of_p, error, loop, kept):
         share = of_p * loop.kp
         by_setpoint, by_angle, by_velocity = share * by_setpoint, share * by_angle, -1.0
         by_p = of_p * loop.told_kp * error
-    kept[k, RISE_BY_SETPOINT], kept[k, RISE_BY_ANGLE] = by_setpoint, by_angle
-    kept[k, RISE_BY_VELOCITY], kept[k, RISE_BY_P] = by_velocity, by_p
+    record[k, RISE_BY_SETPOINT], record[k, RISE_BY_ANGLE] = by_setpoint, by_angle
+    record[k, RISE_BY_VELOCITY], record[k, RISE_BY_P] = by_velocity, by_p
 
 
 @inner
-def differentiate_torque(k, loop, kept, tangents, column, initial, remembered, held):
+def differentiate_torque(k, loop, record, tangents, column, initial, remembered, held):
     """Write the (k,) derivatives of the ``held`` torque of interval k.
 
     ``remembered`` has the (3, k) derivatives of the firmware's memory.
@@ -240,12 +240,12 @@ def differentiate_torque(k, loop, kept, tangents, column, initial, remembered, h
         return
     for j in range(column.size):
         number, speed = column[j], tangents[V, j]
-        rate = kept[k, LOOKS_BACK] * (speed - remembered[SPEED_BEFORE, j]) / loop.period
+        rate = record[k, LOOKS_BACK] * (speed - remembered[SPEED_BEFORE, j]) / loop.period
         x = tangents[X, j] + loop.ahead * (speed + 0.5 * loop.ahead * rate)
         v, setpoint = speed + loop.rate_ahead * rate, 0.0
         if number == _LATENCY:
-            x -= kept[k, SEEN_SPEED]
-            v -= kept[k, SEEN_RATE]
+            x -= record[k, SEEN_SPEED]
+            v -= record[k, SEEN_RATE]
         if number == _DELAY:
             setpoint = loop.late[k] / loop.p4
         elif number < 0 and initial[X, j] < 0.0 and loop.structure < SPEED:
@@ -253,45 +253,47 @@ def differentiate_torque(k, loop, kept, tangents, column, initial, remembered, h
         pace = 0.0
         if number == _DELAY:
             pace = loop.late_kicked[k] - loop.late_kicked[max(k - loop.every, 0)]
-        output = kept[k, BY_PACE] * pace / loop.p4
-        output += kept[k, BY_SETPOINT] * setpoint + kept[k, BY_ANGLE] * x + kept[k, BY_VELOCITY] * v
-        output += kept[k, BY_INTEGRAL] * remembered[INTEGRAL, j]
-        output += kept[k, BY_LAST] * remembered[OUTPUT, j]
-        rise = kept[k, RISE_BY_SETPOINT] * setpoint
-        rise += kept[k, RISE_BY_ANGLE] * x + kept[k, RISE_BY_VELOCITY] * v
+        output = record[k, BY_PACE] * pace / loop.p4
+        output += (
+            record[k, BY_SETPOINT] * setpoint + record[k, BY_ANGLE] * x + record[k, BY_VELOCITY] * v
+        )
+        output += record[k, BY_INTEGRAL] * remembered[INTEGRAL, j]
+        output += record[k, BY_LAST] * remembered[OUTPUT, j]
+        rise = record[k, RISE_BY_SETPOINT] * setpoint
+        rise += record[k, RISE_BY_ANGLE] * x + record[k, RISE_BY_VELOCITY] * v
         direct = 0.0
         if number == _LOOP_P:
-            output += kept[k, BY_P]
-            rise += kept[k, RISE_BY_P]
+            output += record[k, BY_P]
+            rise += record[k, RISE_BY_P]
         elif number == _LOOP_I:
-            output += kept[k, BY_I]
+            output += record[k, BY_I]
         elif number == _LOOP_D:
-            output += kept[k, BY_D]
+            output += record[k, BY_D]
         elif number == _P4:
-            direct = kept[k, DELIVERED]
+            direct = record[k, DELIVERED]
         elif number == _DEAD_ZONE:
-            direct = kept[k, BY_DEAD_ZONE]
+            direct = record[k, BY_DEAD_ZONE]
         elif number == _COMPRESSION:
-            direct = kept[k, BY_COMPRESSION]
-        remembered[INTEGRAL, j] += kept[k, GATE] * rise
+            direct = record[k, BY_COMPRESSION]
+        remembered[INTEGRAL, j] += record[k, GATE] * rise
         remembered[OUTPUT, j], remembered[SPEED_BEFORE, j] = output, speed
-        held[j] = direct + loop.p4 * (kept[k, SLOPE] * output + kept[k, BY_SPEED] * speed)
+        held[j] = direct + loop.p4 * (record[k, SLOPE] * output + record[k, BY_SPEED] * speed)
 
 
 def outputs(angle: Samples, velocity: Samples, loop: Loop) -> Samples:
     """Return (n,) outputs of the firmware at samples of the joint, times the supply."""
-    found = np.empty(angle.size)
-    _outputs(angle, velocity, loop, np.zeros(MEMORY), found)
-    return found
+    values = np.empty(angle.size)
+    _outputs(angle, velocity, loop, np.zeros(MEMORY), values)
+    return values
 
 
 @compiled
-def _outputs(angle, velocity, loop, memory, found):
+def _outputs(angle, velocity, loop, memory, values):
     """Write `outputs`."""
     held = 0.0
     for k in range(angle.size):
         held = torque(k, (angle[k], velocity[k], 0.0, 0.0), loop, memory, held, None)
-        found[k] = held
+        values[k] = held
 
 
 def slewed(setpoint: Samples, late: Samples, most: float) -> tuple[Samples, Samples]:

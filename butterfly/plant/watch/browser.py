@@ -70,11 +70,11 @@ class Guard:
 
     def refusal(self, path: str, headers: Mapping[str, str]) -> str | None:
         """Return why a request for a path, with its query, is refused; None if it is not."""
-        own = {f"{name}:{self.port}" for name in _NAMES}
-        if headers.get("Host") not in own:
+        hosts = {f"{name}:{self.port}" for name in _NAMES}
+        if headers.get("Host") not in hosts:
             return "requested under another host name"
         if headers.get("Origin", f"http://{LOOPBACK}:{self.port}") not in {
-            f"http://{name}" for name in own
+            f"http://{name}" for name in hosts
         }:
             return "requested by another page"
         if not self.knows(path) and not self._is_own(headers.get("Cookie", "")):
@@ -130,8 +130,8 @@ def _bound(port: int) -> socket.socket:
         bound.bind((LOOPBACK, port))
     except OSError as error:
         bound.close()
-        found, expected = f"{port} ({error.strerror})", "a free port, or 0 to choose one"
-        raise InputError("butterfly show", "--port", found, expected) from None
+        problem, expected = f"{port} ({error.strerror})", "a free port, or 0 to choose one"
+        raise InputError("butterfly show", "--port", problem, expected) from None
     return bound
 
 

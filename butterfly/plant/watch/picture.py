@@ -23,7 +23,7 @@ from butterfly.progress import Track, untracked
 CAMERA = "bench"
 """Camera of the shipped scene."""
 
-_FINER = 2  # drawn, either way, than the picture, whose edges are then smooth
+_FINER = 2  # times the width and height of a picture at which it is drawn, for smooth edges
 _LARGE = 1024  # pixels of a picture that is fine enough; a finer one might not fit the card
 _PILLOW = (".gif", ".webp")
 _FFMPEG = ".mp4"
@@ -151,7 +151,7 @@ def film(
 
             iio.imwrite(
                 draft,
-                np.stack([np.asarray(each) for each in frames]),
+                np.stack([np.asarray(frame) for frame in frames]),
                 fps=fps,
                 macro_block_size=None,
             )
