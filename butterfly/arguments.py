@@ -64,7 +64,7 @@ _KINDS = {
     "Collection[str]": _TEXTS,
     "Sequence[float]": _Kind(_list_of(_is_number), "a list of numbers, such as [0, 0.1]"),
     "Track": _Kind(callable, "a function of an iterable and a description, which returns it"),
-    "Carry": _Kind(callable, "a function of an added mass"),
+    "MountMass": _Kind(callable, "a function of an added mass"),
 }
 """Annotations of arguments that are checked here; others are checked where they are used."""
 

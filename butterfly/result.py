@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     from butterfly.report.page import Fact, Page, PageTable
 
-_SCHEMA_NUMBER = 2
+_SCHEMA_NUMBER = 3
 _THIRD = {"campaign", "comparison", "draws", "inspection", "residual", "sweep", "validation"}
 
 HEAD = ("schema", "schema_number", "versions", "title", "verdict", "reasons", "summary", "units")

@@ -18,7 +18,7 @@ from butterfly.api.sources import Named
 from butterfly.api.verbs import share_of
 from butterfly.arguments import checked
 from butterfly.campaigns.callbacks import CampaignCallbacks
-from butterfly.campaigns.campaign import Carry, Ended, Wish, conduct
+from butterfly.campaigns.campaign import CampaignOptions, CampaignResult, MountMass, conduct
 from butterfly.campaigns.folder import PAGE, Folder
 from butterfly.campaigns.guard import Limits
 from butterfly.errors import InputError
@@ -68,7 +68,9 @@ class Campaign(Answer):
     """Of all its logs; None if they determine nothing, or for a result that was loaded."""
 
     @classmethod
-    def of(cls, ended: Ended, wish: Wish, folder: Path, remarks: Sequence[str] = ()) -> Campaign:
+    def of(
+        cls, ended: CampaignResult, wish: CampaignOptions, folder: Path, remarks: Sequence[str] = ()
+    ) -> Campaign:
         """Tabulate parameters and runs; ``remarks`` on an earlier campaign are last."""
         journal, identified = ended.journal, ended.identified
         estimate = campaign_estimate(ended)
@@ -164,7 +166,7 @@ def campaign(
     price: float = 120.0,
     step: float | None = None,
     known: Mapping[str, Any] | None = None,
-    change: Carry | None = None,
+    change: MountMass | None = None,
     callbacks: CampaignCallbacks | None = None,
 ) -> Campaign:
     """Run experiments on an unknown joint that choose themselves, until a goal is reached.
@@ -236,7 +238,7 @@ def campaign(
             raise InputError("campaign", "arm", arm, "the masses' distance from the pivot in m")
         given["masses"] = tuple(AddedMass(mass=mass, arm=arm if mass else 0.0) for mass in masses)
     limits = {"command": command, "angle": angle, "speed": speed, "current": current}
-    wish = Wish(
+    wish = CampaignOptions(
         goal=share_of(goal),
         limits=Limits(seconds=seconds, **{k: v for k, v in limits.items() if v is not None}),
         price=price,
@@ -285,8 +287,8 @@ def _made(name: str) -> Motor:
 
 
 def _named(
-    name: str, defaults: dict[str, Any], change: Carry | None
-) -> tuple[Motor, dict[str, Any], Carry | None, float | None]:
+    name: str, defaults: dict[str, Any], change: MountMass | None
+) -> tuple[Motor, dict[str, Any], MountMass | None, float | None]:
     """Return a named motor, its default settings, its change of masses, and its largest command."""
     if names_motor(name):
         return _made(name), defaults, change, None

@@ -354,7 +354,7 @@ def _run_once(
     )
     done.save(folder / RESULT)
     hashes = digests(folder, [*names, RESULT, *written, *(path.name for path in reports)])
-    store.end_sweep(replace(sweep_record(plan), beside=hashes))
+    store.end_sweep(replace(sweep_record(plan), output_digests=hashes))
     if result.error is not None:
         raise result.error
     return replace(done, reports=reports)

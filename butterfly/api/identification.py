@@ -61,9 +61,16 @@ if TYPE_CHECKING:
     from butterfly.twin.twin import Twin, Written
 
 _UNITS = {"fit.horizon": "s", "fit.longest": "s", "zeros": "rad"} | dict.fromkeys(
-    ("fit", "fits", "velocity_fits", "held_out", "drive_fits", "against.fit"), "%"
+    ("fit", "fits", "velocity_fits", "held_out", "open_loop_fits", "against.fit"), "%"
 )
-_OF_LOGS = ("fits", "velocity_fits", "held_out", "mean_errors", "drive_fits", "zeros")  # by name
+_OF_LOGS = (
+    "fits",
+    "velocity_fits",
+    "held_out",
+    "mean_errors",
+    "open_loop_fits",
+    "zeros",
+)  # by name
 _SAVED = ("summary", "chosen", "against", "residuals")
 
 
@@ -348,7 +355,7 @@ class IdentifiedModel:
         from butterfly.identification.free_run import FreeRun, Setting  # noqa: PLC0415 - slow to import
 
         run = FreeRun.of(log, Setting(parameters=self.parameters, zero=zero, velocity=velocity))
-        return replace(log.moving_so(run.simulated), source="grey-box model")
+        return replace(log.with_measurement(run.simulated), source="grey-box model")
 
     def twin(
         self, added_mass: AddedMass = NO_ADDED_MASS, *, hand_mass: float | None = None

@@ -44,7 +44,7 @@ class Drawn(Tabulated):
     kind: ClassVar[str] = "draws"
     plots: ClassVar[Mapping[str, str]] = {"corner": "corner"}
 
-    found: Identification | None = None
+    identification: Identification | None = None
     """The identification; None for loaded draws."""
 
     @classmethod
@@ -63,7 +63,7 @@ class Drawn(Tabulated):
         columns = [*estimate.names, *(key for key in fixed if key not in estimate.names)]
         units = {key: unit_of(key, kind, estimate.joint) for key in columns}
         return cls(
-            found=identification,
+            identification=identification,
             title=f"{len(draws.values)} parameter draws from {identification.title}",
             summary=(*identification.judged.lines, *more, *estimate_notes(estimate)),
             judged=identification.judged,
@@ -129,7 +129,9 @@ class Drawn(Tabulated):
 
         drawn = self.parameters
         joint = JointKind(self.content["joint"])
-        model = self.found.model if self.found else IdentifiedModel(drawn[0], joint)
+        model = (
+            self.identification.model if self.identification else IdentifiedModel(drawn[0], joint)
+        )
         options = Options(timestep=timestep, integrator=integrator)
         return models(drawn, model.twin(added_mass, hand_mass=hand_mass), options)
 

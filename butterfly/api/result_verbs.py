@@ -118,7 +118,7 @@ def predict(
             raise InputError("predict", "input", str(source.input_kind), expected)
         estimate = identification.estimate
         if bands is not False:
-            open_draws, seen, remarks = _left_open(identification, masses, draws, seed)
+            open_draws, seen, remarks = _physical_draws(identification, masses, draws, seed)
             sentences = (f"{draws} parameter draws, all with the same weight.", *remarks)
             if seen is None:
                 sentences = (*sentences, _NO_ERRORS)
@@ -156,7 +156,7 @@ def draws(result: Identification | Named, n: int = BAND_DRAWS, seed: int = 0) ->
     require_values(identification.estimate, "a draw")
     if n < 1:
         raise InputError("draws", "n", n, "1 or more")
-    drawn, _, remarks = _left_open(identification, (), max(n, LEAST), seed)
+    drawn, _, remarks = _physical_draws(identification, (), max(n, LEAST), seed)
     return Drawn.of(replace(drawn, values=drawn.values[:n]), identification, remarks)
 
 
@@ -173,7 +173,7 @@ def changed(before: Identification | Named, after: Identification | Named) -> Ch
     return Changed.of(one, other)
 
 
-def _left_open(
+def _physical_draws(
     identification: Identification, masses: Iterable[AddedMass], count: int, seed: int
 ) -> tuple[ParameterDraws, DataSet | None, list[str]]:
     """Return draws that make a joint with all masses, the logs, and what to say."""

@@ -52,7 +52,7 @@ from butterfly.verdict import Level
 GOAL = 0.01
 """Half-width of the 95 % interval, over the value, that is asked of p1..p4 and Coulomb friction."""
 
-Carry = Callable[[AddedMass], None]
+MountMass = Callable[[AddedMass], None]
 """Mounts a mass, and returns when it is mounted."""
 
 _BRAKES = 0.5  # of the deceleration that the model gives a brake, which is certain
@@ -67,7 +67,7 @@ _TOUCHED = "check that the encoder does not slip, and that no end stop or cable 
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wish:
+class CampaignOptions:
     """What a campaign is to reach, with what."""
 
     goal: float = GOAL
@@ -86,7 +86,7 @@ class Wish:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Ended:
+class CampaignResult:
     """What a campaign came to."""
 
     journal: Journal
@@ -97,11 +97,11 @@ class Ended:
 
 def conduct(
     motor: Motor,
-    wish: Wish,
+    wish: CampaignOptions,
     folder: Folder,
-    carry: Carry | None = None,
+    carry: MountMass | None = None,
     callbacks: CampaignCallbacks | None = None,
-) -> Ended:
+) -> CampaignResult:
     """Run a campaign, or go on with one, to its end.
 
     ``carry`` mounts a mass, or asks a person to, and returns when it is mounted; without it the
@@ -131,9 +131,9 @@ class _Campaign:
     def __init__(
         self,
         bench: Bench,
-        wish: Wish,
+        wish: CampaignOptions,
         folder: Folder,
-        carry: Carry | None,
+        carry: MountMass | None,
         callbacks: CampaignCallbacks,
     ) -> None:
         self._bench, self._wish, self._folder, self._carry = bench, wish, folder, carry
@@ -145,7 +145,7 @@ class _Campaign:
         self._size = 0.0  # of a relay's command, so far
         self._rests, self._repeatability = Rests(), Repeatability()
 
-    def run(self) -> Ended:
+    def run(self) -> CampaignResult:
         """Go on until the goal is reached, or nothing more can be done."""
         self._begin()
         ending = ""
@@ -172,7 +172,9 @@ class _Campaign:
         if any(judge_fit(np.array([fit])) for fit in seen.values()):
             ending = f"the last run, which was not fitted, is not predicted; {_TOUCHED}"
         journal, reached = self._folder.journal, ending == _REACHED and bool(seen)
-        return Ended(journal=journal, identified=self._found, reached=reached, ending=ending)
+        return CampaignResult(
+            journal=journal, identified=self._found, reached=reached, ending=ending
+        )
 
     def _begin(self) -> None:
         """Make contact, or take up where the journal ends."""

@@ -24,7 +24,7 @@ from cyclopts.exceptions import CycloptsError, UnknownCommandError, UnknownOptio
 from butterfly import __version__, outputs, progress
 from butterfly.cli import output
 from butterfly.cli.options import source_of
-from butterfly.cli.output import Asked, ExitCode, asked, put, write_json
+from butterfly.cli.output import ExitCode, OutputOptions, asked, put, write_json
 from butterfly.cli.output import warn as print_warning
 from butterfly.cli.written import check as check_outputs
 from butterfly.errors import (
@@ -296,7 +296,7 @@ def _run() -> None:
         _leave_stdout()
         _end(str(error), ExitCode.BAD_INPUT)
     finally:
-        asked.__dict__.update(vars(Asked()))
+        asked.__dict__.update(vars(OutputOptions()))
 
 
 def _stop(number: int, frame: FrameType | None) -> NoReturn:  # noqa: ARG001 - a handler

@@ -59,7 +59,7 @@ class ExitCode(IntEnum):
 
 
 @dataclass
-class Asked:
+class OutputOptions:
     """The general options of the command that runs: ``--quiet``, ``--verbose``, ``--json``."""
 
     quiet: bool = False
@@ -78,7 +78,7 @@ class Asked:
         return self.quiet or self.document_alone
 
 
-asked = Asked()
+asked = OutputOptions()
 
 
 def console() -> Console:

@@ -224,7 +224,7 @@ def export(
     carried = f", with {named.twin.added}" if added_mass and to != "bam" else ""
     say(f"{made.title}: {out}, {made.about}{carried}.")
     accuracy = (made.accuracy.sentence,) if made.accuracy else ()
-    for sentence in (*made.said, *made.left_out, *accuracy):
+    for sentence in (*made.notes, *made.left_out, *accuracy):
         say(sentence)
     if named.note and to in WITH_A_BODY:
         say(named.note)

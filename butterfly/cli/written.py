@@ -20,12 +20,12 @@ class OutputFile:
     """What an option writes: a file with one of these endings; without any, a folder."""
 
     endings: tuple[str, ...] = ()
-    beside: str = ""  # ending of another file that is written with it
+    companion: str = ""  # ending of another file that is written with it
     documents: tuple[str, ...] = ()  # marks of JSON, if it holds any
 
 
 SAVED = OutputFile((".json",), documents=(outputs.mark_of_document("identification", "saved"),))
-REPORT = OutputFile((".html",), beside=".json", documents=('"schema": "butterfly.',))
+REPORT = OutputFile((".html",), companion=".json", documents=('"schema": "butterfly.',))
 FOLDER = OutputFile()
 
 
@@ -66,8 +66,8 @@ def check(
     named = {option: path for option, (path, written) in files.items() if written.endings}
     for option, (path, written) in files.items():
         _require_kind(path, written, option)
-        if written.beside:
-            named[f"the numbers beside {option}"] = path.with_suffix(written.beside)
+        if written.companion:
+            named[f"the numbers beside {option}"] = path.with_suffix(written.companion)
     taken: dict[Path, str] = {}
     for option, path in named.items():
         if taken.setdefault(path.resolve(), option) != option:

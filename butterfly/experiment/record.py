@@ -30,8 +30,8 @@ from butterfly.orbit.loop import Calibration, OrbitStudy
 from butterfly.progress import current_search
 from butterfly.verdict import Level
 
-SCHEMA = 4
-"""Schema of the records; schema 3 is read, records of others count as missing."""
+SCHEMA = 5
+"""Schema of the records; records of others count as missing."""
 
 OK, REFUSED, FAILED = "ok", "refused", "failed"
 """A run's status: done, refused for good (bad input, unidentifiable), or failed unexpectedly."""
@@ -272,7 +272,9 @@ class SweepRecord(_Signed):
     fields: tuple[str, ...]  # paths of those that vary
     versions: dict[str, str]  # of what it was planned with
     runs: tuple[SweepRun, ...]  # in order; of tasks only what is one's place is kept
-    beside: dict[str, str] | None = None  # digests of its one run's logs and reports; None of more
+    output_digests: dict[str, str] | None = (
+        None  # digests of its one run's logs and reports; None of more
+    )
     tables: dict[str, str] = field(default_factory=dict)  # digests of the tables, by name
     digest: str = ""  # as a run's
 

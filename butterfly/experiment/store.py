@@ -94,9 +94,9 @@ class ResultStore:
             sweep = self.sweep()
         except InputError:
             return None
-        if sweep.beside is None or [run.key for run in sweep.runs] != [key]:
+        if sweep.output_digests is None or [run.key for run in sweep.runs] != [key]:
             return None
-        return self.complete(key) if _hold(self.folder, sweep.beside) else None
+        return self.complete(key) if _hold(self.folder, sweep.output_digests) else None
 
     def write(self, outcome: Outcome) -> None:
         """Write the files of a run, then its record, each as a whole."""

@@ -90,7 +90,7 @@ class FreeRunModel:
         return nested_about(self.problem, self.fit.linearisation, len(self.every.keys))
 
     @property
-    def kept(self) -> NDArray[np.bool_]:
+    def is_fitted(self) -> NDArray[np.bool_]:
         """(n,) which of the parameters of these are fitted: all."""
         return np.ones(len(self.problem.labels), dtype=bool)
 
@@ -170,15 +170,18 @@ class FreeRunModel:
         return replace(self, fit=end)
 
     def without(self, names: Collection[str]) -> Self:
-        """Fit without some terms."""
+        """Fit without some terms, from where the equations promise most and a simulation exists."""
         problem = self.problem.without({*names})
-        mask = np.isin(self.problem.labels, problem.labels)
-        values = self.nested.fitted(mask[np.newaxis])[0][mask]
-        there = None
-        if is_near(problem.named(values), self.fit.named, self.masses):
+        is_left = np.isin(self.problem.labels, problem.labels)
+        promised = self.nested.fitted(is_left[np.newaxis])[0][is_left]
+        first = dict(zip(self.every.labels, self.every.initial.tolist(), strict=True))
+        guesses = [self.fit.values[is_left], np.array([first[label] for label in problem.labels])]
+        if is_near(problem.named(promised), self.fit.named, self.masses):
+            guesses.insert(0, promised)
+        for values in guesses:
             there = self.equations(problem, values)
-        if there is None or not there.is_finite:
-            there = self.equations(problem, self.fit.values[mask])
+            if there.is_finite:
+                break
         return replace(self, fit=self.descended(problem, there))
 
     def confirms(self, rival: Mapping[str, float]) -> bool:
@@ -243,7 +246,7 @@ def choose(
 def _missing(offer: Offer) -> LackedTerm:
     """Return a row that passes and is not fitted, with its share of each log's errors."""
     nested, names = offer.nested, np.array(offer.nested.names)
-    fits = nested.fitted(np.array([offer.kept, offer.kept | (names == offer.name)]))
+    fits = nested.fitted(np.array([offer.is_fitted, offer.is_fitted | (names == offer.name)]))
     _, log = np.unique(nested.equations.log, return_inverse=True)
     before, after = (np.bincount(log, costs) for costs in nested.costs(fits))
     return LackedTerm(offer.name, offer.share, 1 - after / before, offer.values)

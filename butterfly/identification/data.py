@@ -306,9 +306,9 @@ class DataSet:
         points = _responses(logs, untracked)
         return replace(self, logs=logs, points=points, test_logs=held, correction=correction)
 
-    def told(self, tell: Callable[[Log], Log]) -> DataSet:
+    def annotated(self, tell: Callable[[Log], Log]) -> DataSet:
         """Return the data set with ``tell`` applied to every log; it must change no response."""
-        held = self.test_logs and self.test_logs.told(tell)
+        held = self.test_logs and self.test_logs.annotated(tell)
         return replace(self, logs=tuple(map(tell, self.logs)), test_logs=held)
 
     @property

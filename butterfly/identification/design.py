@@ -394,7 +394,7 @@ def expected_log(
     far = 1e3 * LARGEST_SWING
     with np.errstate(all="ignore"):  # of a loop that is not stable
         measured = Simulation(log, parameters).run(parameters, 0.0, 0.0).at(time)
-    return log.moving_so(np.clip(np.nan_to_num(measured, nan=far), -far, far))
+    return log.with_measurement(np.clip(np.nan_to_num(measured, nan=far), -far, far))
 
 
 def _warning(plan: Plan[Candidate], estimate: Estimate, limit: float) -> str:

@@ -159,7 +159,7 @@ def fitted_offset(logs: Sequence[Log]) -> EncoderOffset | None:
 def _offset(about: About, middle: float) -> EncoderOffset | None:
     """Return the zero in rad by a fit; None if that is singular, or has a bias that may be 0."""
     try:
-        solved = WeakFit.settled(about).solved
+        solved = WeakFit.converged(about).solved
     except (IdentifiabilityError, InputError):
         return None
     few = np.count_nonzero(solved.rows.any(axis=1)) <= len(solved.names)

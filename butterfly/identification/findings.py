@@ -20,7 +20,7 @@ class Ending(StrEnum):
 class FindingKind(StrEnum):
     """Kinds of findings, gravest first; comments explain the numbers."""
 
-    UNIT_ERROR = "slip"  # name of the error; the factor that undoes it
+    UNIT_ERROR = "unit-error"  # name of the error; the factor that undoes it
     # share by which p4/p1 of the second of two logs of one mass is larger; their names, then which
     # of both moves like which log of another mass
     UNREPEATED = "unrepeated"
@@ -33,11 +33,11 @@ class FindingKind(StrEnum):
     ASKED = "asked-slip"  # one that no motion can show; the mass in kg
     EARLY = "early"  # a delay below 0
     NEGATIVE_GAIN = "negative-gain"
-    SOURCES_CONFLICT = "told-apart"  # standard uncertainties between two given values
+    SOURCES_CONFLICT = "sources-conflict"  # standard uncertainties between two given values
     CONTRADICTED = "contradicted"  # physical parameters below 0; standard errors
     # p4, the unit that the input was taken in, another in its file, its place, its kind of input
     UNIT_UNREAD = "unit-unread"
-    KNOWN_CONFLICT = "known-apart"  # relative correction of a given value by the added masses
+    KNOWN_CONFLICT = "known-conflict"  # relative correction of a given value by the added masses
     PRIOR_CONFLICT = "prior-apart"  # standard errors between a given value and the logs
     PULLED = "pulled"  # on a bound that the data would cross
     CLOCK = "clock"  # share by which the inputs' sines run faster than their omega
@@ -50,7 +50,7 @@ class FindingKind(StrEnum):
     LIKE_TERM = "like-term"
     OFF_CENTRE = "off-centre"  # amplitude in rad of an encoder's error that repeats with the angle
     TORQUE_DRIVEN = "torque-driven"  # largest resistance in Ohm that the damping allows
-    REST_DIFFERS = "rest-apart"  # rad between the rest angles with different masses
+    REST_DIFFERS = "rest-differs"  # rad between the rest angles with different masses
     ZERO_GUESSED = "zero-guessed"  # logs whose encoder zero is a guess
     NO_UNCERTAINTY = "no-uncertainty"  # number of equations
     COMBINATION = "combination"  # condition number, of parameters known in one combination only

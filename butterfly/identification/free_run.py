@@ -243,7 +243,7 @@ class Simulations:
             self._horizons[parameters] = horizon_of(logs, parameters, self._zeros)
         return self._horizons[parameters]
 
-    def settled(self, estimate: Estimate) -> Estimate:
+    def with_horizon(self, estimate: Estimate) -> Estimate:
         """Return the estimate with the horizon over which these logs are simulated, if finite."""
         horizon = self.horizon(estimate)
         return replace(estimate, horizon=horizon) if math.isfinite(horizon) else estimate

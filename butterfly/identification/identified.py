@@ -55,7 +55,7 @@ class Identified:
     mean_errors: dict[str, float] = field(default_factory=dict)
     """Mean absolute error in rad of each servo's log, held out or not, in its loop."""
 
-    drive_fits: dict[str, float] = field(default_factory=dict)
+    open_loop_fits: dict[str, float] = field(default_factory=dict)
     """FIT in per cent of each of these by its recorded or rebuilt drive alone."""
 
     zeros: dict[str, float] = field(default_factory=dict)

@@ -248,7 +248,7 @@ def simulated(
     track: Track = untracked,
 ) -> Identified:
     """Simulate the logs of a data set with an estimate, and others; InputError if unusable."""
-    estimate = data.simulations.settled(estimate)
+    estimate = data.simulations.with_horizon(estimate)
     horizon = data.simulations.horizon(estimate)
     runs = _runs(data, estimate, track)
     others = [
@@ -269,7 +269,7 @@ def simulated(
         mean_errors={
             run.log.name: float(np.mean(np.abs(run.simulated - run.log.measured))) for run in looped
         },
-        drive_fits={run.log.name: run.fit for run in opened},
+        open_loop_fits={run.log.name: run.fit for run in opened},
         zeros={
             log.name: data.simulations.setting(number, estimate).zero
             for number, log in enumerate(data.logs)

@@ -80,12 +80,12 @@ class PhysicalParameters:
     """The physical parameters that are identified, and those that are not."""
 
     # The parameters that follow, or whose uncertainty is below that of their prior
-    found: tuple[PhysicalParameter, ...]
+    parameters: tuple[PhysicalParameter, ...]
     unidentified: tuple[Unidentified, ...]
 
     def __getitem__(self, name: str) -> PhysicalParameter:
         """Return an identified parameter by name."""
-        return {parameter.name: parameter for parameter in self.found}[name]
+        return {parameter.name: parameter for parameter in self.parameters}[name]
 
 
 def physical_parameters(
@@ -130,7 +130,9 @@ def physical_parameters(
                 )
             )
     return PhysicalParameters(
-        found=tuple(sorted(parameters, key=lambda parameter: [*SYMBOLS].index(parameter.name))),
+        parameters=tuple(
+            sorted(parameters, key=lambda parameter: [*SYMBOLS].index(parameter.name))
+        ),
         unidentified=tuple(_unidentified(by_errors, known, input_kind, carrier)),
     )
 

@@ -115,7 +115,7 @@ def judge_knowledge(estimate: Estimate, data: DataSet) -> list[Finding]:
     physical = physical_parameters(estimate, data.known, data.input_kind, carrier)
     below = {
         parameter.name: parameter.below_zero
-        for parameter in physical.found
+        for parameter in physical.parameters
         if parameter.below_zero > CLEARLY
     }
     if below:

@@ -309,7 +309,7 @@ class Problem:
                 return Fit(linearisation=at.moved(step), ending=ending, scatter=scatter)
             values, tries = at.values + step, tries - 1
             effects = np.maximum(scatter.random_effects(at, step), self.lower - values)
-            scatter = replace(scatter, names=self.labels, own=effects)
+            scatter = replace(scatter, names=self.labels, effects=effects)
             here = replace(self, scatter=scatter)
             at = here.knowing(here.equations(values, at))
             if not at.is_finite:

@@ -54,7 +54,7 @@ class Division:
             return "one log held out"
         return _LEFT_OUT[self.split]
 
-    def kept(self, data: DataSet, name: str) -> DataSet:
+    def remainder(self, data: DataSet, name: str) -> DataSet:
         """Return the data set without one part; InputError if the rest cannot be used."""
         samples = self.parts[name]
         whole = [k for k in range(len(data.logs)) if k not in samples]

@@ -172,9 +172,9 @@ class Averaging:
         self._still = (np.abs(velocity) < _STANDSTILL * speed).astype(float)
         self._places: dict[int, _Place] = {}
 
-    def moving_so(self, measured: Samples) -> Averaging:
-        """Return averages of another motion (see `Log.moving_so`) over the same test functions."""
-        log, settings = self._log.moving_so(measured), self._settings
+    def with_measurement(self, measured: Samples) -> Averaging:
+        """Return the averages of another motion over the same test functions."""
+        log, settings = self._log.with_measurement(measured), self._settings
         averages = Averaging(log, self._zero, self.half_width, settings, self._balance)
         averages._rests = self._rests
         return averages

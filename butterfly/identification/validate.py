@@ -85,7 +85,7 @@ def cross_validate(
             break
         try:
             with counted():
-                estimate = estimator(division.kept(data, name))
+                estimate = estimator(division.remainder(data, name))
         except IdentifiabilityError as error:
             raise IdentifiabilityError(_refusal(data, division.split, name, error)) from None
         estimates[name] = estimate

@@ -150,20 +150,20 @@ class WeakFit:
             gain=exact.get("p4", 0.0),
             drive=DriveTerms(**{name: exact[name] for name in DRIVE if name in exact}),
         )
-        held = cls.settled(about)
+        held = cls.converged(about)
         if not known.uncertain:
             return held
-        free = cls.settled(replace(about, variance=0.0))
+        free = cls.converged(replace(about, variance=0.0))
         if not 0 <= free.about.delay < about.latest:
             return held
-        weighed = cls.settled(replace(free.about, variance=free.solved.realised_variance))
+        weighed = cls.converged(replace(free.about, variance=free.solved.realised_variance))
         rows = weighed.cost / max(weighed.about.variance, _LEAST)  # worth as many independent ones
         return min(
             (held, weighed), key=lambda fit: rows * math.log(fit.cost or _LEAST) + fit.penalty
         )
 
     @classmethod
-    def settled(cls, about: About) -> WeakFit:
+    def converged(cls, about: About) -> WeakFit:
         """Solve, and again about the solution, until delay, drive and scatter converge."""
         weighs, latest = bool(about.known.uncertain and about.variance), about.latest
         cells, settled = independent_cells_of(len(about.windows), len(about.names)), False

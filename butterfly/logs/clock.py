@@ -46,7 +46,7 @@ def with_clock(
     there = np.ones(values.shape, dtype=np.bool_)
     if kind in "mM":
         unit = next((u for u in _EPOCHS if u == np.datetime_data(values.dtype)[0]), "ns")
-        heading = replace(heading, said=(*heading.said, Words(unit, DATES)))
+        heading = replace(heading, unit_words=(*heading.unit_words, Words(unit, DATES)))
         values = values.astype(f"{kind}8[{unit}]")
         there, values = ~np.isnat(values), values.astype(np.int64)
     elif kind not in "iu" or values.ndim != 1 or not np.any(np.abs(values[:1]) >= EXACT):
@@ -88,28 +88,30 @@ def clock_reading(
     value = f"{begin:.10g}, with {step:.4g} between samples"
     expected = "the unit of time (--units time=... or units: in the manifest)"
     where = reading.name or f"column {reading.number}"
-    silent = reading.said == ASSUMED and low >= 0 < step
+    silent = reading.unit_source == ASSUMED and low >= 0 < step
     days = any(_within(span, limits) for limits in _DAYS)
     if silent and days and step < SHORTEST:
         raise InputError(source, where, value, f"{expected}: days, if these are day numbers")
     for unit in [name for name in _EPOCHS if silent and _within(span, _YEARS, factor_of(name))]:
         if step * factor_of(unit) > _LONGEST:
             raise InputError(source, where, value, f"{expected}: by its size an epoch in {unit}")
-        reading = replace(reading, unit=f"epoch {unit}", said=_BY_SIZE, factor=factor_of(unit))
-    absolute = reading.said != ASSUMED and _within(span, _YEARS, reading.factor)
+        reading = replace(
+            reading, unit=f"epoch {unit}", unit_source=_BY_SIZE, factor=factor_of(unit)
+        )
+    absolute = reading.unit_source != ASSUMED and _within(span, _YEARS, reading.factor)
     absolute |= days and reading.unit == "days"
     return reading, begin if absolute and not first else 0.0
 
 
 def clock_cure(reading: ColumnReading | None, step: float) -> str:
     """Return how to say the unit that makes a step in s one of a log; "" if none does."""
-    if reading is None or reading.said in {DATES, _BY_SIZE} or "interval" in reading.name:
+    if reading is None or reading.unit_source in {DATES, _BY_SIZE} or "interval" in reading.name:
         return ""
     steps = {unit: step / reading.factor * factor_of(unit) for unit in _EPOCHS}
     unit = next((name for name, interval in steps.items() if SHORTEST < interval < LONGEST), None)
     if unit is None:
         return ""
-    given = unit if reading.said in {ASSUMED, GIVEN} else f"{factor_of(unit):g}"
+    given = unit if reading.unit_source in {ASSUMED, GIVEN} else f"{factor_of(unit):g}"
     return (
         f"Time may be in {unit}: use --units time={given}, or units: {{time: {given}}} in the "
         "manifest."
@@ -126,7 +128,7 @@ def interval_reading(
     """Return how the clock of a given interval in s is read; refuse a column that differs."""
     if reading is None:
         name = f"interval {interval:g} s"
-        return ColumnReading(name=name, number=None, unit="s", said=GIVEN, factor=1.0)
+        return ColumnReading(name=name, number=None, unit="s", unit_source=GIVEN, factor=1.0)
     step = float(np.median(np.diff(time)))
     if not abs(step - interval) <= _AGREE * interval:
         value = f"{interval:g} s, and a column of time with {step:.4g} s between samples"

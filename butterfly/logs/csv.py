@@ -18,7 +18,6 @@ from butterfly.files import require_file, write_file
 from butterfly.logs.clock import EXACT, dates
 from butterfly.logs.formats import DEFAULT_COLUMNS, ColumnMap, checked_map, chosen_columns, place
 from butterfly.logs.log import MIN_SAMPLES, FileReading, Log
-from butterfly.logs.said import Sayings
 from butterfly.logs.text_table import (
     GROUPED,
     TextColumns,
@@ -27,6 +26,7 @@ from butterfly.logs.text_table import (
     read_text_table,
     require_narrow,
 )
+from butterfly.logs.unit_hints import UnitHints
 from butterfly.logs.unit_words import units_meant
 from butterfly.logs.units import UNITS, Heading, Units, words_in
 
@@ -74,7 +74,7 @@ def log_of_text(
 
 def _headings(path: Path, table: TextColumns, places: Mapping[str, int]) -> dict[str, Heading]:
     """Return the headings of columns; a line in place of a header may say units unclearly."""
-    sayings = Sayings(path, table.names)
+    sayings = UnitHints(path, table.names)
     if table.units is not None:
         sayings.row(table.units, "row of units")
     sayings.text(table.remarks, "comment", table.split)
@@ -86,7 +86,7 @@ def _headings(path: Path, table: TextColumns, places: Mapping[str, int]) -> dict
         else:
             sayings.note(number, text, where)
     headings = sayings.headings(places)
-    if table.headless is None or any(heading.said for heading in headings.values()):
+    if table.headless is None or any(heading.unit_words for heading in headings.values()):
         return headings
     for field, k in places.items():
         units = [

@@ -17,7 +17,7 @@ from butterfly.errors import InputError, nearest
 from butterfly.files import refuse_binary
 from butterfly.logs.components import components
 from butterfly.logs.log import OF_SERVO, SAMPLED, InputKind, Log
-from butterfly.logs.said import Sayings
+from butterfly.logs.unit_hints import UnitHints
 from butterfly.logs.units import AS_IS, Units, without_ending, without_unit
 
 FORMATS = {".mat": "mat", ".csv": "csv", ".parquet": "parquet"}
@@ -247,9 +247,9 @@ def log_of_table(
 
 def _sayings_of(
     source: object, table: Table, columns: Mapping[str, Any], names: Sequence[str]
-) -> Sayings:
+) -> UnitHints:
     """Return what a table says in its attributes, those of its columns, and their types."""
-    sayings = Sayings(source, names)
+    sayings = UnitHints(source, names)
     for owner, way in ((table, ()), *((column, (name,)) for name, column in columns.items())):
         for key in ("attrs", "meta", "info"):
             attributes = getattr(owner, key, None)

@@ -111,7 +111,7 @@ class Health:
     @property
     def remarks(self) -> list[Remark]:
         """Remarks on the log, gravest first; none for a healthy one."""
-        others = {name: reading for name, reading in self.columns.items() if reading.own}
+        others = {name: reading for name, reading in self.columns.items() if reading.has_other_unit}
         lost = self.dropped > _MANY * self.samples
         gone = self.longest_gap > _MANY * self.duration
         counted = [
@@ -149,7 +149,7 @@ class Health:
         if self.turns > 1.0:
             text = f"the angle spans {self.turns:.1f} turns"
             meant = self.wraps or (
-                "angle" in self.columns and self.columns["angle"].said != ASSUMED
+                "angle" in self.columns and self.columns["angle"].unit_source != ASSUMED
             )
             remarks.append(Remark(Level.NOTE, text, "" if meant else _IF_DEGREES))
         if not SHORTEST < self.step <= LONGEST:

@@ -19,7 +19,7 @@ from butterfly.logs.clock import dates
 from butterfly.logs.components import NAMING, components
 from butterfly.logs.formats import ColumnMap, chosen_columns, part_at
 from butterfly.logs.log import MIN_SAMPLES, SAMPLED, FileReading, Log
-from butterfly.logs.said import Sayings
+from butterfly.logs.unit_hints import UnitHints
 from butterfly.logs.units import Units
 
 _LARGE = range(16, 20)  # digits of integers that floats may not hold, but 64 bits do
@@ -55,7 +55,7 @@ def read_json(path: Path, columns: ColumnMap | None, units: Units, about: dict[s
         else named[names[k]].of(lists)
         for field, k in places.items()
     }
-    sayings = Sayings(path, names)
+    sayings = UnitHints(path, names)
     if of_sysid:  # its numbers are rotations, of so many units each
         unit, factor = above.get("units", "Rotations"), above.get("unitsPerRotation", 1.0)
         for k, per in ((2, ""), (3, "/s")):

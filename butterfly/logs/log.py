@@ -504,7 +504,7 @@ class Log:
         """Unit of what was measured."""
         return self.added_mass.joint.way + ("/s" if self.integrated else "")
 
-    def moving_so(self, measured: Samples) -> Log:
+    def with_measurement(self, measured: Samples) -> Log:
         """Return the log with other (n,) `measured` values."""
         moved: dict[str, Any] = {"velocity": None, self.measures: measured}
         return replace(self, **moved)

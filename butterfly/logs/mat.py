@@ -20,7 +20,7 @@ from butterfly.logs.formats import ColumnMap, NoColumnError, checked_map, chosen
 from butterfly.logs.log import MIN_SAMPLES, SAMPLED, Log
 from butterfly.logs.matlab_objects import MatlabObject
 from butterfly.logs.matlab_variables import load_variables
-from butterfly.logs.said import Sayings
+from butterfly.logs.unit_hints import UnitHints
 from butterfly.logs.units import Units
 
 _MATRIX = "D"
@@ -56,7 +56,7 @@ def read_mat(path: Path, columns: ColumnMap | None, units: Units, about: dict[st
         variables, names = load_variables(path, wanted_names, metadata)
         arrays = {f: _vector(path, variables, names, keys, f) for f, keys in mapping.items()}
         named = {field: ".".join(keys) for field, keys in mapping.items()}
-    sayings = Sayings(path, [*named.values()])
+    sayings = UnitHints(path, [*named.values()])
     sayings.metadata(variables)
     for name, attributes in metadata.items():
         sayings.metadata(attributes, "attribute", tuple(filter(None, name.split("."))))

@@ -16,7 +16,7 @@ from butterfly.files import most_in, require_file, whole
 from butterfly.logs.components import components
 from butterfly.logs.formats import ColumnMap, chosen_columns
 from butterfly.logs.log import InputKind, Log
-from butterfly.logs.said import Sayings
+from butterfly.logs.unit_hints import UnitHints
 from butterfly.logs.units import Units
 
 _TYPES = {"sensor_msgs/msg/JointState", "sensor_msgs/JointState"}
@@ -51,7 +51,7 @@ def read_mcap(path: Path, columns: ColumnMap | None, units: Units, about: dict[s
     if "time" in arrays and not np.any(arrays["time"]):
         expected = "timestamps in the message headers, or --columns time=log_time,..."
         raise InputError(path, names[places["time"]], "0 throughout", expected)
-    headings = Sayings(path, names).headings(places)
+    headings = UnitHints(path, names).headings(places)
     return Log.of_columns(arrays, headings, units, **about | {"source": str(path)})
 
 

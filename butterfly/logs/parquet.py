@@ -19,8 +19,8 @@ from butterfly.files import most_in, require_file, whole
 from butterfly.logs.components import components
 from butterfly.logs.formats import ColumnMap, chosen_columns
 from butterfly.logs.log import Log
-from butterfly.logs.said import Sayings
 from butterfly.logs.text_table import is_number_type
+from butterfly.logs.unit_hints import UnitHints
 from butterfly.logs.units import Units
 
 _BYTES = 8  # of a number
@@ -61,9 +61,9 @@ def read_parquet(path: Path, columns: ColumnMap | None, units: Units, about: dic
     return Log.of_columns(arrays, headings, units, unasked=unasked, **about)
 
 
-def _sayings_of(path: Path, schema: pa.Schema, names: Sequence[str]) -> Sayings:
+def _sayings_of(path: Path, schema: pa.Schema, names: Sequence[str]) -> UnitHints:
     """Return what the metadata of a schema and of its columns say, and the types of clocks."""
-    sayings = Sayings(path, names)
+    sayings = UnitHints(path, names)
     for k, field in enumerate(schema):
         if _is_clock(field.type):
             sayings.column(k, field.type.unit, "type")

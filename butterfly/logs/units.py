@@ -132,7 +132,7 @@ class Heading:
 
     name: str
     number: int | None = None  # from 0; None for a variable
-    said: tuple[Words, ...] = ()  # of its unit
+    unit_words: tuple[Words, ...] = ()  # of its unit
     shared: tuple[Words, ...] = ()  # the same, of several columns: of those that it fits
     scale: tuple[float, float] = (1.0, 0.0)  # factor and offset that make its numbers values
     mentioned: tuple[Words, ...] = ()  # units in the file that nothing says to be of a column
@@ -171,19 +171,21 @@ class ColumnReading:
     name: str
     number: int | None
     unit: str
-    said: str  # source of the unit: "name", another place in the file, `GIVEN` or `ASSUMED`
+    unit_source: str  # source of the unit: "name", another place in the file, `GIVEN` or `ASSUMED`
     factor: float  # to the project's own unit, negative if negated
     unread: Unread | None = None  # of an assumed unit of the input
 
     @property
-    def own(self) -> bool:
+    def has_other_unit(self) -> bool:
         """Whether the file gives a unit other than the project's own."""
-        return self.said not in {ASSUMED, GIVEN} and (abs(self.factor) != 1 or "epoch" in self.unit)
+        return self.unit_source not in {ASSUMED, GIVEN} and (
+            abs(self.factor) != 1 or "epoch" in self.unit
+        )
 
     @property
     def assumed(self) -> bool:
         """Whether nobody says the unit."""
-        return self.said == ASSUMED
+        return self.unit_source == ASSUMED
 
     @property
     def taken(self) -> str:
@@ -200,7 +202,7 @@ class ColumnReading:
         """Description of the column."""
         which = f'"{self.name}"' if self.name else "without a name"
         which = which if self.number is None else f"column {self.number} {which}"
-        how = [] if self.said == "name" else [self.said]
+        how = [] if self.unit_source == "name" else [self.unit_source]
         how += ["negated"] if self.factor < 0 else []
         return f"{which}, {self.unit}" + (f" ({', '.join(how)})" if how else "")
 
@@ -225,7 +227,7 @@ def read_unit(
         origin += ", scale_factor {:g} and add_offset {:g}".format(*heading.scale)
     name, number = heading.name, heading.number
     return ColumnReading(
-        name=name, number=number, unit=unit, said=origin, factor=factor, unread=unread
+        name=name, number=number, unit=unit, unit_source=origin, factor=factor, unread=unread
     )
 
 
@@ -268,7 +270,9 @@ def apportioned(
         if not fits and not (kinds or words.how is Said.AS_UNIT):
             continue
         for name in fits or [names["input" in names and names.index("input")]]:  # to be refused
-            completed[name] = replace(completed[name], said=(*completed[name].said, words))
+            completed[name] = replace(
+                completed[name], unit_words=(*completed[name].unit_words, words)
+            )
     return completed
 
 
@@ -280,7 +284,7 @@ def _unit_and_place(
     fits = [unit for quantity in fitting for unit in QUANTITIES[quantity]]
     fits += ["counts/4096 (counts per turn)"] if "angle" in fitting else []
     known: dict[str, str] = {}
-    for words in (*_in_name(field, heading.name, fitting), *heading.said):
+    for words in (*_in_name(field, heading.name, fitting), *heading.unit_words):
         named = [] if words.silent else units_spelt(field, words.text.strip("[](){} "))
         fit = [unit for unit in named if quantity_of(unit) in fitting]
         sure = words.how is Said.AS_UNIT

@@ -145,8 +145,8 @@ def require_plain_base(parameters: LumpedParameters) -> bool:
     for name in FIXED_BASE:
         if (value := getattr(parameters, name)) > 0:
             expected = "0 on a moving base (not simulated together)"
-            found = f"{value:g} {TERMS[name].unit}".removesuffix(" –")
-            raise InputError("Base", name, found, expected)
+            amount = f"{value:g} {TERMS[name].unit}".removesuffix(" –")
+            raise InputError("Base", name, amount, expected)
     return True
 
 

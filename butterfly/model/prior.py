@@ -331,7 +331,7 @@ class Penalty:
         """Return the penalty without some of the values, by a mask."""
         return replace(self, weight=np.where(lost, 0.0, self.weight))
 
-    def beside(self, other: Penalty | None, at: int) -> Penalty:
+    def merged(self, other: Penalty | None, at: int) -> Penalty:
         """Return the penalty with what another, of all values but that numbered ``at``, adds."""
         if other is None:
             return self

@@ -254,7 +254,7 @@ class ServoLoop:
         )
 
     @property
-    def told(self) -> tuple[float, float, float]:
+    def gains_si(self) -> tuple[float, float, float]:
         """Gains kp, ki and kd in SI units."""
         kp, ki, kd = (getattr(self.rule, name) * getattr(self, name).value for name in _GAINS)
         return kp, ki, kd
@@ -262,7 +262,7 @@ class ServoLoop:
     @property
     def kick(self) -> float:
         """Largest setpoint step whose D response stays within the output limit."""
-        limit, kd = self.rule.limit if self.limit is None else self.limit, self.told[2]
+        limit, kd = self.rule.limit if self.limit is None else self.limit, self.gains_si[2]
         return limit * self.period / kd if self.rule.on_error and kd else math.inf
 
     @property

@@ -288,7 +288,7 @@ def _carried(way: Any, torque: Any) -> Any:  # noqa: ANN401
     return np.where(way == 0, abs(torque), way * torque)
 
 
-def _passed_on(m: Motion) -> Any:  # noqa: ANN401
+def _opposed_torque(m: Motion) -> Any:  # noqa: ANN401
     """Smaller torque in N m of motor and load if they oppose each other, else 0."""
     return np.minimum(abs(m.motor), abs(m.load)) * (m.motor * m.load < 0)
 
@@ -423,13 +423,13 @@ _ROWS = (
     Term("lifting_stribeck", "lifting Stribeck", "1/(N m)",
          "gear: growth of Stribeck friction with torque squared while the motor drives the load",
          lower=0.0, dry=True, offered=frozenset({_OUTPUT}),
-         basis=lambda m: _passed_on(m) ** 2 * (m.direction * m.load < 0) * m.direction
+         basis=lambda m: _opposed_torque(m) ** 2 * (m.direction * m.load < 0) * m.direction
          * _excess(m),
          fixed_base=True, held_by=frozenset({_BAM}), size=10.0),
     Term("lowering_stribeck", "lowering Stribeck", "1/(N m)",
          "gear: growth of Stribeck friction with torque squared while the load drives the motor",
          lower=0.0, dry=True, offered=frozenset({_OUTPUT}),
-         basis=lambda m: _passed_on(m) ** 2 * (m.direction * m.load > 0) * m.direction
+         basis=lambda m: _opposed_torque(m) ** 2 * (m.direction * m.load > 0) * m.direction
          * _excess(m),
          fixed_base=True, held_by=frozenset({_BAM}), size=10.0),
     Term("tilt", "tilt", "rad",

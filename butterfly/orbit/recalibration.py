@@ -227,7 +227,7 @@ class LinearModel:
         return self.every.about(self.values)
 
     @cached_property
-    def kept(self) -> NDArray[np.bool_]:
+    def is_fitted(self) -> NDArray[np.bool_]:
         """(n,) which of the parameters are fitted."""
         absent = {*self.optional} - self.terms
         absent |= companions(absent) - companions(self.terms)
@@ -236,11 +236,11 @@ class LinearModel:
     @cached_property
     def values(self) -> Samples:
         """(n,) values of the parameters; nan if the equations do not determine them."""
-        return np.asarray(self.every.fitted(self.kept[np.newaxis])[0])
+        return np.asarray(self.every.fitted(self.is_fitted[np.newaxis])[0])
 
     def offers(self, rows: Collection[str]) -> list[Offer]:
         """Return score tests of missing terms."""
-        return offers_in(self.nested, self.kept, rows, self.masses)
+        return offers_in(self.nested, self.is_fitted, rows, self.masses)
 
     def adding(self, offer: Offer) -> LinearModel | None:
         """Return the fit with a term more; None if its value is on a bound."""

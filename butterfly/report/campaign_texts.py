@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from butterfly.campaigns.campaign import Ended, Wish
+from butterfly.campaigns.campaign import CampaignOptions, CampaignResult
 from butterfly.campaigns.folder import Journal
 from butterfly.identification.design import OF_GOAL
 from butterfly.identification.inference.estimate import Estimate
@@ -36,7 +36,7 @@ def changes_of_mass(journal: Journal) -> int:
     return sum(a.added_mass != b.added_mass for a, b in itertools.pairwise(journal.steps))
 
 
-def campaign_estimate(ended: Ended) -> Estimate | None:
+def campaign_estimate(ended: CampaignResult) -> Estimate | None:
     """Return the estimate from all runs, of ratios to p1 while the scale is open; None if none.
 
     Such an estimate was made with p1 = 1, which nobody has given.
@@ -56,7 +56,7 @@ def _are_ratios(names: Collection[str], known: Mapping[str, Any]) -> bool:
     return "p1" not in names and "p1" not in known
 
 
-def parameter_numbers(ended: Ended) -> dict[str, dict[str, Any]]:
+def parameter_numbers(ended: CampaignResult) -> dict[str, dict[str, Any]]:
     """Return the parameters for programs, by name, with half-widths and goals in % of the value."""
     estimate = campaign_estimate(ended)
     if estimate is None:
@@ -74,7 +74,7 @@ def parameter_numbers(ended: Ended) -> dict[str, dict[str, Any]]:
     return numbers
 
 
-def run_rows(journal: Journal, wish: Wish) -> list[dict[str, Any]]:
+def run_rows(journal: Journal, wish: CampaignOptions) -> list[dict[str, Any]]:
     """Return a row for each run; half-widths and goal in % of the value."""
     rows, begin, goal = [], 0.0, 100 * wish.goal
     for number, step in enumerate(journal.steps):
@@ -152,7 +152,7 @@ def breakaway_fact(content: Mapping[str, Any], unit: str) -> Fact:
     return Fact("breaks away at", torque, f"a command of {shown}")
 
 
-def headline(ended: Ended, wish: Wish, folder: Path) -> tuple[str, str]:
+def headline(ended: CampaignResult, wish: CampaignOptions, folder: Path) -> tuple[str, str]:
     """Say whether the goal is reached, with what; then what to do next."""
     journal, goal = ended.journal, f"{100 * wish.goal:.3g} %"
     changes = changes_of_mass(journal)
@@ -167,7 +167,7 @@ def _seconds(journal: Journal) -> float:
     return journal.steps[-1].seconds if journal.steps else 0.0
 
 
-def _next(ended: Ended, wish: Wish, folder: Path) -> str:
+def _next(ended: CampaignResult, wish: CampaignOptions, folder: Path) -> str:
     """Return what is missing, if anything, and what to do."""
     place = shlex.quote(_folder_text(folder))
     if ended.reached:
@@ -192,12 +192,14 @@ def _folder_text(folder: Path) -> str:
     return str(folder.relative_to(here)) if here in folder.parents else folder.name
 
 
-def _lacks_scale(estimate: Estimate | None, wish: Wish) -> bool:
+def _lacks_scale(estimate: Estimate | None, wish: CampaignOptions) -> bool:
     """Return whether ratios are all that the masses at hand allow."""
     return estimate is not None and estimate.ratios and len(wish.masses) == 1
 
 
-def _remedy(ended: Ended, estimate: Estimate | None, wish: Wish, place: str) -> str:
+def _remedy(
+    ended: CampaignResult, estimate: Estimate | None, wish: CampaignOptions, place: str
+) -> str:
     """Return what leads on from a goal that is not reached."""
     steps, limits = ended.journal.steps, wish.limits
     again = "the same command goes on from these runs"
@@ -228,18 +230,18 @@ def _remedy(ended: Ended, estimate: Estimate | None, wish: Wish, place: str) -> 
     )
 
 
-def _missed(ended: Ended) -> str:
+def _missed(ended: CampaignResult) -> str:
     """Return what the model misses by the last estimate; empty if nothing."""
     return next((step.misses for step in reversed(ended.journal.steps) if step.verdict), "")
 
 
-def _unpredicted(ended: Ended) -> bool:
+def _unpredicted(ended: CampaignResult) -> bool:
     """Return whether the model fails to predict a run that was not fitted."""
     held_out = ended.identified.held_out if ended.identified else {}
     return any(judge_fit(np.array([fit])) for fit in held_out.values())
 
 
-def _too_wide(ended: Ended) -> list[str]:
+def _too_wide(ended: CampaignResult) -> list[str]:
     """Return the parameters whose intervals exceed the goal, with both in %."""
     estimate, texts = campaign_estimate(ended), []
     for name, fields in parameter_numbers(ended).items():
@@ -250,7 +252,7 @@ def _too_wide(ended: Ended) -> list[str]:
     return texts
 
 
-def campaign_notes(ended: Ended, remedy: str) -> list[str]:
+def campaign_notes(ended: CampaignResult, remedy: str) -> list[str]:
     """Return what is worth saying besides the headline; ``remedy``: its second line."""
     wide: Sequence[str] = _too_wide(ended)
     lines = [f"Too wide: {', '.join(wide)}."] if wide else []

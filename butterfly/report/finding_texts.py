@@ -68,7 +68,9 @@ def _texts_of(estimate: Estimate, level: Level) -> list[str]:
     findings = [
         finding
         for finding in estimate.findings
-        if finding.level is level and finding.kind not in kinds and not _outdone(finding, estimate)
+        if finding.level is level
+        and finding.kind not in kinds
+        and not _contradicted_by_missing_term(finding, estimate)
     ]
     findings.sort(key=lambda finding: finding.gravity)
     return [finding_text(finding, values_of(estimate)) for finding in findings]
@@ -80,7 +82,7 @@ def _doubts(estimate: Estimate) -> list[Finding]:
     return sorted(doubts, key=lambda e: e.gravity) if estimate.level is Level.CARE else []
 
 
-def _outdone(finding: Finding, estimate: Estimate) -> bool:
+def _contradicted_by_missing_term(finding: Finding, estimate: Estimate) -> bool:
     """Whether a term that did not help the method is missing in the free runs."""
     missing = (other for other in estimate.findings if other.kind is FindingKind.MISSING_TERM)
     lacking = {name for other in missing for name in re.findall(r"\w+", other.parameters[0])}

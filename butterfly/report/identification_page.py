@@ -87,7 +87,7 @@ def identification_page(
         ),
         Section(
             title="Measured against simulated",
-            text=_RUN + _BAND * any(bands) + _GOAL * bool(identification.drive_fits),
+            text=_RUN + _BAND * any(bands) + _GOAL * bool(identification.open_loop_fits),
             series={"time": time_series(runs, bands)},
         ),
         live_section(identification),

@@ -82,7 +82,7 @@ def residual_numbers(residuals: Residuals, estimate: Estimate) -> dict[str, Any]
 
 def residual_row(log: LogResiduals) -> dict[str, Any]:
     """Return the residuals of a log as cells of a result's row."""
-    shares = (100 * x / (log.motion or np.nan) for x in (log.error, log.left, log.explained))
+    shares = (100 * x / (log.motion or np.nan) for x in (log.error, log.remaining, log.explained))
     cells = (*shares, log.times, bool(log.outside), 100 * log.share or np.nan)
     return dict(zip(RESIDUAL_COLUMNS, cells, strict=True))
 

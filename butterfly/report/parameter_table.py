@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 from butterfly.identification.derived_quantities import SYMBOLS
-from butterfly.identification.diagnostics.before_fit import Forecast, Told
+from butterfly.identification.diagnostics.before_fit import Forecast, Identifiability
 from butterfly.identification.parameter import Parameter, or_nan, or_none
 from butterfly.identification.physical import Missing, PhysicalParameters
 from butterfly.identification.trust import Trust
@@ -86,7 +86,9 @@ def forecast_sentences(forecasts: Sequence[Forecast]) -> list[str]:
             (refused, reason) if forecast.half_width is None else (rated, str(forecast.word))
         )
         group.setdefault(key, []).append(forecast.name)
-    text = "; ".join(f"{', '.join(rated[word])} {word}" for word in Told if word in rated)
+    text = "; ".join(
+        f"{', '.join(rated[word])} {word}" for word in Identifiability if word in rated
+    )
     lacks = [f"Not identifiable: {', '.join(names)}, as {why}." for why, names in refused.items()]
     return [f"Before the fit: {text}.", *lacks] if text else lacks
 
@@ -96,15 +98,17 @@ def forecast_rows(forecasts: Sequence[Forecast]) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = []
     for forecast in forecasts:
         width = (
-            "over 100 %" if forecast.word is Told.NOT and forecast.half_width is not None else ""
+            "over 100 %"
+            if forecast.word is Identifiability.NOT and forecast.half_width is not None
+            else ""
         )
         if forecast.name == "delay" and forecast.half_width:
             width = f"± {1e3 * forecast.half_width:.2g} ms"
-        elif forecast.word in {Told.IDENTIFIABLE, Told.WEAK}:
+        elif forecast.word in {Identifiability.IDENTIFIABLE, Identifiability.WEAK}:
             width = f"± {upwards(forecast.expected or 0.0)}"
         rows.append((forecast.name, forecast.meaning, str(forecast.word), width, forecast.mend))
     determined = [
-        forecast.word is not Told.KNOWN and forecast.half_width is not None
+        forecast.word is not Identifiability.KNOWN and forecast.half_width is not None
         for forecast in forecasts
     ]
     return rows if any(determined) else []
@@ -120,7 +124,7 @@ def physical_table(parameters: PhysicalParameters, zeros: Mapping[str, float]) -
             parameter.unit,
             SYMBOLS[parameter.name].meaning,
         )
-        for parameter in parameters.found
+        for parameter in parameters.parameters
     ]
     if zeros:
         ends = dict.fromkeys(
@@ -143,7 +147,7 @@ def physical_numbers(parameters: PhysicalParameters) -> dict[str, dict[str, Any]
             "told": parameter.given and plain(parameter.given),
             "unit": parameter.unit,
         }
-        for parameter in parameters.found
+        for parameter in parameters.parameters
     }
 
 

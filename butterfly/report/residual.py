@@ -42,7 +42,7 @@ def residual_sentences(residuals: Residuals) -> list[str]:
     return [
         f"{lead} sensor noise (95 % bands). "
         f"Over all logs the error is {100 * residuals.relative:.2g} % of the motion, "
-        f"{100 * residuals.left:.2g} % after small changes of the parameters; sensor noise is "
+        f"{100 * residuals.remaining:.2g} % after small changes of the parameters; sensor noise is "
         f"{100 * residuals.explained:.2g} %.",
         *(finding_text(finding, {}) for finding in residuals.missing.findings),
     ]

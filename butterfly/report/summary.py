@@ -206,11 +206,11 @@ def loop_table(identification: Identified) -> PageTable:
     headers = ("FIT in %", "median", "mean", "worst", "mean error in mrad")
     rows: list[tuple[str, ...]] = []
     for which, fits in {"": identification.fits, ", held out": identification.held_out}.items():
-        names = [name for name in fits if name in identification.drive_fits]
+        names = [name for name in fits if name in identification.open_loop_fits]
         if not names:
             continue
         error = 1e3 * np.mean([identification.mean_errors[name] for name in names])
-        ways = {"in the loop": fits, "by the drive alone": identification.drive_fits}
+        ways = {"in the loop": fits, "by the drive alone": identification.open_loop_fits}
         for (way, values), off in zip(ways.items(), (f"{error:.1f}", "–"), strict=True):
             fit = FitSummary.of(np.array([values[name] for name in names]))
             rows.append((way + which, *map(fit_text, (fit.median, fit.mean, fit.worst)), off))

@@ -43,7 +43,7 @@ class Case:
     commands: Samples
     angle: float
     velocity: float
-    own: Samples
+    simulated: Samples
 
     @classmethod
     def of(cls, twin: Twin, log: Log, setting: Setting, step: float) -> Case:
@@ -67,14 +67,14 @@ class Case:
             commands=means[earlier:],
             angle=angle - setting.zero,
             velocity=velocity,
-            own=motion.at(instants) - setting.zero,
+            simulated=motion.at(instants) - setting.zero,
         )
 
     def error(self, move: Mover, most: int | None = None) -> float:
         """Return the largest difference of a motion over so many steps."""
         moved = move(replace(self, commands=self.commands[:most]))
         with np.errstate(invalid="ignore"):
-            error = float(np.abs(moved - self.own[: moved.size]).max())
+            error = float(np.abs(moved - self.simulated[: moved.size]).max())
         return error if np.isfinite(error) else np.inf
 
 

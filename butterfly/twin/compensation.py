@@ -264,7 +264,7 @@ def as_compensation(twin: Twin, options: Options) -> Written:
     )
     about = f"{'a Python module' if python else f'{name}.h, a C99 header'}, in {twin.kind.unit}"
     return Written(
-        text=text, about=about, left_out=tuple(missing), title="Compensation", said=lines
+        text=text, about=about, left_out=tuple(missing), title="Compensation", notes=lines
     )
 
 
@@ -332,5 +332,5 @@ def as_wpilib(twin: Twin, options: Options) -> Written:  # noqa: ARG001 - every 
         about=f"{name} of WPILib, with 95 % intervals",
         left_out=missing,
         title="Gains",
-        said=(*lines, *arm),
+        notes=(*lines, *arm),
     )

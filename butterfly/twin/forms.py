@@ -57,8 +57,8 @@ def write_as(form: str, twin: Twin, options: Options = DEFAULTS) -> Written:
     """Return a twin in one of `FORMS`; InputError where the form cannot hold such a joint."""
     module, name = FORMS[form][0].split(":")
     written: Written = getattr(import_module(module), name)(twin, options)
-    held = [twin.holds] if twin.holds and twin.holds not in written.said else []
-    return replace(written, said=(*held, *written.said))
+    held = [twin.holds] if twin.holds and twin.holds not in written.notes else []
+    return replace(written, notes=(*held, *written.notes))
 
 
 def write_twin(form: str, twin: Twin, options: Options, path: Path) -> Written:

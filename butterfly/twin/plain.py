@@ -165,10 +165,10 @@ def _drive(twin: Twin) -> tuple[float, float, float, float]:
     p, servo, limit, worth = twin.parameters, twin.servo, twin.limit, _worth(twin)
     kp = kd = 0.0
     if servo is not None and worth is not None:
-        kp, _, kd = servo.told
+        kp, _, kd = servo.gains_si
         kp, kd = worth * p.loop_kp * kp, worth * p.loop_kd * kd
         if servo.rule.structure is LawStructure.CASCADE:
-            kp *= servo.told[2] * p.loop_kd
+            kp *= servo.gains_si[2] * p.loop_kd
         elif servo.rule.structure is LawStructure.SPEED:
             kp, kd = 0.0, kp
         most = servo.rule.limit if servo.limit is None else servo.limit

@@ -38,7 +38,7 @@ def as_snippet(twin: Twin, options: Options) -> Written:
         f"{twin.name}: lines for your own MJCF. Written for MuJoCo {mujoco.__version__}.",
         f'Only for <option timestep="{options.timestep:g}" integrator="{options.integrator}"/>; '
         "export again for another step.",
-        *(*made.said, *left_out, *(accuracy.lines if accuracy else ())),
+        *(*made.notes, *left_out, *(accuracy.lines if accuracy else ())),
     )
     on_joint = [
         "1. Joint: replaces the joint of your body. Set your own name, axis, pos and range.",
@@ -89,7 +89,7 @@ def _on_body(twin: Twin) -> Iterator[str]:
         )
         if p.p3_offset or p.tilt:
             yield (
-                f"Its centre of mass is offset {twin.body.beside:.4g} m to the side; the axis is "
+                f"Its centre of mass is offset {twin.body.offset:.4g} m to the side; the axis is "
                 f"tilted {p.tilt:.4g} rad from horizontal."
             )
     yield (

@@ -60,7 +60,7 @@ class StandAlone:
     root: ElementTree.Element
     accuracy: Accuracy
     left_out: tuple[str, ...]
-    said: tuple[str, ...]  # on the encoder's zero, and a delay that is written as another
+    notes: tuple[str, ...]  # on the encoder's zero, and a delay that is written as another
 
 
 def as_mjcf(twin: Twin, options: Options) -> Written:
@@ -72,7 +72,7 @@ def as_mjcf(twin: Twin, options: Options) -> Written:
         "mean over each step; leave other ctrl at 0."
     )
     head, rest = text_of(made.root).split("\n", 1)
-    comments = map(xml_comment, [first, *made.said, *made.left_out, *made.accuracy.lines])
+    comments = map(xml_comment, [first, *made.notes, *made.left_out, *made.accuracy.lines])
     step = f"steps of {1e3 * options.timestep:g} ms by {options.integrator}"
     return Written(
         text="\n  ".join([head, *comments, rest.lstrip()]),
@@ -90,7 +90,7 @@ def stand_alone(twin: Twin, options: Options = DEFAULTS) -> StandAlone:
         root=_root(twin, options, form),
         accuracy=yardstick.accuracy(mover(options, form)),
         left_out=tuple(_left_out(twin, form)),
-        said=(*twin.log_lines, *_late(twin.parameters.delay, form, options.timestep)),
+        notes=(*twin.log_lines, *_late(twin.parameters.delay, form, options.timestep)),
     )
 
 

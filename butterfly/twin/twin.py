@@ -35,7 +35,7 @@ class Body(NamedTuple):
     """What swings with all that it carries, as one rigid body."""
 
     mass: float  # In kg, on which no motion of a hinge depends
-    beside: float  # Distance in m of its centre of mass from the axis, towards positive angles
+    offset: float  # Distance in m of its centre of mass from the axis, towards positive angles
     below: float  # and downwards, at angle 0
     inertia: float  # About the centre of mass in kg m²
 
@@ -241,4 +241,4 @@ class Written:
     # error against our own simulation; None for a format without simulation
     accuracy: Accuracy | None = None
     title: str = "Twin"  # what it is
-    said: tuple[str, ...] = ()  # sentences on its use
+    notes: tuple[str, ...] = ()  # sentences on its use

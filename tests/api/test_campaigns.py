@@ -11,7 +11,7 @@ import pytest
 import butterfly as bf
 from butterfly.api.campaigns import Campaign
 from butterfly.campaigns.bench import Limits
-from butterfly.campaigns.campaign import OF_GOAL, Ended, Wish
+from butterfly.campaigns.campaign import OF_GOAL, CampaignOptions, CampaignResult
 from butterfly.campaigns.contact import Contact
 from butterfly.campaigns.folder import Journal, Step
 from butterfly.cli import output
@@ -20,7 +20,7 @@ from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 from butterfly.model.prior import Prior
 
 MASS = AddedMass(mass=0.12, arm=0.104)
-WISH = Wish(limits=Limits(command=1.0), masses=(NO_ADDED_MASS, MASS))
+WISH = CampaignOptions(limits=Limits(command=1.0), masses=(NO_ADDED_MASS, MASS))
 BREAKAWAY = 0.04
 FIT = 99.6
 
@@ -36,7 +36,9 @@ VALIDATION = step(50.0, {}, MASS, held_out=True, verdict="")
 
 def ended(found, *steps, **more):
     journal = Journal(input_kind=InputKind.VOLTAGE, contact=Contact(1, BREAKAWAY), steps=steps)
-    return Ended(**{"journal": journal, "identified": found, "reached": True, "ending": ""} | more)
+    return CampaignResult(
+        **{"journal": journal, "identified": found, "reached": True, "ending": ""} | more
+    )
 
 
 def shares_of(estimate, goal):
@@ -226,6 +228,6 @@ def test_a_command_prints_the_goal_above_the_verdict_and_keeps_both_if_quiet(
     output.show(reached)
     printed = capsys.readouterr().out.splitlines()
     assert printed[:4] == list(reached.summary[:4])
-    monkeypatch.setattr(output, "asked", output.Asked(quiet=True))
+    monkeypatch.setattr(output, "asked", output.OutputOptions(quiet=True))
     output.show(reached)
     assert capsys.readouterr().out.splitlines() == list(reached.summary[:4])

@@ -171,7 +171,7 @@ def test_local_values_and_unknown_ones_come_back(data, by_thesis, tmp_path):
     [
         ({"schema": "butterfly.report"}, "schema: got butterfly.report; expected a saved result"),
         ({"schema": []}, "schema: got"),
-        ({"schema_number": 3}, "update butterfly"),
+        ({"schema_number": 4}, "update butterfly"),
         ({"schema_number": 0}, "save again"),
         ({"schema_number": None}, "save again"),
         ({"parameters": {}}, "content: got KeyError"),
@@ -254,14 +254,14 @@ def test_what_has_no_verdict_says_none(results):
 
 
 def test_what_an_older_program_saved_is_refused_in_a_line():
-    with pytest.raises(bf.InputError, match="schema_number: got 1; expected 2: identify and save"):
+    with pytest.raises(bf.InputError, match="schema_number: got 1; expected 3: identify and save"):
         bf.load(Path(__file__).parents[1] / "data/older/identification.json")
 
 
 @pytest.mark.parametrize("kind", ["comparison", "draws", "residual", "validation"])
 def test_an_older_result_of_a_kind_whose_keys_changed_is_to_be_saved_again(results, kind, tmp_path):
-    write_document(results[kind].to_dict() | {"schema_number": 2}, tmp_path / "r.json")
-    with pytest.raises(bf.InputError, match=r"got 2; expected 3: .* save again"):
+    write_document(results[kind].to_dict() | {"schema_number": 3}, tmp_path / "r.json")
+    with pytest.raises(bf.InputError, match=r"got 3; expected 4: .* save again"):
         bf.load(tmp_path / "r.json")
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 import butterfly as bf
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.before_fit import Told, forecast
+from butterfly.identification.diagnostics.before_fit import Identifiability, forecast
 from butterfly.identification.inference.agreement import pace_of
 from butterfly.identification.levels import PRECISE
 from butterfly.model.prior import Prior
@@ -142,7 +142,7 @@ class Row(NamedTuple):
 
     name: str
     kind: str
-    word: Told
+    word: Identifiability
     width: float
     error: float
 
@@ -181,7 +181,7 @@ def scored(kind, number, seed):
     rows = []
     for each in forecasts:
         width = error = math.inf
-        if each.word is Told.KNOWN:
+        if each.word is Identifiability.KNOWN:
             continue
         if found is not None and each.name in found.names:
             value = found.named[each.name]
@@ -196,7 +196,7 @@ def scored(kind, number, seed):
 
 def report(rows):
     """Return the table of confusion as text, and what was forecast wrong."""
-    words = (Told.IDENTIFIABLE, Told.WEAK, Told.NOT)
+    words = (Identifiability.IDENTIFIABLE, Identifiability.WEAK, Identifiability.NOT)
     heads = [f"{word}, ends {end}" for word in words for end in ("below 10 %", "above")]
     lines = [f"| {len({each.kind for each in rows})} data sets | {' | '.join(heads)} |"]
     lines.append("|---" * (len(heads) + 1) + "|")
@@ -215,7 +215,7 @@ def report(rows):
         f"  {each.kind}: {each.name} {each.word}, ends ± {100 * each.width:.3g} %, "
         f"off by {100 * each.error:.2g} %"
         for each in rows
-        if each.word is (Told.NOT if each.below else Told.IDENTIFIABLE)
+        if each.word is (Identifiability.NOT if each.below else Identifiability.IDENTIFIABLE)
     ]
     return "\n".join(lines)
 

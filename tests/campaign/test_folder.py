@@ -24,7 +24,7 @@ from butterfly.api import campaigns
 from butterfly.campaigns import folder as module
 from butterfly.campaigns import lock
 from butterfly.campaigns.bench import Recording
-from butterfly.campaigns.campaign import Ended
+from butterfly.campaigns.campaign import CampaignResult
 from butterfly.campaigns.contact import Contact
 from butterfly.campaigns.folder import Folder, Journal, Step
 from butterfly.campaigns.lock import LOCK, Holder, locked
@@ -338,7 +338,9 @@ def test_what_an_earlier_campaign_left_is_said_with_the_answer_and_the_page_is_i
     def conduct(*given):
         folder = next(each for each in given if isinstance(each, Folder))
         folder.begin(folder.journal)
-        return Ended(journal=folder.journal, identified=None, reached=False, ending="no time")
+        return CampaignResult(
+            journal=folder.journal, identified=None, reached=False, ending="no time"
+        )
 
     monkeypatch.setattr(campaigns, "conduct", conduct)
     (begun / "run_002.parquet").write_bytes(b"")

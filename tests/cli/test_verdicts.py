@@ -178,7 +178,7 @@ def test_what_a_method_does_not_estimate_is_no_value_of_it(told, by_thesis, tmp_
     assert code == ExitCode.NOT_TO_BE_USED
     assert "The model does not follow" in out.splitlines()[0]
     assert "degrees" not in out
-    assert "This method does not estimate coulomb or delay or p4" in out
+    assert "This method does not estimate p4 or coulomb or delay" in out
     assert_tables_fit(out)
     _, table, *_ = out[out.index("quickstart: thesis") :].split("\n\n")
     estimated = {"p1", "p2", "p3"}

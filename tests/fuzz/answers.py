@@ -57,7 +57,7 @@ Table = dict[str, np.ndarray[Any, Any]]
 
 
 @dataclass(frozen=True)
-class Told:
+class StatedAnswer:
     """An answer: its values with their intervals, its level, its sentences, and what was read."""
 
     values: dict[str, tuple[float, float, float]]
@@ -151,18 +151,20 @@ def _read(data: bf.DataSet) -> tuple[Table, ...]:
     return tuple({"time": g.time, "input": g.input, "angle": g.angle} for g in data.recorded)
 
 
-def _told(data: bf.DataSet) -> Told:
+def _told(data: bf.DataSet) -> StatedAnswer:
     """Identify from logs."""
     found = bf.identify(data, "weak-form", terms=())
     said = {*found.notes, *(sentence for each in data.health for sentence in each.findings)}
     return _of_estimate(found, said, _read(data))
 
 
-def _of_estimate(found: bf.Identification, said: Iterable[str], read: tuple[Table, ...]) -> Told:
+def _of_estimate(
+    found: bf.Identification, said: Iterable[str], read: tuple[Table, ...]
+) -> StatedAnswer:
     estimate, level = found.estimate, [*Level].index(found.judged.level)
     rows = zip(estimate.values, estimate.lower, estimate.upper, strict=True)
     values = {name: (*map(float, r),) for name, r in zip(estimate.names, rows, strict=True)}
-    return Told(values, level, frozenset(map(_wording, said)), read)
+    return StatedAnswer(values, level, frozenset(map(_wording, said)), read)
 
 
 def _wording(sentence: str) -> str:
@@ -170,7 +172,7 @@ def _wording(sentence: str) -> str:
     return re.sub(r"[-+]?\d[\d.,e+-]*", "0", sentence)
 
 
-_ANSWERS: dict[tuple[str, bytes], Told] = {}
+_ANSWERS: dict[tuple[str, bytes], StatedAnswer] = {}
 
 
 def _outcome(read: Callable[[Path], bf.DataSet], sound: bytes, content: bytes, path: Path) -> str:
@@ -179,7 +181,7 @@ def _outcome(read: Callable[[Path], bf.DataSet], sound: bytes, content: bytes, p
     if key not in _ANSWERS:
         path.write_bytes(sound)
         _ANSWERS[key] = _told(read(path))
-    before, after = _ANSWERS[key], list[Told]()
+    before, after = _ANSWERS[key], list[StatedAnswer]()
     path.write_bytes(content)
 
     def answered() -> None:
@@ -190,7 +192,7 @@ def _outcome(read: Callable[[Path], bf.DataSet], sound: bytes, content: bytes, p
     return escape_of(answered) or (compared(before, after[0]) if after else "refused")
 
 
-def compared(before: Told, after: Told) -> str:
+def compared(before: StatedAnswer, after: StatedAnswer) -> str:
     """Return the outcome for an answer from a damaged file."""
     if _same(before.read, after.read) and before.values == after.values:
         return "same"
@@ -361,7 +363,7 @@ def _saved() -> list[tuple[bytes, Callable[[bytes, Path], str]]]:
 
 def _saved_outcome(sound: bytes, content: bytes, path: Path) -> str:
     """Load a damaged result, and compare."""
-    path, told = path.with_name("saved.json"), list[Told]()
+    path, told = path.with_name("saved.json"), list[StatedAnswer]()
 
     def loaded() -> None:
         found = bf.load(path)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.estimators.start import lowest_end
+from butterfly.identification.estimators.start import best_local_minimum
 from butterfly.identification.findings import Ending, FindingKind
 from butterfly.identification.fit import Box, Fit, minimise
 from butterfly.identification.linearisation import Linearisation, Loss, outlying
@@ -223,7 +223,7 @@ def _constant(cost, errors=None):
 )
 def test_the_lowest_end_is_kept_and_other_ends_said(problems, cost, ratios, last):
     tried = sorted((Problem(*each) for each in problems), key=lambda each: each.begun)
-    _, found = lowest_end([*tried[::-1]])
+    _, found = best_local_minimum([*tried[::-1]])
     assert found.cost == cost
     assert tried[0].made == [(8, False)]
     assert tried[-1].made == last
@@ -234,7 +234,7 @@ def test_the_lowest_end_is_kept_and_other_ends_said(problems, cost, ratios, last
 
 def test_guesses_none_of_which_can_be_simulated_are_refused():
     with pytest.raises(IdentifiabilityError, match="diverges"):
-        lowest_end([Problem(np.inf), Problem(np.inf)])
+        best_local_minimum([Problem(np.inf), Problem(np.inf)])
 
 
 @pytest.mark.parametrize(
@@ -246,7 +246,7 @@ def test_no_other_start_is_gone_on_from_where_small_white_errors_alone_are_left(
     errors += wave * np.sqrt(2) * np.sin(np.arange(4000) / 50)
     first = Fit(linearisation=_constant(0.0, errors / 4000**0.5))
     other = Problem(9, _end(5))
-    lowest_end([Problem(8, first), other])
+    best_local_minimum([Problem(8, first), other])
     assert len(other.made) == made
 
 

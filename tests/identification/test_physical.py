@@ -49,7 +49,7 @@ def _of_logs(told, values=VALUES, covariance=None, kind=InputKind.VOLTAGE, carri
 
 def _parts(found):
     """Return the names of motor and hand's parameters among all that follows."""
-    return {each.name for each in found.found} - DERIVED
+    return {each.name for each in found.parameters} - DERIVED
 
 
 def _drawn(count=200_000):
@@ -173,7 +173,7 @@ def test_what_is_left_open_is_named_with_its_remedy():
     assert missing({}) == [Missing.MASS, Missing.ROTOR, Missing.GAIN, Missing.BACK_EMF]
     assert missing(MOTOR) == []
     assert missing(MOTOR, carrier=UPRIGHT) == [Missing.GRAVITY]
-    assert "com_distance" not in {each.name for each in _of_logs(MOTOR, carrier=UPRIGHT).found}
+    assert "com_distance" not in {each.name for each in _of_logs(MOTOR, carrier=UPRIGHT).parameters}
     (most,) = [each.most for each in _of_logs({}).unidentified if each.most]
     assert most.value == pytest.approx(TRUTH.p2 / TRUTH.p4)
 
@@ -195,7 +195,7 @@ def test_an_estimate_without_uncertainties_has_values_only():
     found = _of_logs(MOTOR, covariance=np.full((4, 4), np.nan))
     assert found["com_distance"].value == pytest.approx(0.05)
     assert np.isnan(found["com_distance"].standard_error)
-    assert "resistance" not in {each.name for each in found.found}
+    assert "resistance" not in {each.name for each in found.parameters}
 
 
 def test_resonance_damping_decay_and_speed_per_volt_are_those_of_the_linearised_joint():
@@ -204,7 +204,7 @@ def test_resonance_damping_decay_and_speed_per_volt_are_those_of_the_linearised_
     _, ratios, poles = control.damp(linearised(TRUTH), doprint=False)
     assert found["damping_ratio"].value == pytest.approx(ratios[0], rel=1e-9)
     assert found["decay_time"].value == pytest.approx(-1 / (2 * poles[0].real), rel=1e-9)
-    units = {each.name: each.unit for each in found.found}
+    units = {each.name: each.unit for each in found.parameters}
     assert units["resonance"] == "rad/s"
     assert units["speed_gain"] == "rad/s/V"
     values = np.array([0.6, 0.1, 0.0, 2.0])
@@ -213,15 +213,15 @@ def test_resonance_damping_decay_and_speed_per_volt_are_those_of_the_linearised_
     speed = abs(1j * 1e-6 * LinearJoint.of(parameters).response(1e-6))  # per V, at low frequency
     assert found["speed_gain"].value == pytest.approx(speed, rel=1e-6)
     assert found["speed_gain"].unit == "m/s/V"
-    assert "resonance" not in {each.name for each in found.found}
+    assert "resonance" not in {each.name for each in found.parameters}
 
 
 def test_a_derived_quantity_that_is_not_known_from_0_or_does_not_exist_is_not_told():
     loose = np.diag([1e-12, VALUES[1] ** 2, 1e-12, 1e-12])
-    names = {each.name for each in _of_logs({}, covariance=loose).found}
+    names = {each.name for each in _of_logs({}, covariance=loose).parameters}
     assert names & DERIVED == {"resonance"}  # p2 may be 0, p1 and p3 are known
     balanced = np.where(np.array(NAMES) == "p3", 0.0, VALUES)
-    names = {each.name for each in _of_logs({}, balanced).found}
+    names = {each.name for each in _of_logs({}, balanced).parameters}
     assert names & DERIVED == {"decay_time", "speed_gain"}
 
 
@@ -240,7 +240,7 @@ def test_a_combination_is_told_where_what_it_is_made_of_is_not_known():
     assert found["friction"].value == pytest.approx(0.9, rel=1e-3)
     assert found["friction"].standard_error < 1e-3
     sure = estimate_of(values, np.diag((1e-4 * values) ** 2), names=names)
-    told = physical_parameters(sure, Prior(), InputKind.VOLTAGE, NO_ADDED_MASS).found
+    told = physical_parameters(sure, Prior(), InputKind.VOLTAGE, NO_ADDED_MASS).parameters
     assert not {each.name for each in told} & {"stiffness_ratio", "friction", "friction_speed"}
 
 

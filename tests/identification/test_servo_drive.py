@@ -183,7 +183,7 @@ def test_a_servo_is_identified_from_its_set_points_and_an_uncertain_gain_with_it
     for name in ("p1", "p2", "p4"):
         assert values[name] == pytest.approx(getattr(SIMPLE, name), rel=0.01)
     found = simulated(data, OutputError(terms=())(data))
-    assert found.drive_fits["0"] > 95  # by the drive that the gain of 20 makes
+    assert found.open_loop_fits["0"] > 95  # by the drive that the gain of 20 makes
     with pytest.raises(InputError, match=r"servo_loop: got open; expected closed, as a gain"):
         OutputError(terms=(), servo_loop="open")(data)
 
@@ -283,17 +283,17 @@ def test_what_follows_in_the_loop_and_by_the_drive_alone_is_told_of_each_log():
     found = Identification.of(simulated(data, estimate))
     runs = {log.name: log for part in (data, data.test_logs) for log in part.logs}
     for name, log in runs.items():
-        for moved, told in ((log, found.mean_errors), (log.opened, found.drive_fits)):
+        for moved, told in ((log, found.mean_errors), (log.opened, found.open_loop_fits)):
             angle = Simulation(moved, off).run(off, 0.0).at(TIME)
             error = np.abs(angle - log.angle)
             share = 1 - np.sqrt(np.mean(error**2)) / np.std(log.angle)
             expected = np.mean(error) if moved.closed else 100 * share
             assert told[name] == pytest.approx(expected, rel=1e-6)
     again = Identification.from_dict(json.loads(json.dumps(found.to_dict())))
-    assert (again.drive_fits, again.mean_errors) == (found.drive_fits, found.mean_errors)
+    assert (again.open_loop_fits, again.mean_errors) == (found.open_loop_fits, found.mean_errors)
     rows = {row[0]: row[1:] for row in loop_table(again).rows}
     assert rows["in the loop"][3] == f"{1e3 * found.mean_errors['0']:.1f}"
-    assert rows["by the drive alone, held out"][0] == fit_text(found.drive_fits["1"])
+    assert rows["by the drive alone, held out"][0] == fit_text(found.open_loop_fits["1"])
     (line,) = [line for line in found.summary if line.startswith("FIT in the loop")]
     assert f"{rows['in the loop'][3]} mrad off on average; by the drive alone" in line
     drawn = found.page().series["time"]

@@ -28,7 +28,7 @@ _LEAST = 0.05  # rad rms
 
 
 @dataclass(frozen=True, kw_only=True)
-class Told:
+class Identifiability:
     """What the owner of a servo sets and says: a law, and what one unit of each gain is worth."""
 
     law: str
@@ -40,22 +40,22 @@ class Told:
 
 
 LAWS = {
-    "dynamixel-x": Told(
+    "dynamixel-x": Identifiability(
         law="dynamixel-x",
         kind=PID,
         p=_COUNTS / (128 * 885),
         i=_COUNTS / (65536 * 885) / 1e-3,
         d=_COUNTS / (16 * 885) * 1e-3,
     ),
-    "dynamixel-x-velocity": Told(
+    "dynamixel-x-velocity": Identifiability(
         law="dynamixel-x-velocity",
         kind=VELOCITY,
         p=1 / (_RPM * 128 * 885),
         i=1 / (_RPM * 65536 * 885) / 1e-3,
     ),
-    "feetech-sts": Told(law="feetech-sts", kind=DAMPED, p=0.166, limit=0.97),
-    "odrive": Told(law="odrive", kind=CASCADE, i=1 / (2 * np.pi), d=1 / (2 * np.pi)),
-    "moteus": Told(law="moteus", kind=DAMPED, p=1 / (2 * np.pi), d=1 / (2 * np.pi)),
+    "feetech-sts": Identifiability(law="feetech-sts", kind=DAMPED, p=0.166, limit=0.97),
+    "odrive": Identifiability(law="odrive", kind=CASCADE, i=1 / (2 * np.pi), d=1 / (2 * np.pi)),
+    "moteus": Identifiability(law="moteus", kind=DAMPED, p=1 / (2 * np.pi), d=1 / (2 * np.pi)),
 }
 
 SLIPS = ("voltage", "constant", "gear")

@@ -221,7 +221,7 @@ def test_a_real_log_of_a_drive_says_its_units_below_its_names(tmp_path):
     assert np.isnan(log.time[0])
     np.testing.assert_allclose(log.time[1:], 1.25e-4 * np.arange(24))
     np.testing.assert_allclose(log.angle[1:], 2 * np.pi * TABLE[:, 2])
-    assert log.reading.columns["angle"].said == "row of units"
+    assert log.reading.columns["angle"].unit_source == "row of units"
 
 
 BETWEEN_BLANKS = [["time input angle", "[ms] [V] [deg]"], ["ms V deg", "time input angle"]]

@@ -159,8 +159,8 @@ def test_a_slide_does_not_wrap_and_does_not_turn(sine_log):
 
 
 def test_what_reading_did_stands_in_the_record(sine_log):
-    own = ColumnReading(name="t [ms]", number=0, unit="ms", said="name", factor=1e-3)
-    given = replace(own, said="given")
+    own = ColumnReading(name="t [ms]", number=0, unit="ms", unit_source="name", factor=1e-3)
+    given = replace(own, unit_source="given")
     read = replace(
         sine_log, reading=FileReading(cut_lines=1, columns={"time": own, "input": given})
     )

@@ -96,7 +96,7 @@ def test_a_unit_is_read_wherever_and_however_it_is_said(tmp_path, joint, form, p
     data = _read((tmp_path, form, place), joint, units, factors, input_kind=kind)
     _assert_same(data, joint)
     said = SAID.get((form, place), SAID.get(place, "name"))
-    assert {each.said for each in data.health[0].columns.values()} == {said}
+    assert {each.unit_source for each in data.health[0].columns.values()} == {said}
 
 
 def _read_columns(source, columns, kind="voltage"):
@@ -175,7 +175,7 @@ def test_a_word_that_is_no_unit_of_its_column_is_refused_unless_the_unit_is_give
         assert f"--units {field}=" in str(refused.value)
         assert ("counts/4096" in str(refused.value)) is (field == "angle")
         data = _read((tmp_path, form, place), joint, units, ONES, given={field: 1.0})
-        assert data.health[0].columns[field].said == "given"
+        assert data.health[0].columns[field].unit_source == "given"
     with pytest.raises(bf.InputError, match=r"unit V of input .*a unit of torque or current or sh"):
         _read((tmp_path, form, place), joint, OWN, ONES, input_kind="torque")
 
@@ -230,7 +230,7 @@ def test_what_was_read_stands_in_the_record_and_on_the_page(tmp_path, joint, but
     told = {"time": "t", "input": "u", "angle": "pos"}
     found = bf.inspect(tmp_path / "log.csv", columns=told, units={"input": "-V"})
     health = found.to_dict()["logs"][0]
-    told_of = {"name": "pos [deg]", "number": 4, "unit": "deg", "said": "name", "factor": DEGREE}
+    told_of = {"name": "pos [deg]", "number": 4, "unit": "deg", "unit_source": "name", "factor": DEGREE}
     assert health["columns"]["angle"] == told_of | {"unread": None}
     page, mapped = tmp_path / "page.html", ",".join(f"{key}={each}" for key, each in told.items())
     more = ("--columns", mapped, "--units", "input=-V", "--report", page)

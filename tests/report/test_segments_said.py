@@ -68,7 +68,7 @@ def test_prediction_and_twin_say_over_which_time_they_hold(pushed, tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # what MuJoCo lacks is another matter
         written = pushed.model.export(tmp_path / "joint.xml")
-    assert written.said[0].startswith(DRIFTS)
+    assert written.notes[0].startswith(DRIFTS)
     assert DRIFTS in written.text
 
 

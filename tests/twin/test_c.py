@@ -81,7 +81,7 @@ def test_it_moves_as_our_simulation_within_the_error_that_it_prints(kind, tmp_pa
     made = write_as("c", twin, Options(timestep=step))
     move = library(made.text, twin.identifier, tmp_path)
     (case,) = Yardstick.of(twin, step).cases
-    error = np.abs(move(case.commands, case.angle, case.velocity) - case.own).max()
+    error = np.abs(move(case.commands, case.angle, case.velocity) - case.simulated).max()
     assert error < made.accuracy.worst + EXACT
     assert error < 1e-4
     assert f"{made.accuracy.worst:.2g}" in made.text.split("*/")[0]

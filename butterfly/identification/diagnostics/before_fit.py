@@ -51,7 +51,7 @@ _APART = {
 }
 
 
-class Told(StrEnum):
+class Identifiability(StrEnum):
     """Whether logs can tell a parameter."""
 
     KNOWN = "known"
@@ -67,7 +67,7 @@ class Forecast:
     name: str
     meaning: str
     unit: str
-    word: Told
+    word: Identifiability
     half_width: float | None = None  # of its 95 % interval, at least
     expected: float | None = None  # the same relative to the value, of a delay to 1/w (see above)
     why: str = ""  # why it is weak, or not identifiable
@@ -92,14 +92,22 @@ def forecast(logs: Sequence[Log], known: Prior) -> tuple[Forecast, ...]:
     for name in PARAMETERS if logs else ():
         kind, joint = logs[0].input_kind, logs[0].added_mass.joint
         meaning, unit = meaning_of(name, joint), unit_of(name, kind, joint)
-        row = Forecast(name=name, meaning=meaning, unit=unit, word=Told.NOT, why=why, mend=mend)
+        row = Forecast(
+            name=name, meaning=meaning, unit=unit, word=Identifiability.NOT, why=why, mend=mend
+        )
         if name in known.fixed:
-            row = replace(row, word=Told.KNOWN, half_width=0.0, expected=0.0, why="", mend="")
+            row = replace(
+                row, word=Identifiability.KNOWN, half_width=0.0, expected=0.0, why="", mend=""
+            )
         elif fit is not None and name in fit.names:
             row = _told(row, fit, fastest)
             if name == "coulomb" and not any(_reverses(log.angle) for log in logs):
                 why = "no log reverses, so it cannot be told from a constant torque"
-                row = replace(row, word=max(row.word, Told.WEAK, key=[*Told].index), why=why)
+                row = replace(
+                    row,
+                    word=max(row.word, Identifiability.WEAK, key=[*Identifiability].index),
+                    why=why,
+                )
                 row = replace(row, mend="motion in both directions")
         elif fit is not None:
             row = replace(row, why="the input is always zero", mend="add logs of the driven joint")
@@ -130,8 +138,8 @@ def _told(row: Forecast, fit: Estimate, fastest: float) -> Forecast:
     share = fastest if row.name == "delay" else 1 / value if value else np.inf
     row = replace(row, half_width=or_none(half), expected=or_none(share * half))
     if share * half <= PRECISE:
-        return replace(row, word=Told.IDENTIFIABLE)
-    word = Told.WEAK if share * half < 1 else Told.NOT
+        return replace(row, word=Identifiability.IDENTIFIABLE)
+    word = Identifiability.WEAK if share * half < 1 else Identifiability.NOT
     common = abs(unit_diagonal(fit.covariance)[0][place])
     common[[name == row.name or name not in PARAMETERS for name in fit.names]] = 0.0
     other = fit.names[int(common.argmax())]

@@ -61,7 +61,7 @@ class LogResiduals:
     motion: float  # rms of the measured angle about its mean, in rad
     # rms of measured less simulated angle in rad, averaged over steps of the simulation
     error: float = np.inf
-    left: float = np.inf  # the same after small changes of the parameters
+    remaining: float = np.inf  # the same after small changes of the parameters
     explained: float = 0.0  # the same of errors drawn from the sensor's model
     share: float = 0.0  # of the squared residuals that the missing terms explain
     sensor: SensorErrors = _NO_ERRORS
@@ -89,12 +89,19 @@ class LogResiduals:
     @property
     def times(self) -> float:
         """Rms residual over that of the sensor's errors."""
-        return self.left / self.explained if self.explained else np.inf
+        return self.remaining / self.explained if self.explained else np.inf
 
     def numbers(self) -> dict[str, Any]:
         """Return all numbers, for programs."""
         sensor = self.sensor
-        lengths = (self.motion, self.error, self.left, self.explained, sensor.step, sensor.noise)
+        lengths = (
+            self.motion,
+            self.error,
+            self.remaining,
+            self.explained,
+            sensor.step,
+            sensor.noise,
+        )
         return {
             "log": self.name,
             **dict(zip(_LENGTHS, lengths, strict=True)),
@@ -128,9 +135,9 @@ class Residuals:
         return self._over_motion("explained")
 
     @property
-    def left(self) -> float:
+    def remaining(self) -> float:
         """Rms over the logs of the residuals after small changes of the parameters, over motion."""
-        return self._over_motion("left")
+        return self._over_motion("remaining")
 
     def _over_motion(self, length: str) -> float:
         """Return the rms over the logs that move of a length over the motion."""
@@ -140,7 +147,7 @@ class Residuals:
     @property
     def times(self) -> float:
         """Rms residual over that of the sensors' errors."""
-        return self.left / self.explained if self.explained else np.inf
+        return self.remaining / self.explained if self.explained else np.inf
 
     @property
     def beyond_sensors(self) -> bool:
@@ -151,7 +158,7 @@ class Residuals:
     def findings(self) -> list[Finding]:
         """Findings: relative residual, its ratio to the sensors' errors, and missing terms."""
         kind = FindingKind.MISFIT if self.beyond_sensors else FindingKind.NO_MISFIT
-        followed = Finding(FindingKind.FOLLOWED, number=self.left)
+        followed = Finding(FindingKind.FOLLOWED, number=self.remaining)
         off = [self.encoder.finding] if self.encoder else []
         return [followed, Finding(kind, number=self.times), *off, *self.missing.findings]
 
@@ -159,7 +166,7 @@ class Residuals:
         """Return all numbers but the findings, for programs: shares of the rms motion of logs."""
         return {
             "relative": self.relative,
-            "after_small_changes": self.left,
+            "after_small_changes": self.remaining,
             "by_sensors": self.explained,
             "times_sensors": self.times,
             "beyond_sensors": self.beyond_sensors,
@@ -282,7 +289,7 @@ class _RunErrors:
         return replace(
             self.blank,
             error=float(np.linalg.norm(self.errors)) / count**0.5,
-            left=size,
+            remaining=size,
             explained=white if sensor.white else by_draws,
             sensor=sensor,
             autocorrelation=Curve.of(lag[1:], auto, count, allowed**2),

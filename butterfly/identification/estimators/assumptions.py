@@ -25,7 +25,7 @@ from butterfly.errors import IdentifiabilityError
 from butterfly.identification.chosen_terms import nested_about
 from butterfly.identification.data import DataSet
 from butterfly.identification.encoder_offset import reading_of
-from butterfly.identification.estimators.start import leaves_noise, refitted
+from butterfly.identification.estimators.start import refitted, residuals_are_white
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Fit
 from butterfly.identification.free_run import is_held, own_time
@@ -72,7 +72,7 @@ def held_or_straight(logs: Sequence[Log], begun: Callable[[Sequence[Log]], Begun
     except IdentifiabilityError:
         return _taking(FindingKind.STRAIGHT, begun(lines), open_)
     late = first[1].named.get("delay", 0.0)
-    if late < _half_a_sample(logs) and not leaves_noise(first[1].linearisation):
+    if late < _half_a_sample(logs) and not residuals_are_white(first[1].linearisation):
         with suppress(IdentifiabilityError):
             other, most = begun(lines), len(first[0].keys)
             held, lined = (_errors(*pair, most) for pair in (first, other))
@@ -135,7 +135,7 @@ def as_taken(data: DataSet, estimate: Estimate) -> tuple[DataSet, Estimate]:
     if FindingKind.STRAIGHT in kinds:
         return data.corrected(straight), estimate
     if FindingKind.HELD in kinds:
-        return data.told(lambda log: replace(log, intersample=log.between_samples)), estimate
+        return data.annotated(lambda log: replace(log, intersample=log.between_samples)), estimate
     return data, estimate
 
 
@@ -243,7 +243,7 @@ def weighed(every: Problem, fit: Fit) -> Fit:
         if not there.is_finite:
             return plain
         second = Likelihood(there, values, effects, problem.prior(values))
-        scatter = replace(second.best(), names=problem.labels, own=effects, noise=second.noise)
+        scatter = replace(second.best(), names=problem.labels, effects=effects, noise=second.noise)
         white = problem.knowing(second.weighed(scatter))
         step = white.step(*problem.box.about(values, np.inf))
     except IdentifiabilityError:

@@ -40,10 +40,10 @@ from butterfly.identification.estimators.base import Estimator
 from butterfly.identification.estimators.start import (
     ProblemOf,
     begun_anew,
-    hanging,
-    lowest_end,
+    best_local_minimum,
     servo_start,
     starts,
+    with_zero_at_rest_angle,
 )
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Fit, MissingTerms
@@ -235,9 +235,9 @@ class OutputError(Estimator):
             no_terms = ([n for n in rows if not getattr(problem.start, n)] for problem in every)
             bare = [problem.without(names) for problem, names in zip(every, no_terms, strict=True)]
             # a fit that is but the first need not be exact
-            place, fit = lowest_end(bare, SHOWS if rows else ROUNDING)
+            place, fit = best_local_minimum(bare, SHOWS if rows else ROUNDING)
             there = replace(every[place], initial=every[0].initial)
-            return there, hanging(there, begun_anew(there, fit, rows, rare))
+            return there, with_zero_at_rest_angle(there, begun_anew(there, fit, rows, rare))
 
         return held_or_straight(logs, begun)
 

@@ -235,7 +235,7 @@ def _of_ratios(data: DataSet) -> Start | None:
     return Start(LumpedParameters(**guess), data.equilibria | zeros)
 
 
-def lowest_end(problems: Sequence[Problem], enough: float = ROUNDING) -> tuple[int, Fit]:
+def best_local_minimum(problems: Sequence[Problem], enough: float = ROUNDING) -> tuple[int, Fit]:
     """Return the end of a descent from the first guess whose free runs are nearest, and its number.
 
     From the others only where more than the noise of the sensors is left; ``enough``: of a step.
@@ -245,7 +245,9 @@ def lowest_end(problems: Sequence[Problem], enough: float = ROUNDING) -> tuple[i
     (place, problem, at), *others = begun
     end = problem.descend(at, enough=enough)
     costs = [end.cost] if end.converged else []
-    for number, other, at in [] if end.converged and leaves_noise(end.linearisation) else others:
+    for number, other, at in (
+        [] if end.converged and residuals_are_white(end.linearisation) else others
+    ):
         if not at.is_finite or out_of_time("fits from other initial guesses"):
             break
         with suppress(IdentifiabilityError):
@@ -260,7 +262,7 @@ def lowest_end(problems: Sequence[Problem], enough: float = ROUNDING) -> tuple[i
     return place, replace(end, findings=findings)
 
 
-def hanging(every: Problem, fit: Fit) -> Fit:
+def with_zero_at_rest_angle(every: Problem, fit: Fit) -> Fit:
     """Return the same fit, the encoder's zero where a joint without added masses hangs.
 
     Half a turn of the zero and the other sign of gravity are the same motion.
@@ -304,7 +306,7 @@ def refitted(problem: Problem, values: Samples, near: Linearisation | None = Non
         return None
 
 
-def leaves_noise(at: Linearisation) -> bool:
+def residuals_are_white(at: Linearisation) -> bool:
     """Whether errors are a small share of the motion, and white by their second differences."""
     return 2 * at.cost <= at.ends.size * MATTERS**2 and at.cost <= _ELSEWHERE * at.white_cost
 

@@ -182,7 +182,7 @@ def instruments_of(
     for log, window in zip(logs, windows, strict=True):
         run = FreeRun.of(log, Setting(parameters=parameters, zero=reading_of(log, zeros)))
         follows = run.fit > LEAST_FIT
-        instruments.append(window.moving_so(run.simulated) if follows else window)
+        instruments.append(window.with_measurement(run.simulated) if follows else window)
     return instruments
 
 

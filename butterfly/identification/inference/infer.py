@@ -304,7 +304,7 @@ def with_held(fit: Fit, name: str, known: Prior, added: AddedMass) -> Fit:
             rows=equations.rows @ turned,
             held=np.insert(equations.on_bound, at, [False]),
             lower=np.insert(equations.lower, at, TERMS[name].lower),
-            prior=penalty.beside(equations.prior, at),
+            prior=penalty.merged(equations.prior, at),
         )
         if penalty.active.sum() == 1:
             return whole

@@ -51,7 +51,7 @@ class Scatter:
     gain: float  # of p4 from log to log, over its value
     names: tuple[str, ...] = ()  # of the n values
     # (k, n) what each log is simulated with besides
-    own: Samples = field(default_factory=lambda: np.empty((0, 0)))
+    effects: Samples = field(default_factory=lambda: np.empty((0, 0)))
     noise: tuple[Samples, ...] = ()  # (m,) errors of each log, with the autocovariance of noise
 
     @property
@@ -61,10 +61,10 @@ class Scatter:
 
     def own_of(self, names: Sequence[str]) -> Samples:
         """(k, m) deviations of each log from some values, by name; 0 of names without one."""
-        effects = np.zeros((len(self.own), len(names)))
+        effects = np.zeros((len(self.effects), len(names)))
         for place, name in enumerate(names):
             if name in self.names:
-                effects[:, place] = self.own[:, self.names.index(name)]
+                effects[:, place] = self.effects[:, self.names.index(name)]
         return effects
 
     def weighed(self, at: Linearisation, values: Samples, effects: Samples) -> Linearisation:

@@ -93,7 +93,7 @@ class Offer:
     gain: Samples  # (k,) by how much the error of each cell is less, predicted by the others
     values: Mapping[str, float]  # of all unknowns a step away, by label
     nested: Submodels  # the equations, with n unknowns, on which it was tested
-    kept: NDArray[np.bool_]  # (n,) which of these are fitted without the row
+    is_fitted: NDArray[np.bool_]  # (n,) which of these are fitted without the row
 
     @property
     def ratio(self) -> float:
@@ -111,8 +111,8 @@ class Offer:
     def swapped(self, term: str) -> dict[str, float] | None:
         """Return the values, by label, with the row in place of a term; None of a worse fit."""
         names = np.array(self.nested.names)
-        other = self.kept & ~np.isin(names, [term, *companions({term})]) | (names == self.name)
-        values = self.nested.fitted(np.array([self.kept, other]))
+        other = self.is_fitted & ~np.isin(names, [term, *companions({term})]) | (names == self.name)
+        values = self.nested.fitted(np.array([self.is_fitted, other]))
         if not as_good(*np.sqrt(self.nested.costs(values))[::-1]):
             return None
         return dict(zip(self.nested.names, values[1].tolist(), strict=True))
@@ -134,7 +134,7 @@ class Model(Protocol):
         """Its equations, and those of fits with fewer terms, about its end."""
 
     @property
-    def kept(self) -> NDArray[np.bool_]:
+    def is_fitted(self) -> NDArray[np.bool_]:
         """(n,) which of the parameters of these are fitted."""
 
     def offers(self, rows: Collection[str]) -> list[Offer]:
@@ -261,7 +261,7 @@ def _idle(model: Model, rows: Sequence[str], begun: Sequence[str]) -> tuple[str,
     that helps least first. Where held-out data cannot be predicted at all, the term goes without
     which they are predicted best.
     """
-    nested, mask, lost = model.nested, model.kept, list[str]()
+    nested, mask, lost = model.nested, model.is_fitted, list[str]()
     on_bound = np.array(nested.names)[nested.equations.on_bound]
     if absent := tuple(name for name in _ordered(model.terms, rows) if name in on_bound):
         return absent
@@ -389,7 +389,7 @@ def offers_in(
                 gain=gain if possible else np.zeros_like(gain),
                 values=values,
                 nested=nested,
-                kept=mask,
+                is_fitted=mask,
             )
         )
     return offers

@@ -88,9 +88,9 @@ class Work(NamedTuple):
     tape: Samples
     stages: Samples  # (4, 4, w) derivatives at the stages of a step
     tangents: Samples  # (7, k) derivatives of the states, and the rows of `events`
-    own: Samples  # (q, 3) derivatives of the drive in a part of an interval
+    slopes: Samples  # (q, 3) derivatives of the drive in a part of an interval
     memory: Samples  # of a servo's firmware,
-    kept: Samples  # what its derivatives need of each interval,
+    record: Samples  # what its derivatives need of each interval,
     remembered: Samples  # and (3, k) derivatives of its memory
 
     @classmethod
@@ -103,9 +103,9 @@ class Work(NamedTuple):
             tape=np.zeros((_ROWS, TAPE_WIDTH)),
             stages=stages,
             tangents=np.empty((7, columns)),
-            own=np.zeros((MOST_DRIVES, 3)),
+            slopes=np.zeros((MOST_DRIVES, 3)),
             memory=np.zeros(MEMORY),
-            kept=np.zeros((looped, WIDTH)),
+            record=np.zeros((looped, WIDTH)),
             remembered=np.zeros((3, columns)),
         )
 
@@ -126,7 +126,7 @@ def differentiate(
     is fresh. An interval that needs more than ``most`` steps diverges. Returns the number of steps
     taken.
     """
-    tape, tangents, record, splits, steps = work.tape, work.tangents, work.kept, False, 0
+    tape, tangents, record, splits, steps = work.tape, work.tangents, work.record, False, 0
     for k in column:
         splits |= (
             k in (COULOMB, STRIBECK, COULOMB_SLOPE) or MOTOR_FRICTION <= k <= LOWERING_STRIBECK
@@ -192,8 +192,8 @@ def _play(  # noqa: PLR0915 - a tape, row by row
     time, drives, c, into, weights, column, initial, moved, rows, loop, without_drive, moving, work,
 ):  # fmt: skip
     """Propagate the derivatives through the tape and clear it."""
-    tape, stages, tangents, slopes = work.tape, work.stages, work.tangents, work.own
-    states, record, remembered = states_of(c), work.kept, work.remembered
+    tape, stages, tangents, slopes = work.tape, work.stages, work.tangents, work.slopes
+    states, record, remembered = states_of(c), work.record, work.remembered
     ripples, carries = c.cogging != 0.0 or c.cogging_cosine != 0.0, c.geared != 0.0
     for k in column:
         ripples |= COGGING <= k <= PERIODS

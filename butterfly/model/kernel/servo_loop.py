@@ -95,7 +95,7 @@ class Loop(NamedTuple):
         setpoint, late, supply, enabled = columns
         p = LumpedParameters(p1=1.0, p2=0.0, p3=0.0, p4=1.0) if parameters is None else parameters
         known = servo or ServoLoop(law="pid-torque")
-        nominal, reach, rule = known.told, known.reach, known.rule
+        nominal, reach, rule = known.gains_si, known.reach, known.rule
         structure = _STRUCTURES[rule.structure]
         gains = nominal[0] * p.loop_kp, nominal[1] * p.loop_ki, nominal[2] * p.loop_kd
         if servo is None:

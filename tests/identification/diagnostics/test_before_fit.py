@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from butterfly.identification.diagnostics.before_fit import Told, forecast
+from butterfly.identification.diagnostics.before_fit import Identifiability, forecast
 from butterfly.logs.log import InputKind
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import PARAMETERS
@@ -26,7 +26,7 @@ def _words(rows):
 def test_logs_with_three_masses_tell_every_parameter(robot):
     rows = forecast(robot.logs, NO_PRIOR)
     assert [each.name for each in rows] == [*PARAMETERS]
-    assert {*_words(rows).values()} == {Told.IDENTIFIABLE}
+    assert {*_words(rows).values()} == {Identifiability.IDENTIFIABLE}
     for each in rows:
         assert 0 < each.expected <= 0.1
         assert (each.why, each.mend) == ("", "")
@@ -36,19 +36,21 @@ def test_logs_with_three_masses_tell_every_parameter(robot):
 def test_logs_with_one_mass_ask_for_another_or_a_known_value_and_use_it(robot):
     bare = [log for log in robot.logs if not log.added_mass.mass]
     rows = forecast(bare, NO_PRIOR)
-    assert {*_words(rows).values()} == {Told.NOT}
+    assert {*_words(rows).values()} == {Identifiability.NOT}
     assert all("no log has an added mass" in each.why for each in rows)
     assert all("manifest" in each.mend and "--known p4=" in each.mend for each in rows)
     told = forecast(bare, Prior.of({"p4": robot.truth["p4"]}))
-    assert _words(told) == dict.fromkeys(PARAMETERS, Told.IDENTIFIABLE) | {"p4": Told.KNOWN}
+    assert _words(told) == dict.fromkeys(PARAMETERS, Identifiability.IDENTIFIABLE) | {
+        "p4": Identifiability.KNOWN
+    }
 
 
 def test_the_table_is_for_what_is_told_beside_given_values(robot):
     given = Prior.of({"delay": 0.0})
     refused = forecast([log for log in robot.logs if not log.added_mass.mass], given)
-    assert {*_words(refused).values()} == {Told.KNOWN, Told.NOT}
+    assert {*_words(refused).values()} == {Identifiability.KNOWN, Identifiability.NOT}
     assert forecast_rows(refused) == []
-    weak = replace(refused[0], word=Told.NOT, half_width=1.0, mend="a larger motion")
+    weak = replace(refused[0], word=Identifiability.NOT, half_width=1.0, mend="a larger motion")
     assert forecast_rows([weak])[0][2:] == ("not identifiable", "over 100 %", "a larger motion")
 
 
@@ -59,7 +61,7 @@ def test_noise_ten_times_the_motion_hides_parameters_and_says_that_the_motion_is
         for log in robot.logs
     ]
     rows = forecast(hidden, NO_PRIOR)
-    assert Told.IDENTIFIABLE not in {each.word for each in rows if each.name != "delay"}
+    assert Identifiability.IDENTIFIABLE not in {each.word for each in rows if each.name != "delay"}
     assert all(each.why and each.mend for each in rows if each.name != "delay")
 
 
@@ -70,7 +72,7 @@ def test_joints_that_only_fall_say_what_no_input_tells(robot):
     ]
     rows = {each.name: each for each in forecast(idle, NO_PRIOR)}
     for name in ("p4", "delay"):
-        assert rows[name].word is Told.NOT
+        assert rows[name].word is Identifiability.NOT
     assert forecast([], NO_PRIOR) == ()
 
 
@@ -79,16 +81,18 @@ def test_friction_needs_motion_both_ways(robot):
         replace(log, angle=np.cumsum(abs(np.diff(log.angle, prepend=0.0)))) for log in robot.logs
     ]
     rows = {each.name: each for each in forecast(one_way, NO_PRIOR)}
-    assert rows["coulomb"].word in {Told.WEAK, Told.NOT}
+    assert rows["coulomb"].word in {Identifiability.WEAK, Identifiability.NOT}
     drawn = scored("no reversal", 0, 5)
-    assert _words(drawn) == dict.fromkeys(_words(drawn), Told.IDENTIFIABLE) | {"coulomb": Told.WEAK}
+    assert _words(drawn) == dict.fromkeys(_words(drawn), Identifiability.IDENTIFIABLE) | {
+        "coulomb": Identifiability.WEAK
+    }
 
 
 def test_the_count_of_forecasts_that_came_true_scores_a_set_and_lists_what_was_wrong():
     rows = scored("one mass, gain known", 0, 5)
-    assert {each.word for each in rows} == {Told.IDENTIFIABLE}
+    assert {each.word for each in rows} == {Identifiability.IDENTIFIABLE}
     assert all(each.below and each.error < 0.1 for each in rows)
-    wrong = Row("p2", "some 1", Told.NOT, 0.02, 0.01)
+    wrong = Row("p2", "some 1", Identifiability.NOT, 0.02, 0.01)
     text = report([*rows, wrong])
     assert "some 1: p2 not identifiable, ends ± 2 %, off by 1 %" in text
     assert "| all | 5 (0) | 0 (0) | 0 (0) | 0 (0) | 1 (0) | 0 (0) |" in text

@@ -74,7 +74,7 @@ def test_a_good_model_is_not_accused(logs, steps, noise):
     assert misfit.times == pytest.approx(1.0, abs=0.1)
     assert misfit.missing.terms == ()
     followed, finding = misfit.findings
-    assert followed.number == misfit.left
+    assert followed.number == misfit.remaining
     assert finding.kind is FindingKind.NO_MISFIT
 
 
@@ -156,7 +156,7 @@ def test_a_value_that_is_a_little_off_is_an_error_and_no_misfit(noisy):
     off = replace(estimate, values=estimate.values * (1 + 0.002 * np.array([1, -5, 1, 1, 5, 5])))
     misfit, before = residuals_of(data, off), residuals_of(data, estimate)
     assert misfit.relative > 1.2 * before.relative
-    assert misfit.left == pytest.approx(before.left, rel=0.05)
+    assert misfit.remaining == pytest.approx(before.remaining, rel=0.05)
     assert not misfit.beyond_sensors
     again = residuals_of(data, estimate)
     assert [log.excess for log in again.logs] == [log.excess for log in before.logs]

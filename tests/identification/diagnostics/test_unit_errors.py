@@ -92,7 +92,7 @@ def _fitted(data, estimator):
 def _named(logs, estimator):
     """Return what is named of logs, the level, and all that is said, whatever their residuals."""
     data, found = _fitted(DataSet.of(logs), estimator)
-    found = diagnose(data, estimator, data.simulations.settled(found), UNSEEN)
+    found = diagnose(data, estimator, data.simulations.with_horizon(found), UNSEEN)
     slips = [each for each in found.findings if each.kind in NAMED]
     return slips, found.level, " ".join(estimate_sentences(found))
 
@@ -188,7 +188,7 @@ def test_a_log_that_spoils_the_whole_estimate_is_found_by_leaving_it_out(sines):
     logs = list(sines)
     logs[7] = replace(logs[7], added_mass=AddedMass())
     slips, *_ = _named(logs, BALANCE)
-    (slip,) = [each for each in slips if each.kind == "slip"]
+    (slip,) = [each for each in slips if each.kind == "unit-error"]
     assert slip.logs == ("run 7",)
     assert slip.number == pytest.approx(MASSES[2].mass, rel=0.05)
 

@@ -1,6 +1,6 @@
 """What a file says of the units of its columns: keys of any depth, rows of units, lines of text.
 
-Each format hands over the texts that it finds, and `Sayings` tells which columns they concern.
+Each format hands over the texts that it finds, and `UnitHints` tells which columns they concern.
 `read_unit` judges the words.
 """
 
@@ -76,7 +76,7 @@ _MANY = 30  # units within a line
 _DEEPEST, _MOST, _LONGEST = 16, 1000, 500  # keys within keys, lines of text, characters of a line
 
 
-class Sayings:
+class UnitHints:
     """The words of a file about its columns, which have these names in it."""
 
     def __init__(self, source: object, names: Sequence[str]) -> None:
@@ -211,7 +211,7 @@ class Sayings:
         for way, words in self._said:
             fields, alone = self._of(way, places)
             for name in fields:
-                kind = "said" if alone else "shared"
+                kind = "unit_words" if alone else "shared"
                 more: Any = {kind: (*getattr(headings[name], kind), words)}
                 headings[name] = replace(headings[name], **more)
         for way, (factor, offset) in self._scales.items():
