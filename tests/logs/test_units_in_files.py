@@ -230,8 +230,8 @@ def test_what_was_read_stands_in_the_record_and_on_the_page(tmp_path, joint, but
     told = {"time": "t", "input": "u", "angle": "pos"}
     found = bf.inspect(tmp_path / "log.csv", columns=told, units={"input": "-V"})
     health = found.to_dict()["logs"][0]
-    told_of = {"name": "pos [deg]", "number": 4, "unit": "deg", "unit_source": "name", "factor": DEGREE}
-    assert health["columns"]["angle"] == told_of | {"unread": None}
+    column = {"name": "pos [deg]", "number": 4, "unit": "deg", "factor": DEGREE}
+    assert health["columns"]["angle"] == column | {"unit_source": "name", "unread": None}
     page, mapped = tmp_path / "page.html", ",".join(f"{key}={each}" for key, each in told.items())
     more = ("--columns", mapped, "--units", "input=-V", "--report", page)
     _, out, _ = butterfly("inspect", tmp_path / "log.csv", *more)
