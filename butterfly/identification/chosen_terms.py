@@ -214,15 +214,16 @@ def choose(
 ) -> Fit:
     """Choose from the rows of a problem, beginning with a fit in some of them.
 
-    A fit to weighed logs keeps its terms: the mean of all logs needs them, but the friction of each
-    log would take their place. With 0 ``rounds`` only missing terms are looked for.
+    A fit to weighed logs keeps its terms but those on their bound: the mean of all logs needs them,
+    but the friction of each log would take their place. With 0 ``rounds`` only missing terms are
+    looked for.
     """
     if not rows or out_of_time("the selection of terms"):
         return fit
     model = FreeRunModel(every=every, fit=fit, rows=tuple(rows))
-    open_ = [name for name in rows if not (fit.scatter and name in model.terms)]
+    staying = model.terms if fit.scatter else frozenset[str]()
     try:
-        selection = stagewise(model, open_, rare, rounds)
+        selection = stagewise(model, rows, rare, rounds, staying)
         chosen = selection.model.fit
         if fit.scatter is None and rounds:
             chosen = selection.model.problem.descend(chosen.linearisation)
@@ -230,15 +231,13 @@ def choose(
         if fit.scatter is None:
             raise
         return fit  # no weighed logs move as other terms would have it
-    first = fit.path[-1] if fit.path else ()
-    more = ((*first, *terms) for terms in selection.path[bool(fit.path) :])
     findings = [finding for finding in fit.findings if finding.kind is not FindingKind.NOT_HELPING]
     return replace(
         chosen,
         unweighed=fit.unweighed,
         rivals=tuple(selection.rival_values()),
         findings=tuple(dict.fromkeys([*findings, *selection.findings])),
-        path=(*fit.path, *more),
+        path=(*fit.path, *selection.path[bool(fit.path) :]),
         missing=tuple(map(_missing, selection.missing)),
     )
 
@@ -252,7 +251,7 @@ def _missing(offer: Offer) -> LackedTerm:
     return LackedTerm(offer.name, offer.share, 1 - after / before, offer.values)
 
 
-def _inseparable(at: Linearisation) -> tuple[str, ...]:
+def inseparable_terms(at: Linearisation) -> tuple[str, ...]:
     """Return a term, and what comes with it, that the equations cannot tell from the others."""
     conditioning = at.cells(1).conditioning
     doubtful = [n for n in conditioning.weakest if n in {*COMMON, *offered("output-error")}]
@@ -265,7 +264,7 @@ def _inseparable(at: Linearisation) -> tuple[str, ...]:
 
 def separable(every: Problem, fit: Fit) -> Fit:
     """Fit again without what the equations cannot tell from the rest, and say so."""
-    while lost := _inseparable(fit.linearisation):
+    while lost := inseparable_terms(fit.linearisation):
         problem = every.of_fit(fit)
         indices = np.flatnonzero(~np.isin(problem.labels, lost))
         fewer = problem.keeping(indices, fit.values[indices])

@@ -22,6 +22,7 @@ from butterfly.errors import IdentifiabilityError, InputError, require_names, re
 from butterfly.identification.chosen_terms import (
     TwinTerm,
     choose,
+    inseparable_terms,
     offered_rows,
     separable,
     spoken_for,
@@ -280,7 +281,7 @@ class OutputError(Estimator):
     def infer(self, problem: Problem, fit: Fit) -> Estimate:
         """Return the estimate of a fit in some of the values of a problem.
 
-        If chosen terms make it unidentifiable, the logs are fitted again without them.
+        If chosen terms make it unidentifiable, the logs are fitted again without those that do.
         """
         try:
             return self._inferred(problem, fit)
@@ -288,10 +289,13 @@ class OutputError(Estimator):
             chosen = {*fit.linearisation.names} & {*self._rows(problem.logs, problem.robot)[0]}
             if self.terms is not None or not chosen:
                 raise
-        fewer = problem.of_fit(fit.plain).without(chosen)
+        lost = inseparable_terms(fit.linearisation) or tuple(sorted(chosen))
+        finding = Finding(FindingKind.INSEPARABLE, lost)
+        others = [found for found in fit.plain.findings if found.kind is not FindingKind.SCATTER]
+        fewer = problem.of_fit(fit.plain).without(lost)
         bare = fewer.descend(fewer.equations(fewer.initial, fit.linearisation))
-        finding = Finding(FindingKind.INSEPARABLE, tuple(sorted(chosen)))
-        return self._inferred(problem, replace(bare, findings=(*fit.plain.findings, finding)))
+        again = replace(bare, findings=(*others, finding), path=fit.path)
+        return self.infer(problem, weighed(problem, again))
 
     def _inferred(self, every: Problem, fit: Fit) -> Estimate:
         """Return the estimate of a fit (see `infer`)."""

@@ -184,18 +184,23 @@ class ChosenTerms(Generic[M]):
 
 
 def stagewise(
-    model: M, rows: Sequence[str], rare: Collection[str], rounds: int = ROUNDS
+    model: M,
+    rows: Sequence[str],
+    rare: Collection[str],
+    rounds: int = ROUNDS,
+    staying: Collection[str] = (),
 ) -> ChosenTerms[M]:
     """Add and take away terms of some rows until none helps; of rare ones more is asked.
 
-    It takes ``rounds`` rounds, or none if only what is missing is asked.
+    In so many ``rounds``, or in none if only what is missing is asked. Those ``staying`` go only if
+    they end on their bound.
     """
     refused: set[str] = set()
     gone: set[str] = set()  # since a term was added, which they may need
     ties: list[tuple[str, str]] = []
     path, added = [_ordered(model.terms, rows)], 0
     while True:
-        if idle := _idle(model, rows, path[0]):
+        if idle := _idle(model, rows, path[0], staying):
             gone.update(idle)
             model = model.without(idle)
             path.append(_ordered(model.terms, rows))
@@ -254,7 +259,9 @@ def _ordered(terms: Collection[str], rows: Sequence[str]) -> tuple[str, ...]:
     return tuple(name for name in rows if name in terms)
 
 
-def _idle(model: Model, rows: Sequence[str], begun: Sequence[str]) -> tuple[str, ...]:
+def _idle(
+    model: Model, rows: Sequence[str], begun: Sequence[str], staying: Collection[str]
+) -> tuple[str, ...]:
     """Return terms that help to predict no more than by chance, or not at all if they were added.
 
     Those on their bound are absent already. Others leave the equations one after the other, the one
@@ -265,7 +272,8 @@ def _idle(model: Model, rows: Sequence[str], begun: Sequence[str]) -> tuple[str,
     on_bound = np.array(nested.names)[nested.equations.on_bound]
     if absent := tuple(name for name in _ordered(model.terms, rows) if name in on_bound):
         return absent
-    while terms := [name for name in _ordered(model.terms, rows) if name not in lost]:
+    open_ = [name for name in _ordered(model.terms, rows) if name not in staying]
+    while terms := [name for name in open_ if name not in lost]:
         fewer = [mask & ~np.isin(nested.names, [n, *companions({n})]) for n in terms]
         whole, *errors = np.sqrt(nested.held_out(np.array([mask, *fewer])))
         whole = np.nan_to_num(whole, nan=float(np.finfo(np.float32).max))
