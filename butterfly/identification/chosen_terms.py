@@ -169,20 +169,28 @@ class FreeRunModel:
             return None
         return replace(self, fit=end)
 
-    def without(self, names: Collection[str]) -> Self:
-        """Fit without some terms, from where the equations promise most and a simulation exists."""
-        problem = self.problem.without({*names})
+    def without(self, names: Collection[str]) -> Self | None:
+        """Fit without some terms; None if no simulation without them is nearly as good.
+
+        It begins where the equations promise most, if that is so good too, or else nearby.
+        """
+        problem, enough = self.problem.without({*names}), self.fit.cost / LOST
         is_left = np.isin(self.problem.labels, problem.labels)
         promised = self.nested.fitted(is_left[np.newaxis])[0][is_left]
         first = dict(zip(self.every.labels, self.every.initial.tolist(), strict=True))
         guesses = [self.fit.values[is_left], np.array([first[label] for label in problem.labels])]
         if is_near(problem.named(promised), self.fit.named, self.masses):
             guesses.insert(0, promised)
+        tried: list[Linearisation] = []
         for values in guesses:
-            there = self.equations(problem, values)
-            if there.is_finite:
+            tried.append(self.equations(problem, values))
+            if tried[-1].is_finite and tried[-1].cost <= enough:
                 break
-        return replace(self, fit=self.descended(problem, there))
+        there = min((at for at in tried if at.is_finite), key=lambda at: at.cost, default=None)
+        if there is None:
+            return None
+        end = self.descended(problem, there)
+        return replace(self, fit=end) if end.cost <= enough else None
 
     def confirms(self, rival: Mapping[str, float]) -> bool:
         """Whether a rival, simulated once, follows the logs as well as the fit."""

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from butterfly.arrays import Samples, joined
+from butterfly.errors import InputError
 from butterfly.identification.levels import MATTERS, PRECISE, ROUNDING
 from butterfly.identification.servo_drive import loop_on_grid
 from butterfly.logs.log import Intersample, Log
@@ -40,6 +41,7 @@ LONGEST_STEP = 0.01
 FINEST = 100
 """Largest number of steps per sample: logs have no information on faster motions. A trial of a fit
 may take as many for an interval of its grid."""
+_LONGEST_GRID = 20_000_000  # steps of a log: two days of slow motion
 _DELAYS = 3  # drives before those of the terms of the drive: p4's, and those by both delays
 _STEPS_PER_RADIAN = 10  # of the drive or of the resonance, whichever is faster
 
@@ -80,6 +82,7 @@ class Segments:
         step, self._every = min(grid_step(log, parameters), longest), 1
         if log.closed and log.servo is not None:
             step, self._every = log.servo.updates(step)
+        _require_short(log, step)
         # whether a recorded input alone drives the joint, at any time
         self._driven, self._begun = not self._looped and bool(log.command[1].any()), 0.0
         begins, end = log.time[[*edges]], log.time[-1:]
@@ -264,6 +267,14 @@ class Segments:
 def needs_loop(log: Log) -> bool:
     """Whether a log's drive depends on its motion, or its torque is off at times."""
     return log.closed or (log.enabled is not None and bool(np.any(np.rint(log.enabled) == 0)))
+
+
+def _require_short(log: Log, step: float) -> None:
+    """Raise InputError for a log that takes more steps, of ``step`` s, than any memory holds."""
+    span = float(log.time[-1] - log.time[0])
+    if span > _LONGEST_GRID * step:
+        taken = f"{span:.3g} s, which takes {span / step:.1g} steps of {step:.2g} s"
+        raise InputError(log.source, "time", taken, "stamps in seconds, or a shorter log")
 
 
 def _between_jumps(log: Log, bounds: Samples, longest: float) -> Samples:

@@ -175,7 +175,7 @@ def test_four_writers_lose_nothing(tmp_path):
         for name in "abcde":
             record = store.read(_key(name, number))
             assert record is not None
-            assert store.holds(record)
+            assert store.complete(record.key) == record
     assert not list(tmp_path.rglob(".draft-*"))
 
 

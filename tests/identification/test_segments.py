@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from butterfly.errors import InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.residuals import residuals_of
 from butterfly.identification.estimators import OutputError
@@ -265,3 +266,11 @@ def test_friction_that_changes_along_the_way_is_not_taken_for_mass_or_delay():
     for name, truth in {"p1": MASS, "p2": DAMPING, "coulomb": FRICTION, "delay": 0.0}.items():
         at = found.names.index(name)
         assert found.lower[at] <= truth <= found.upper[at], name
+
+
+def test_a_log_of_millions_of_seconds_is_refused_before_it_fills_the_memory():
+    """Its stamps are microseconds that nobody calls so."""
+    time = 5000.0 * np.arange(900)
+    log = Log(time, np.sin(time), np.cos(time), source="micro.csv")
+    with pytest.raises(InputError, match=r"micro.csv: time: got 4.5e\+06 s, which takes .* steps"):
+        FreeRun.of(log, Setting(parameters=ROBOT, zero=0.0))

@@ -143,8 +143,8 @@ class Model(Protocol):
     def adding(self, offer: Offer) -> Self | None:
         """Fit with a row more; None if no joint has it, or it does not keep what it promised."""
 
-    def without(self, names: Collection[str]) -> Self:
-        """Fit without some terms."""
+    def without(self, names: Collection[str]) -> Self | None:
+        """Fit without some terms; None if it is not as good as promised."""
 
     def confirms(self, rival: Mapping[str, float]) -> bool:
         """Whether the rival values, by label, that its equations promise are as good as its own."""
@@ -197,12 +197,20 @@ def stagewise(
     """
     refused: set[str] = set()
     gone: set[str] = set()  # since a term was added, which they may need
+    needed: set[str] = set()  # though equations promise as much without them
     ties: list[tuple[str, str]] = []
     path, added = [_ordered(model.terms, rows)], 0
     while True:
-        if idle := _idle(model, rows, path[0], staying):
+        if idle := _idle(model, [n for n in rows if n not in needed], path[0], staying):
+            fewer = model.without(idle)
+            if fewer is None and len(idle) > 1:
+                idle = idle[:1]  # which helps least
+                fewer = model.without(idle)
+            if fewer is None:
+                needed.update(idle)
+                continue
             gone.update(idle)
-            model = model.without(idle)
+            model = fewer
             path.append(_ordered(model.terms, rows))
             continue
         absent = [name for name in rows if name not in model.terms | gone | refused]

@@ -104,6 +104,35 @@ def test_what_does_not_help_leaves_at_once_what_a_fit_began_with():
     assert found.idle == ("drag", "load", "spring")
 
 
+class _Needing(LinearModel):
+    """A fit whose simulations follow no log without some term, whatever its equations promise."""
+
+    def without(self, names):
+        return None if "load" in names else super().without(names)
+
+
+def test_a_term_without_which_no_simulation_is_as_good_stays_though_it_does_not_help():
+    names = (*ALWAYS, "drag", "load", "bias")
+    nested = _nested(truth={"p1": 1, "p3": 2, "bias": 0.5}, names=names, seed=3)
+    begun = _Needing(every=nested, optional=names[2:], terms=frozenset(names[2:]))
+    found = stagewise(begun, names[2:], ())
+    assert found.model.terms == {"load", "bias"}
+    assert found.idle == ("drag",)
+
+
+def test_terms_that_stay_go_only_if_they_end_on_their_bound():
+    names = (*ALWAYS, "drag", "load", "bias")
+    nested = _nested(truth={"p1": 1, "p3": 2, "drag": -0.5, "bias": 0.5}, names=names, seed=3)
+    values = np.array([1.0, 2.0, 0.0, 0.0, 0.5])
+    there = replace(nested.about(values).equations, held=np.arange(5) == 2)
+    begun = LinearModel(
+        every=replace(nested, equations=there), optional=names[2:], terms=frozenset(names[2:])
+    )
+    begun.__dict__["nested"] = begun.every  # where a descent ended
+    found = stagewise(begun, names[2:], (), staying=names[2:])
+    assert found.path == (names[2:], ("load", "bias"))
+
+
 def test_of_exact_data_the_smallest_exact_set_is_chosen():
     exact = replace(_nested(truth={"p1": 1, "drag": 2}, noise=0.0), negligible=1e-6)
     assert _choose(exact).model.terms == {"drag"}
