@@ -197,7 +197,7 @@ def test_the_joint_plays_and_another_log_is_shown(seen):
     reset, played, whole, other = (seen[name] for name in ("reset", "played", "whole", "other"))
     assert played["clock"] != reset["clock"]
     assert played["pictures"][1] != reset["pictures"][1]
-    assert seen["scrubbed"]["clock"] == "20.00 s"
+    assert float(seen["scrubbed"]["clock"].removesuffix(" s")) == pytest.approx(20.0, abs=0.011)
     assert whole["clock"] == "0.00 s"
     assert whole["pictures"][0] != reset["pictures"][0]
     assert whole["fit"] == reset["fit"] != other["fit"]
