@@ -21,6 +21,11 @@ from butterfly.model.terms import PARAMETERS, TERMS
 ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "butterfly"
 
+SAYS_NOTHING = frozenset(
+    ["each", "found", "own", "said", "told", "left", "kept", "apart", "beside"]
+)
+"""Names that no variable, argument, function or class has: a noun says what is held."""
+
 CHOICE = frozenset({"stagewise"})
 """Functions that choose terms."""
 CONTRASTS = frozenset({"agreement_of", "contrasts"})
@@ -145,6 +150,21 @@ def call_sites(names: Container[str]) -> list[str]:
         if isinstance(node, ast.Call)
         and getattr(node.func, "id", getattr(node.func, "attr", None)) in names
     ]
+
+
+def names_that_say_nothing() -> list[str]:
+    """Return where the package binds a name of `SAYS_NOTHING`, by module and line."""
+    places = []
+    for module, tree in trees().items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+                name = node.id
+            else:
+                name = getattr(node, "arg", None) if isinstance(node, ast.arg) else None
+                name = node.name if isinstance(node, ast.FunctionDef | ast.ClassDef) else name
+            if name in SAYS_NOTHING:
+                places.append(f"{module}:{node.lineno}: {name}")
+    return places
 
 
 def lists_of_terms() -> list[str]:

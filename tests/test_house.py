@@ -29,6 +29,7 @@ from tests.house import (
     carriers,
     executed,
     lists_of_terms,
+    names_that_say_nothing,
     table,
     trees,
     tuned_numbers,
@@ -41,6 +42,7 @@ CEILINGS = {
     "classes that carry rows and residuals of a fit": 2,
     "places that choose terms": 2,
     "lists of names of terms outside their table": 0,
+    "names that say nothing": 0,
     "files that a fit executes": 30,
     "functions that a fit executes": 480,
     "depth of calls in a fit": 20,
@@ -94,6 +96,7 @@ FOUND = {
     "classes that carry rows and residuals of a fit": carriers,
     "places that choose terms": lambda: call_sites(CHOICE),
     "lists of names of terms outside their table": lists_of_terms,
+    "names that say nothing": names_that_say_nothing,
 }
 IN_A_FIT = {
     "files that a fit executes": lambda fit: fit.files,
