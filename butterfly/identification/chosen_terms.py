@@ -21,6 +21,7 @@ from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Fit, LackedTerm
 from butterfly.identification.inference.limits import Rival, independent_cells_of
 from butterfly.identification.inference.stagewise import (
+    PROMISED,
     ROUNDS,
     STRIBECK,
     Offer,
@@ -33,7 +34,7 @@ from butterfly.identification.inference.stagewise import (
     stribeck_velocities,
 )
 from butterfly.identification.inference.submodels import NEGLIGIBLE, Submodels, submodels_of
-from butterfly.identification.levels import FEW, LOST, MATTERS, MOST, PASSES, SHOWS
+from butterfly.identification.levels import FEW, MATTERS, MOST, PASSES, SHOWS
 from butterfly.identification.linearisation import Linearisation
 from butterfly.identification.problem import Problem
 from butterfly.logs.log import InputKind, Log, slow_interval
@@ -151,7 +152,7 @@ class FreeRunModel:
         moved = {label: offer.values[label] for label in (*self.fit.named, offer.name)}
         problem = self._with([offer.name], {**offer.nested.settings, **moved})
         promised = offer.share * float(self.nested.equations.squares.sum()) / 2
-        enough = self.fit.cost - LOST * promised
+        enough = self.fit.cost - PROMISED * promised
         try:
             at = self.equations(problem, problem.initial)
             if not at.cost <= enough:
@@ -174,7 +175,7 @@ class FreeRunModel:
 
         It begins where the equations promise most, if that is so good too, or else nearby.
         """
-        problem, enough = self.problem.without({*names}), self.fit.cost / LOST
+        problem, enough = self.problem.without({*names}), self.fit.cost / PROMISED
         is_left = np.isin(self.problem.labels, problem.labels)
         promised = self.nested.fitted(is_left[np.newaxis])[0][is_left]
         first = dict(zip(self.every.labels, self.every.initial.tolist(), strict=True))

@@ -40,6 +40,8 @@ from butterfly.model.terms import OF_ANGLE, TERMS
 from butterfly.progress import Track, untracked
 from butterfly.signals.frequency_response import ResponsePoint, response_point
 
+_DRIFT = 0.5  # of the amplitude, by which a steady sine drifts at most
+
 LARGEST_SINE = math.pi / 2
 """In rad, beyond which the steady response to a sine is no sine any more, even nearly."""
 
@@ -180,7 +182,7 @@ class DataSet:
             0 < point.amplitude <= LARGEST_SINE
             and float(np.ptp(log.angle)) / 2 <= math.pi / 2 + LARGEST_SINE
             and not point.angle.residual_rms * math.sqrt(2) > LOST * point.amplitude
-            and not abs(point.drift) > LOST
+            and not abs(point.drift) > _DRIFT
             and (abs(away) < LARGEST_SINE / 2 or not self.hangs)
         )
 

@@ -27,7 +27,7 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.free_run import Setting
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.interval_forecast import IntervalForecast
-from butterfly.identification.levels import LOST, ROUNDING
+from butterfly.identification.levels import ROUNDING
 from butterfly.identification.segments import LONGEST_STEP
 from butterfly.identification.servo_drive import driven
 from butterfly.identification.simulation import Simulation
@@ -39,6 +39,9 @@ from butterfly.model.servo import ServoLoop
 from butterfly.model.terms import PARAMETERS
 from butterfly.progress import Track, in_threads, out_of_time, untracked
 from butterfly.signals.excitations import Excitation, FreeDecay, Multisine, initial_angle
+
+_FOLLOWS = 0.5  # share of its set-point that a servo reaches at least
+_UNSURE = 0.5  # of a swing, by which its prediction is uncertain at most
 
 OF_GOAL = tuple(name for name in PARAMETERS if name != "delay")
 """Parameters that a goal concerns: the half-widths of their 95 % intervals over their values."""
@@ -404,11 +407,11 @@ def _warning(plan: Plan[Candidate], estimate: Estimate, limit: float) -> str:
     peak, doubt = _peak(signal), plan.spread / max(float(np.std(log.measured)), 1e-9)
     if swing > limit:
         return f"swings too wide: {swing:.2g} {log.added_mass.joint.way}"
-    if loop is not None and not loop.of_speed and swing < LOST * peak < math.inf:
+    if loop is not None and not loop.of_speed and swing < _FOLLOWS * peak < math.inf:
         return f"reaches only {100 * swing / peak:.0f} % of its set-point"
     if loop is None and abs(loaded.p4) * peak < _OF_FRICTION * loaded.coulomb:
         return "the drive hardly exceeds Coulomb friction"
-    if doubt > LOST:
+    if doubt > _UNSURE:
         return f"hypersensitive: its angle is uncertain by {100 * doubt:.0f} % of its swing"
     return ""
 

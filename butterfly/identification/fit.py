@@ -20,12 +20,17 @@ from butterfly.errors import IdentifiabilityError
 from butterfly.identification.findings import Ending, Finding, FindingKind
 from butterfly.identification.inference.scatter import Scatter
 from butterfly.identification.inference.stagewise import is_near
-from butterfly.identification.levels import MATTERS, MOST, PRECISE, ROUNDING, SHOWS
+from butterfly.identification.levels import MOST, ROUNDING, SHOWS
 from butterfly.identification.linearisation import Linearisation
 from butterfly.logs.log import Log
 from butterfly.model.parameters import value_if_absent
 from butterfly.model.terms import PARAMETERS
 from butterfly.progress import current_search
+
+CONVERGED = 0.01
+"""Share of the cost that no further step of a fit that converged is predicted to take off."""
+
+_NEARER = 0.9  # largest share of the way to a value that is never reached, in one step
 
 _LAST = 1e-4  # share of the cost that an unverified last step may be predicted to take off
 _REMAINDER = 0.1  # share of one residual's mean cost that it may leave
@@ -106,7 +111,7 @@ class Box(NamedTuple):
         """Return the (n,) lower and upper limits of a step from values, at most ``most``."""
         with np.errstate(invalid="ignore"):
             room = np.fmin(most, self.share * abs(values))
-        least = np.maximum(self.lower - values, -(1 - PRECISE) * (values - self.origin))
+        least = np.maximum(self.lower - values, -_NEARER * (values - self.origin))
         return np.maximum(least, -room), np.broadcast_to(room, values.shape)
 
 
@@ -163,7 +168,9 @@ def minimise(
             last = at.cost - tried.cost
             at = tried
     predicted = at.decrease(at.step(*box.about(at.values, np.inf)))
-    converged = evaluations < most and taken < steps and predicted <= max(enough, MATTERS) * at.cost
+    converged = (
+        evaluations < most and taken < steps and predicted <= max(enough, CONVERGED) * at.cost
+    )
     ending = Ending.CONVERGED if converged else Ending.STOPPED
     return Fit(linearisation=at, ending=ending, evaluations=evaluations)
 

@@ -27,7 +27,6 @@ from butterfly.identification.free_run import FreeRun, WholeRuns
 from butterfly.identification.identified import Identified
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.limits import Rival
-from butterfly.identification.levels import LOST
 from butterfly.identification.parameters_by_hand import try_parameters
 from butterfly.identification.plausibility import (
     BETTER_METHOD,
@@ -44,6 +43,8 @@ from butterfly.identification.servo_drive import driven_alone
 from butterfly.identification.unit_errors import clock_error, with_unit_errors
 from butterfly.model.parameters import LumpedParameters
 from butterfly.progress import Track, counted, current_search, tracked, untracked
+
+_NEARLY = 0.5  # of the least squared error over another that follows nearly as well
 
 _CORRECTED = (FindingKind.CLOCK_SET, FindingKind.OMEGA_SET)
 _MIMICS = "mass_inertia"  # the term that a wrong clock looks like
@@ -190,7 +191,9 @@ def in_true_time(data: DataSet, estimator: Estimator) -> tuple[DataSet, Mapping[
     )
     errors = [np.mean((1 - fit / 100) ** 2) for fit in fits]  # of the squared motion
     near = [
-        answer for answer, error in zip(answers, errors, strict=True) if LOST * error <= min(errors)
+        answer
+        for answer, error in zip(answers, errors, strict=True)
+        if _NEARLY * error <= min(errors)
     ]
     (best, estimate), *others = sorted(near, key=lambda answer: _MIMICS in answer[1].names)
     if not others or (_MIMICS in others[0][1].names) > (_MIMICS in estimate.names):

@@ -15,9 +15,6 @@ ACCUSED = 1e-3
 CLEARLY = -NormalDist().inv_cdf(ACCUSED / 2)
 """Standard errors above which two values contradict each other."""
 
-PRECISE = 0.1
-"""Relative half-width within which a value counts as precise."""
-
 MATTERS = 0.01
 """Share of a value below which a change is negligible."""
 

@@ -26,10 +26,12 @@ from butterfly.identification.inference.limits import (
     cluster_covariance,
     half_widths,
 )
-from butterfly.identification.levels import FEW, LOST, ROUNDING, SPREADS, WEIGHED
+from butterfly.identification.levels import FEW, ROUNDING, SPREADS, WEIGHED
 from butterfly.model.prior import Penalty
 from butterfly.model.terms import TERMS, lower_bounds
 from butterfly.signals.spectrum import white_variance
+
+_NOISE = 0.25  # of the squared error, below which white noise is the lesser part of it
 
 _NORMAL = 1 / float(ndtri(0.75))  # standard deviation over median absolute deviation
 
@@ -303,7 +305,7 @@ class Linearisation:
     @property
     def is_misfit(self) -> bool:
         """Whether most of the error is no noise: twice what white noise as rough would be."""
-        return self.white_cost < LOST**2 * 0.5 * float(self.residuals @ self.residuals)
+        return self.white_cost < _NOISE * 0.5 * float(self.residuals @ self.residuals)
 
     @cached_property
     def cost(self) -> float:

@@ -18,11 +18,11 @@ from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.findings import Ending
-from butterfly.identification.fit import Box, Fit, minimise
+from butterfly.identification.fit import CONVERGED, Box, Fit, minimise
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.limits import cells_of, independent_cells_of
 from butterfly.identification.inference.scatter import Scatter
-from butterfly.identification.levels import LOST, MATTERS, MOST, PASSES, PRECISE, ROUNDING
+from butterfly.identification.levels import MOST, PASSES, ROUNDING
 from butterfly.identification.linearisation import Linearisation, Loss, scaled_least_squares
 from butterfly.identification.segments import FINEST
 from butterfly.identification.simulation import Simulation, segment_length
@@ -33,6 +33,10 @@ from butterfly.model.prior import Known, Penalty, Prior
 from butterfly.model.terms import FOLLOWERS, TERMS, companions, lower_bounds
 from butterfly.progress import current_search, out_of_time, threads
 from butterfly.signals.frequency_response import first_counted
+
+_FOLLOWS = 0.5  # largest relative change in one step of what only another term shows
+
+_SETTLED = 0.1  # of a sampling interval, in which a base that no log shows settles
 
 Key = tuple[str, "AddedMass | str | None"]
 """An unknown by name, and the added mass or log that it belongs to; None: shared by all logs."""
@@ -165,7 +169,7 @@ class Problem:
         """
         least = min(log.added_mass.inertia for log in self.logs)
         names = np.array(self.names)
-        share = np.where(np.isin(names, [*FOLLOWERS]), LOST, np.inf)
+        share = np.where(np.isin(names, [*FOLLOWERS]), _FOLLOWS, np.inf)
         return Box(self.lower, share, origin=np.where(names == "p1", -least, -np.inf))
 
     def equations(
@@ -234,7 +238,7 @@ class Problem:
         if not parameters.p1 + log.added_mass.inertia > 0:
             return self._impossible
         fastest = parameters.base_frequency * max(1.0, 2 * parameters.base_damping)
-        if parameters.base_compliance and PRECISE * log.mean_step * fastest > 1:
+        if parameters.base_compliance and _SETTLED * log.mean_step * fastest > 1:
             return self._impossible  # a base that settles within a tenth of a sampling interval
         zero = given["zero"] if "zero" in given else reading_of(log, self.zeros)
         names = list(given) if slopes else []
@@ -303,7 +307,7 @@ class Problem:
         scatter, tries = self.scatter, min(most, PASSES)
         while True:
             step = at.step(*self.box.about(at.values, np.inf))
-            settled = at.decrease(step) <= max(enough, MATTERS) * at.cost
+            settled = at.decrease(step) <= max(enough, CONVERGED) * at.cost
             if scatter is None or settled or not tries:
                 ending = Ending.CONVERGED if settled else Ending.STOPPED
                 return Fit(linearisation=at.moved(step), ending=ending, scatter=scatter)

@@ -32,12 +32,15 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.estimators.output_error import OutputError
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.inference.estimate import Estimate
-from butterfly.identification.levels import LOST, MATTERS
+from butterfly.identification.levels import MATTERS
 from butterfly.identification.problem import Start
 from butterfly.logs.log import Log
 from butterfly.model.prior import Prior
 from butterfly.model.terms import CHANGING
 from butterfly.progress import counted
+
+_MOSTLY = 0.5  # share of what differs that a change of inertia explains
+_HALF_RMS = 0.25  # of a squared error, which is half of its root
 
 _RATIOS = Prior.of({"p1": 1.0})
 _SCALED = CHANGING[::-1]  # what an added mass leaves as it is
@@ -192,7 +195,7 @@ def _differ(old: RunRatios, new: RunRatios) -> bool:
     pull = direction @ weights @ (after - before)
     explained = pull**2 / (direction @ weights @ direction)
     whole = (after - before) @ weights @ (after - before)
-    return bool(explained > LOST * (whole + old.error + new.error))
+    return bool(explained > _MOSTLY * (whole + old.error + new.error))
 
 
 def _part(run: RunRatios, names: Sequence[str]) -> tuple[Samples, Samples]:
@@ -211,7 +214,7 @@ def _have_common_values(old: RunRatios, new: RunRatios) -> bool:
     except (ButterflyError, np.linalg.LinAlgError):
         return True  # nothing shows that they have none
     errors = _error(data, estimate)
-    return bool((LOST**2 * errors <= [old.error, new.error]).any())  # half of the rms
+    return bool((_HALF_RMS * errors <= [old.error, new.error]).any())  # half of the rms
 
 
 def _has_other_inertia(run: RunRatios, other: RunRatios) -> bool:
@@ -231,7 +234,7 @@ def _has_other_inertia(run: RunRatios, other: RunRatios) -> bool:
         return False
     inertia, (gain, width) = estimate.named["p1"], run.interval("p4")
     unlike = abs(inertia - 1) > max(2 * MATTERS, width / gain)
-    return unlike and bool(LOST**2 * _error(data, estimate)[0] <= other.error)
+    return unlike and bool(_HALF_RMS * _error(data, estimate)[0] <= other.error)
 
 
 def _named(old: RunRatios, new: RunRatios, others: Iterable[RunRatios]) -> Contradiction:

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from butterfly.arrays import Samples, joined
 from butterfly.errors import InputError
-from butterfly.identification.levels import MATTERS, PRECISE, ROUNDING
+from butterfly.identification.levels import ROUNDING
 from butterfly.identification.servo_drive import loop_on_grid
 from butterfly.logs.log import Intersample, Log
 from butterfly.model.greybox import (
@@ -41,6 +41,9 @@ LONGEST_STEP = 0.01
 FINEST = 100
 """Largest number of steps per sample: logs have no information on faster motions. A trial of a fit
 may take as many for an interval of its grid."""
+_JUMP = 0.01  # of the rms command, above which it jumps
+_SHIFT = 0.1  # of a sampling interval, by which a delay shifts readings at once
+_STIFF = 10  # times the steps of a sound joint, which an impossible one takes
 _LONGEST_GRID = 20_000_000  # steps of a log: two days of slow motion
 _DELAYS = 3  # drives before those of the terms of the drive: p4's, and those by both delays
 _STEPS_PER_RADIAN = 10  # of the drive or of the resonance, whichever is faster
@@ -213,7 +216,7 @@ class Segments:
         """
         late, log = joint.delay if self._driven else 0.0, self.log
         if self._latest_read is None or self._latest_read[0] != late:
-            unit = PRECISE * log.mean_step
+            unit = _SHIFT * log.mean_step
             moved = round(late / unit) * unit
             samples = log.time[self._first :] - moved, log.measured[self._first :]
             into, weights, measured, counts = polynomials.averages(
@@ -286,7 +289,7 @@ def _between_jumps(log: Log, bounds: Samples, longest: float) -> Samples:
     time, commands = log.command
     jumps = np.diff(commands, prepend=0.0)
     bends = np.abs(np.diff(jumps, prepend=0.0, append=0.0))
-    least = MATTERS * float(np.sqrt(np.mean(commands**2)))
+    least = _JUMP * float(np.sqrt(np.mean(commands**2)))
     bent = (np.abs(jumps) > least) & (np.maximum(bends[:-1], bends[1:]) > least)
     jumped = time[bent & (time > bounds[0]) & (time < bounds[-1])]
     after = np.searchsorted(bounds, jumped)
@@ -310,7 +313,7 @@ def most_steps(log: Log, parameters: LumpedParameters, step: float) -> int:
     ten times as many are a motion that a log does not show, and an impossible trial.
     """
     sound = steps_of_interval(parameters.with_added_mass(log.added_mass), log.rms_speed, step)
-    return max(FINEST, round(sound / PRECISE))
+    return max(FINEST, round(_STIFF * sound))
 
 
 def grid_step(log: Log, parameters: LumpedParameters) -> float:

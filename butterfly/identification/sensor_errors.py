@@ -21,8 +21,10 @@ from scipy.special import ndtr, ndtri
 
 from butterfly.arrays import Samples, blocks
 from butterfly.compiled import compiled
-from butterfly.identification.levels import CONFIDENCE, PRECISE, ROUNDING
+from butterfly.identification.levels import CONFIDENCE, ROUNDING
 from butterfly.signals.spectrum import roughness
+
+_WHOLE = 0.1  # of a step, within which gaps of readings are whole steps
 
 Places: TypeAlias = NDArray[np.int16]
 Counts: TypeAlias = NDArray[np.int64]
@@ -93,7 +95,7 @@ def encoder_step(readings: Samples) -> float:
     if gaps.size < 3:  # noqa: PLR2004 - too few to estimate a step
         return 0.0
     step = float(np.median(gaps[gaps < 1.5 * np.percentile(gaps, 5)]))
-    return step if np.median(np.abs(gaps / step - np.rint(gaps / step))) < PRECISE else 0.0
+    return step if np.median(np.abs(gaps / step - np.rint(gaps / step))) < _WHOLE else 0.0
 
 
 def _places(angle: Samples, step: float) -> Places:

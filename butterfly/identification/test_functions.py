@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from butterfly.arrays import Samples
 from butterfly.errors import InputError
 from butterfly.identification.inference.limits import CELLS
-from butterfly.identification.levels import LOST, ROUNDING
+from butterfly.identification.levels import ROUNDING
 from butterfly.logs.log import Log
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass, LumpedParameters
@@ -35,6 +35,8 @@ from butterfly.model.terms import GEAR, IDEAL, TERMS, DriveTerms, FrictionTerms,
 from butterfly.signals import hold
 from butterfly.signals.polynomials import slope
 from butterfly.signals.spectrum import dominant_period, resample, uniform_grid, white_variance
+
+_NOISY = 0.5  # of the variance of a motion, above which noise hides its period
 
 SPACING = 0.5
 """Of the test functions, in half-widths."""
@@ -327,7 +329,7 @@ def half_width_of(log: Log) -> float:
     variance, omega = white_variance(log.angle), 2 * math.pi / length
     if log.excitation is not None:
         omega = log.excitation.omega
-    elif variance < LOST * log.rms_motion**2:  # else noise hides it
+    elif variance < _NOISY * log.rms_motion**2:  # else noise hides it
         omega = 2 * math.pi / dominant_period(log.time, log.angle)
     longest = min(math.pi / (2 * omega), length / CELLS)
     if acceptable := _QUIET * log.rms_motion * omega**2:

@@ -23,8 +23,11 @@ from __future__ import annotations
 import math
 from enum import Enum
 
-from butterfly.identification.levels import CLEARLY, PRECISE
+from butterfly.identification.levels import CLEARLY
 from butterfly.verdict import Level
+
+PRECISE = 0.1
+"""Relative half-width within which a value is good."""
 
 
 class Trust(Enum):

@@ -17,13 +17,16 @@ from scipy.special import stdtrit
 from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError, InputError, listed
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.levels import CONFIDENCE, MATTERS, PRECISE, SHOWS
+from butterfly.identification.levels import CONFIDENCE, MATTERS, SHOWS
 from butterfly.identification.servo_drive import driven
 from butterfly.logs.log import InputKind, Log
 from butterfly.logs.units import UNITS
 from butterfly.model.parameters import AddedMass
 from butterfly.signals.frequency_response import ResponsePoint
 from butterfly.signals.spectrum import dominant_frequency
+
+SAME_FACTOR = 0.1
+"""Relative distance within which two factors are taken for one."""
 
 _DETUNED = MATTERS / 2  # relative error of an omega; that of the inertia is twice it
 _HEAVIEST = 10.0  # kg, above which a mass is asked about: 7 of 110 random robots have more
@@ -218,7 +221,7 @@ def unit_errors_of_refused(logs: Sequence[Log]) -> list[Finding]:
         clear = np.flatnonzero(shares >= _SINE).tolist()
         return unit_errors_of_omegas([sines[k] for k in clear], ratios[clear])
     ratios, shares = _ratios(sines, "angle")
-    right = (shares > _SINE) & (np.abs(ratios - 1) < PRECISE)
+    right = (shares > _SINE) & (np.abs(ratios - 1) < SAME_FACTOR)
     return [unit_error(UnitError.SWAPPED, 1.0)] if np.mean(right) > _SINE else []
 
 
@@ -232,7 +235,7 @@ def unit_errors_of_omegas(sines: Sequence[Log], ratios: Samples) -> list[Finding
         return []
     for error in UnitError:
         for factor in error.factors if error.column in {"time", "omega"} else ():
-            if np.all(np.abs(ratios / factor - 1) < PRECISE):
+            if np.all(np.abs(ratios / factor - 1) < SAME_FACTOR):
                 return [unit_error(error, factor)]
     common = float(np.median(ratios))
     if len(wrong) == len(sines) and np.all(np.abs(ratios / common - 1) < _DETUNED):
@@ -279,6 +282,6 @@ def _of_omega(ratio: float, *logs: Log) -> Finding:
     """Return the finding of a wrong omega, with the right one in rad/s if it is of one log."""
     sines = [log.excitation for log in logs if log.excitation]
     measured = [f"{ratio * sine.omega:.4g} rad/s" for sine in sines] if len(logs) == 1 else []
-    moves = 2 * abs(ratio - 1) > PRECISE  # of inertia, by the square of the time
+    moves = 2 * abs(ratio - 1) > SAME_FACTOR  # of inertia, by the square of the time
     names = [log.name for log in logs]
     return unit_error(UnitError.OMEGA, ratio, *measured, logs=names, moves=moves)

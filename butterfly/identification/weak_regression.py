@@ -14,7 +14,7 @@ from butterfly.identification.findings import Ending
 from butterfly.identification.fit import Fit
 from butterfly.identification.inference.limits import independent_cells_of
 from butterfly.identification.inference.stagewise import STRIBECK, stribeck_velocity
-from butterfly.identification.levels import LOST, MOST, SHOWS, WEIGHED
+from butterfly.identification.levels import MOST, SHOWS, WEIGHED
 from butterfly.identification.linearisation import Linearisation, Regression
 from butterfly.identification.segments import LONGEST_STEP
 from butterfly.identification.test_functions import (
@@ -27,6 +27,8 @@ from butterfly.logs.log import Log
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.prior import Penalty, Prior
 from butterfly.model.terms import DRIVE, IDEAL, SETTINGS, TERMS, DriveTerms, FrictionTerms
+
+_RESTING = 0.5  # share of the windows in motion, below which a joint rests between its moves
 
 _SETTINGS = {"delay", *DRIVE, *SETTINGS}  # without columns, if known
 _BY_MASS = "mass_inertia"
@@ -44,7 +46,7 @@ def averaging_of(
     width, settings = half_width_of(log), FrictionTerms(cogging_periods=periods)
     averages = Averaging(log, zero, width if half_width is None else half_width, settings)
     short = max(HALF_WIDTH, LEAST_SAMPLES * log.mean_step)
-    if half_width is None and width > short and np.mean(averages.moving(0.0)) < LOST:
+    if half_width is None and width > short and np.mean(averages.moving(0.0)) < _RESTING:
         return Averaging(log, zero, short, settings)
     return averages
 

@@ -5,10 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import butterfly as bf
+from butterfly.identification import trust
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.levels import CLEARLY, PRECISE
+from butterfly.identification.levels import CLEARLY
 from butterfly.identification.parameter import Parameter
-from butterfly.identification.trust import Trust, trust_of
+from butterfly.identification.trust import PRECISE, Trust, trust_of
 from butterfly.report.parameter_table import badge_of
 from butterfly.verdict import Level
 from tests.identification.simulated import estimate_of
@@ -67,3 +69,26 @@ def test_a_precise_value_of_a_doubted_unit_is_not_claimed():
     row = estimate.with_findings(unread).table()[1]
     assert (row.trust, row.claim) == (Trust.UNREAD, "unit-unread")
     assert estimate.table()[1].trust is Trust.PRECISE
+
+
+def _numbers(part):
+    """Return a saved document without its verdict, and without the claims of its values."""
+    if not isinstance(part, dict):
+        return part
+    return {key: _numbers(part[key]) for key in part if key not in _OF_VERDICT}
+
+
+_OF_VERDICT = {"claim", "verdict", "reasons", "summary"}
+
+
+def test_good_within_less_changes_the_verdict_and_its_texts_and_nothing_else(
+    quick_data, monkeypatch
+):
+    """With a level between the half-widths: one value is rough then, and the verdict care."""
+    found = bf.identify(quick_data)
+    before, numbers = found.judged.level, _numbers(found.to_dict())
+    widths = [(row.upper - row.value) / row.value for row in found.estimate.table()[:4:3]]
+    monkeypatch.setattr(trust, "PRECISE", 0.5 * max(widths))
+    found = bf.identify(quick_data)
+    assert (before, found.judged.level) == (Level.GOOD, Level.CARE)
+    assert _numbers(found.to_dict()) == numbers

@@ -30,8 +30,9 @@ from butterfly.identification.inference.agreement import pace_of
 from butterfly.identification.inference.consistency import is_driven, prior_of_fit
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.limits import OTHER_LOGS
-from butterfly.identification.levels import MATTERS, PASSES, PRECISE, SHOWS
+from butterfly.identification.levels import MATTERS, PASSES, SHOWS
 from butterfly.identification.parameter import meaning_of, or_none, unit_of
+from butterfly.identification.trust import PRECISE
 from butterfly.logs.log import Log
 from butterfly.logs.thinning import GLANCE, thinned
 from butterfly.model.prior import Prior

@@ -23,10 +23,11 @@ from butterfly.identification.inference.limits import (
     independent_cells_of,
 )
 from butterfly.identification.inference.submodels import submodels_of
-from butterfly.identification.levels import MATTERS
 from butterfly.identification.linearisation import Linearisation
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import lower_bounds
+
+_CHANCE = 0.01  # below which waves of the angle are none
 
 _WAVES = ("encoder sine", "encoder cosine")
 
@@ -72,7 +73,7 @@ def off_centre(
     waved, degrees = covariance[count:, count:], max(float(freedom[count:].min()), 2.0)
     # Hotelling's square of two values, as an F
     square = float(values[count:] @ np.linalg.solve(waved, values[count:])) / len(_WAVES)
-    if not fdtrc(len(_WAVES), degrees - 1, square * (degrees - 1) / degrees) < MATTERS:
+    if not fdtrc(len(_WAVES), degrees - 1, square * (degrees - 1) / degrees) < _CHANCE:
         return None
     half = half_widths(covariance, freedom)[:count]
     rival = Rival(values[:count], half, predicts=False)

@@ -27,13 +27,14 @@ from butterfly.identification.estimators import Estimator, OutputError, WeakForm
 from butterfly.identification.findings import Finding
 from butterfly.identification.inference.agreement import Condition
 from butterfly.identification.inference.estimate import Estimate
-from butterfly.identification.levels import CLEARLY, FEW, LOST, MATTERS, PRECISE
+from butterfly.identification.levels import CLEARLY, FEW
 from butterfly.identification.linearisation import Linearisation, Solution
 from butterfly.identification.plausibility import is_possible
 from butterfly.identification.problem import Start
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging
 from butterfly.identification.unit_errors import (
     RIGHT,
+    SAME_FACTOR,
     UnitError,
     unit_error,
     unit_errors_of_masses,
@@ -49,6 +50,8 @@ from butterfly.signals.spectrum import periodogram, white_variance
 from butterfly.verdict import Level
 
 _AS_GOOD = 1.3  # times the least misfit, below which a mistake explains as much
+_CLEARLY_LESS = 0.5  # of a misfit, which a mistake that explains it leaves at most
+_FOLLOWED = 0.01  # of the motion, an error below which no gain is looked for
 _FITS = 4  # that are made at most
 _SWINGS = (0.1, math.pi)  # rad, that the log of the largest swing may have
 _SLOW = 0.05  # s from stamp to stamp, above which they may be no seconds
@@ -206,7 +209,7 @@ class _Search:
         trials, here = map(self.best, UnitError), self._here
         if here is None or not math.isfinite(here.misfit):
             return self.named(trials)
-        return self.named([*trials, *self._scored(here)], LOST * here.misfit)
+        return self.named([*trials, *self._scored(here)], _CLEARLY_LESS * here.misfit)
 
     def named(self, trials: Iterable[_Trial | None], bar: float = math.inf) -> list[Finding]:
         """Return the mistakes of least misfit, below a bar, without which a joint follows."""
@@ -305,7 +308,7 @@ class _Search:
             wrong = np.array([log.added_mass == mass and name in {"", log.name} for log in logs])
             inertia, moment = more.inertia - mass.inertia, more.gravity_moment - mass.gravity_moment
             misfit, added = here.score({"p1": inertia * wrong, "p3": moment * wrong})
-            if misfit < min(rival, LOST * here.misfit):
+            if misfit < min(rival, _CLEARLY_LESS * here.misfit):
                 right = replace(more, mass=max(mass.mass + added, 0.0))
                 change = partial(_weighed, mass, right)
                 yield _Trial(UnitError.MASS, right.mass, change, name, str(mass)).tried(self._thin)
@@ -347,14 +350,14 @@ class _Search:
     def _follows(self, data: DataSet, estimate: Estimate, logs: Sequence[int]) -> bool:
         """Return whether free runs of some logs leave clearly less of their motion than before."""
         before = 1.0 if self.estimate is None else _error(self.data, self.estimate, logs)
-        return _error(data, estimate, logs) < LOST * min(1.0, before)
+        return _error(data, estimate, logs) < _CLEARLY_LESS * min(1.0, before)
 
     def of_gain(self, estimator: Estimator) -> list[Finding]:
         """Return the factor of the P gain of a loop, if another one halves the misfit at least."""
         data, before = self.data, self.estimate
         if before is None or "loop_kp" in before.names or not isinstance(estimator, OutputError):
             return []
-        if _error(data, before) < MATTERS or not any(log.closed for log in data.logs):
+        if _error(data, before) < _FOLLOWED or not any(log.closed for log in data.logs):
             return []
         known = data.known | Prior({"loop_kp": Known(value=1.0, uncertainty=math.inf)})
         free = replace(estimator, terms=tuple({*before.names} & {*offered(estimator.method)}))
@@ -363,7 +366,7 @@ class _Search:
         except _FAILURES:
             return []
         factor = estimate.parameters.loop_kp
-        if abs(factor - 1) > PRECISE and self._follows(data, estimate, range(len(data.logs))):
+        if abs(factor - 1) > SAME_FACTOR and self._follows(data, estimate, range(len(data.logs))):
             return [unit_error(UnitError.GAIN, factor, moves=_moves(before, estimate))]
         return []
 
@@ -380,7 +383,7 @@ def _moves(before: Estimate, after: Estimate) -> bool:
     then = after.named
     rows = zip(before.names, before.values, before.lower, before.upper, strict=True)
     return any(
-        abs(then[name] - value) > max((upper - lower) / 2, PRECISE * abs(value))
+        abs(then[name] - value) > max((upper - lower) / 2, SAME_FACTOR * abs(value))
         for name, value, lower, upper in rows
         if name in {"p1", "p2", "p3", "p4"} & then.keys()
     )

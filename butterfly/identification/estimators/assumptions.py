@@ -33,13 +33,17 @@ from butterfly.identification.inference.consistency import is_driven
 from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.inference.limits import CELLS
 from butterfly.identification.inference.scatter import Likelihood
-from butterfly.identification.inference.stagewise import as_good
-from butterfly.identification.levels import FEW, LOST, MATERIAL, MATTERS, PRECISE, WEIGHED
+from butterfly.identification.inference.stagewise import PROMISED, as_good
+from butterfly.identification.levels import FEW, MATERIAL, WEIGHED
 from butterfly.identification.linearisation import Loss
 from butterfly.identification.problem import Problem, Start
 from butterfly.identification.servo_drive import assumes_clock, driven, undriven
 from butterfly.logs.log import Intersample, Log
 from butterfly.progress import out_of_time
+
+_FASTER = 0.01  # of the assumed period of a loop, as if it had no clock
+
+_SAME_TIME = 0.9  # share of the own time, above which segments are as long
 
 Begun = tuple[Problem, Fit]
 """A problem with all terms that are tried, and the end of a fit in some of them."""
@@ -121,7 +125,7 @@ def _faster(log: Log) -> Log:
     """Return a log whose loop runs faster than assumed, if nobody says how fast it does."""
     if log.servo is None or not assumes_clock(log):
         return log
-    return replace(log, servo=replace(log.servo, clock=log.servo.period * MATTERS))
+    return replace(log, servo=replace(log.servo, clock=log.servo.period * _FASTER))
 
 
 def _half_a_sample(logs: Sequence[Log]) -> float:
@@ -181,7 +185,7 @@ def over_shorter(problem: Problem, end: Fit) -> list[Samples]:
     """
     horizon = problem.options.horizon
     third = horizon / FEW
-    if horizon < (1 - PRECISE) * _time_of(problem, end) or third < _shortest(problem):
+    if horizon < _SAME_TIME * _time_of(problem, end) or third < _shortest(problem):
         return []
     shorter = _over(problem, end, third)
     return [shorter.values[: problem.shared]] if shorter is not None and shorter.converged else []
@@ -252,7 +256,7 @@ def weighed(every: Problem, fit: Fit) -> Fit:
         return plain
     ended = np.maximum(values + step, problem.lower)
     promised = replace(at, prior=None).moved(ended - plain.values).cost
-    if not LOST * problem.equations(ended, there, slopes=False).cost <= promised:
+    if not PROMISED * problem.equations(ended, there, slopes=False).cost <= promised:
         return plain
     return replace(
         plain,

@@ -291,7 +291,9 @@ class OutputError(Estimator):
                 raise
         lost = inseparable_terms(fit.linearisation) or tuple(sorted(chosen))
         finding = Finding(FindingKind.INSEPARABLE, lost)
-        others = [found for found in fit.plain.findings if found.kind is not FindingKind.SCATTER]
+        others = [
+            reported for reported in fit.plain.findings if reported.kind is not FindingKind.SCATTER
+        ]
         fewer = problem.of_fit(fit.plain).without(lost)
         bare = fewer.descend(fewer.equations(fewer.initial, fit.linearisation))
         again = replace(bare, findings=(*others, finding), path=fit.path)

@@ -24,7 +24,7 @@ from butterfly.identification.estimators.weak_form import WeakForm
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Fit
 from butterfly.identification.free_run import LEAST_FIT, FreeRun, Setting
-from butterfly.identification.inference.stagewise import candidates
+from butterfly.identification.inference.stagewise import PROMISED, candidates
 from butterfly.identification.levels import (
     LOST,
     MATTERS,
@@ -56,6 +56,7 @@ from butterfly.progress import out_of_time
 
 _ELSEWHERE = 1.05  # ratio of costs, above which two ends are not the same
 _PASSES = 4  # of a descent at another delay, or one that is given up if not lower than another
+_SAME_DELAY = 0.01  # of a sampling interval, between delays that are tried
 _PARABOLAS = 2  # how often a delay is sought at the vertex of the last ones
 _RATIOS = Prior.of({"p4": 1.0})
 _AT_ONCE = Prior.of({"delay": 0.0})
@@ -293,7 +294,7 @@ def begun_anew(every: Problem, fit: Fit, rows: Sequence[str], rare: Collection[s
     with suppress(IdentifiabilityError):
         at = common.equations(common.initial)
         end = common.descend(at, TRIAL, SHOWS, TRIAL * at.steps)
-        if end.cost < LOST * fit.cost:
+        if end.cost < PROMISED * fit.cost:
             return replace(end, findings=fit.findings)
     return fit
 
@@ -366,7 +367,7 @@ def servo_start(
             costs, delays = np.array([row[:2] for row in ends[:3]]).T / [[ends[0][0]], [step]]
             bend, slope, _ = np.linalg.solve(np.vander(delays, 3), costs).tolist()
             lowest = max(-slope / (2 * bend), 0.0) if bend > 0 else delays[0]
-            if np.abs(delays - lowest).min() < MATTERS:
+            if np.abs(delays - lowest).min() < _SAME_DELAY:
                 break
             attempt(lowest * step)
     _, delay, problem, end = ends[0]

@@ -39,12 +39,14 @@ from butterfly.identification.inference.limits import (
     robust,
 )
 from butterfly.identification.inference.submodels import without_logs
-from butterfly.identification.levels import CLEARLY, FEW, LOST, PRECISE
+from butterfly.identification.levels import CLEARLY, FEW, LOST
 from butterfly.identification.linearisation import Linearisation, scaled_least_squares
-from butterfly.identification.trust import Trust, trust_of
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR, Penalty, Prior
 from butterfly.model.terms import OF_SCALE, PARAMETERS, TERMS
+
+_SURE = 0.1  # relative half-width, times `CLEARLY`, below which a value looks sure
+_LAST_STEP = 0.1  # of a half-width, which a fit that converged may still move
 
 Pair: TypeAlias = tuple[Samples, Samples]
 """An (n, n) covariance and its (n,) degrees of freedom."""
@@ -244,8 +246,8 @@ def bias_of(equations: Linearisation, evidence: Evidence) -> Samples:
     """(shared,) sizes of errors by a misfit, of the scale and of values that look precise; or 0."""
     values, half = evidence.values, evidence.half_widths
     misfit = misfit_over_value(equations.rows, equations.residuals, equations.values)[: values.size]
-    limits = zip(values.tolist(), (values - half).tolist(), (values + half).tolist(), strict=True)
-    looks = [trust_of(*row) is Trust.PRECISE for row in limits]
+    pairs = zip(values.tolist(), half.tolist(), strict=True)
+    looks = [CLEARLY * half <= _SURE * abs(value) for value, half in pairs]
     doubted = np.isin(equations.names[: values.size], OF_SCALE) | looks
     return np.where(doubted & (misfit > LOST), misfit * np.abs(values), 0.0)
 
@@ -253,7 +255,7 @@ def bias_of(equations: Linearisation, evidence: Evidence) -> Samples:
 def ending_of(fit: Fit, half: Samples) -> Ending:
     """Return how the fit ended: converged if its last step is small in (shared,) half-widths."""
     step = fit.unsettled
-    if step is not None and (np.abs(step[: half.size]) <= PRECISE * half).all():
+    if step is not None and (np.abs(step[: half.size]) <= _LAST_STEP * half).all():
         return Ending.CONVERGED
     return fit.ending
 

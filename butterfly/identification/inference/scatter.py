@@ -29,10 +29,13 @@ from butterfly.arrays import Samples, unit_columns
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.inference.limits import CELLS
 from butterfly.identification.inference.submodels import NEGLIGIBLE
-from butterfly.identification.levels import CLEARLY, LOST, MATTERS
+from butterfly.identification.levels import CLEARLY, MATTERS
 from butterfly.identification.linearisation import Linearisation
 from butterfly.model.prior import Penalty
 from butterfly.model.terms import DISSIPATIVE, GROWING
+
+_MOST = 100.0  # usual sizes, up to which the likeliest is sought
+_BEGINS = 0.5, 0.01  # usual sizes, from which it is sought
 
 FRICTION = frozenset({row.name for row in DISSIPATIVE} & GROWING)
 """Terms of friction."""
@@ -192,9 +195,9 @@ class Likelihood:
             value, slopes = self.expanded(shares * usual)
             return value + float(shares @ shares), slopes * usual + 2 * shares
 
-        bounds = [(0.0, 1 / MATTERS)] * usual.size  # beyond, a step would find V singular
+        bounds = [(0.0, _MOST)] * usual.size  # beyond, a step would find V singular
         # from large and from small sizes: at 0 the likelihood is flat
-        begins = (np.full(usual.size, share) for share in (LOST, MATTERS))
+        begins = (np.full(usual.size, share) for share in _BEGINS)
         ends = [minimize(cost, x, jac=True, method="L-BFGS-B", bounds=bounds) for x in begins]
         misfit, friction, gain = (min(ends, key=lambda end: end.fun).x * usual).tolist()
         return Scatter(misfit=misfit, friction=friction, gain=gain)

@@ -23,11 +23,16 @@ from butterfly.arrays import Samples, standard_error
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.inference.agreement import score_of
 from butterfly.identification.inference.submodels import Submodels
-from butterfly.identification.levels import ACCUSED, CONFIDENCE, FEW, MATERIAL, MATTERS, PRECISE
+from butterfly.identification.levels import CONFIDENCE, FEW, MATERIAL
 from butterfly.model.parameters import AddedMass, value_if_absent
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import GEAR, OF_MASS, companions, is_simulated_with
 from butterfly.progress import out_of_time
+
+PROMISED = 0.5
+"""Share of a promised gain that a simulation keeps, if it is believed."""
+
+_NEAR = 10.0  # ratio of inertias, within which linear equations may be believed
 
 STRIBECK = "stribeck"
 """The term that needs a velocity."""
@@ -80,7 +85,7 @@ class _Level(NamedTuple):
     gain: float  # standard errors of the gain, with a share of the squared errors
 
 
-_COMMON, _RARE = _Level(MATTERS, 1.0), _Level(ACCUSED, 2.5)
+_COMMON, _RARE = _Level(0.01, 1.0), _Level(1e-3, 2.5)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -359,7 +364,7 @@ def is_near(
         return False
     carried = min((mass.inertia for mass in masses), default=0.0)
     here, there = (point.get("p1", 0.0) + carried for point in (fitted, values))
-    return "p1" not in fitted or PRECISE * here <= there <= here / PRECISE
+    return "p1" not in fitted or here / _NEAR <= there <= _NEAR * here
 
 
 def _holm(offers: Sequence[Offer]) -> dict[str, float]:
