@@ -7,6 +7,7 @@ import pytest
 
 import butterfly as bf
 from butterfly.identification import trust
+from butterfly.identification.derived_quantities import WAYS
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.levels import CLEARLY
 from butterfly.identification.parameter import Parameter
@@ -84,11 +85,15 @@ _OF_VERDICT = {"claim", "verdict", "reasons", "summary"}
 def test_good_within_less_changes_the_verdict_and_its_texts_and_nothing_else(
     quick_data, monkeypatch
 ):
-    """With a level between the half-widths: one value is rough then, and the verdict care."""
+    """Combinations are told besides, as where none of their parts is good."""
     found = bf.identify(quick_data)
     before, numbers = found.judged.level, _numbers(found.to_dict())
     widths = [(row.upper - row.value) / row.value for row in found.estimate.table()[:4:3]]
     monkeypatch.setattr(trust, "PRECISE", 0.5 * max(widths))
     found = bf.identify(quick_data)
     assert (before, found.judged.level) == (Level.GOOD, Level.CARE)
-    assert _numbers(found.to_dict()) == numbers
+    after = _numbers(found.to_dict())
+    more = after["physical"].keys() - numbers["physical"].keys()
+    assert more <= {way.name for way in WAYS if way.combined}
+    after["physical"] = {name: after["physical"][name] for name in numbers["physical"]}
+    assert after == numbers
