@@ -113,30 +113,33 @@ class FreeRunModel:
             return []
         there = self._with(rows, settings)
         at = self.equations(there, there.values_from(self.problem, self.fit.values))
-        if not at.is_finite:
+        if at is None:
             return []
         fitted = np.isin(there.labels, self.problem.labels)
         nested = nested_about(there, at, len(self.every.keys))
         return offers_in(replace(nested, settings=dict(settings)), fitted, rows, self.masses)
 
-    def equations(self, there: Problem, values: Samples) -> Linearisation:
-        """Return the equations of a problem in other terms about (n,) values."""
-        return there.weighed(self.simulated(there, values))
-
-    def simulated(self, there: Problem, values: Samples) -> Linearisation:
-        """Return the same without a prior, as rivals are compared by what their logs say."""
-        at = there.equations(values, self.fit.linearisation)
-        return at.counting(there.options.loss)
+    def equations(self, there: Problem, values: Samples) -> Linearisation | None:
+        """Return the equations of a problem in other terms about (n,) values; None of no motion."""
+        try:
+            at = there.equations(values, self.fit.linearisation)
+            at = there.weighed(at.counting(there.options.loss))
+        except IdentifiabilityError:
+            return None
+        return at if at.is_finite else None
 
     def descended(
         self, there: Problem, at: Linearisation, most: int = MOST, enough: float = SHOWS
-    ) -> Fit:
-        """Return where a descent in other terms ends, as far as their choice needs it.
+    ) -> Fit | None:
+        """Return where a descent in other terms ends, as far as their choice needs it, if it does.
 
         A descent into ever stiffer joints, as a base that hardly moves, ends after as many steps of
         simulations as ``most`` expansions take at its start.
         """
-        return there.descend(at, most, enough, most * at.steps)
+        try:
+            return there.descend(at, most, enough, most * at.steps)
+        except IdentifiabilityError:
+            return None
 
     def _with(self, rows: Iterable[str], values: Mapping[str, float]) -> Problem:
         """Return the problem with more rows, first guesses by label being as given."""
@@ -153,12 +156,9 @@ class FreeRunModel:
         problem = self._with([offer.name], {**offer.nested.settings, **moved})
         promised = offer.share * float(self.nested.equations.squares.sum()) / 2
         enough = self.fit.cost - PROMISED * promised
-        try:
-            at = self.equations(problem, problem.initial)
-            if not at.cost <= enough:
-                return None
-            end = self.descended(problem, at, TRIAL)
-        except IdentifiabilityError:
+        at = self.equations(problem, problem.initial)
+        end = self.descended(problem, at, TRIAL) if at and at.cost <= enough else None
+        if end is None:
             return None
         values, least = end.named, problem.named(problem.lower)
         free = all(values[n] > least[n] for n in (offer.name, "p1") if n in values)
@@ -184,25 +184,21 @@ class FreeRunModel:
             guesses.insert(0, promised)
         tried: list[Linearisation] = []
         for values in guesses:
-            tried.append(self.equations(problem, values))
-            if tried[-1].is_finite and tried[-1].cost <= enough:
-                break
-        there = min((at for at in tried if at.is_finite), key=lambda at: at.cost, default=None)
-        if there is None:
-            return None
-        end = self.descended(problem, there)
-        return replace(self, fit=end) if end.cost <= enough else None
+            if at := self.equations(problem, values):
+                tried.append(at)
+                if at.cost <= enough:
+                    break
+        there = min(tried, key=lambda at: at.cost, default=None)
+        end = self.descended(problem, there) if there else None
+        return replace(self, fit=end) if end and end.cost <= enough else None
 
     def confirms(self, rival: Mapping[str, float]) -> bool:
         """Whether a rival, simulated once, follows the logs as well as the fit."""
         if not is_near(rival, self.fit.named, self.masses):
             return False
         there = self._with(rival, rival)
-        try:
-            at = self.simulated(there, there.initial)
-        except IdentifiabilityError:
-            return False
-        if not at.is_finite:
+        at = self.equations(there, there.initial)
+        if at is None:
             return False
         its = nested_about(there, at, len(self.every.keys)).equations.squares
         return as_good(np.sqrt(its), np.sqrt(self.nested.equations.squares))
