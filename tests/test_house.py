@@ -38,7 +38,7 @@ from tests.house import (
 CEILINGS = {
     "names of classes that exist twice": 0,
     "modules in import circles": 0,
-    "tuned numbers of identification": 91,
+    "tuned numbers of identification": 93,
     "classes that carry rows and residuals of a fit": 2,
     "places that choose terms": 2,
     "lists of names of terms outside their table": 0,

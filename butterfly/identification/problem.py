@@ -323,6 +323,11 @@ class Problem:
         """Return the problem with other logs of the same motions."""
         return replace(self, simulations=simulations_of(logs, self.start, self.options))
 
+    def at_delay(self, delay: float) -> Problem:
+        """Return the problem whose logs begin on their grids by a delay in s."""
+        there = replace(self, start=replace(self.start, delay=delay))
+        return there.of_logs(self.logs)
+
     def keeping(self, indices: NDArray[np.intp], initial: Samples) -> Problem:
         """Return the problem in the unknowns with these ``indices``; the other terms are absent."""
         lost = np.delete(self.names, indices).tolist()

@@ -16,7 +16,7 @@ import butterfly as bf
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.before_fit import Identifiability, forecast
 from butterfly.identification.inference.agreement import pace_of
-from butterfly.identification.levels import PRECISE
+from butterfly.identification.trust import PRECISE
 from butterfly.model.prior import Prior
 from butterfly.model.terms import PARAMETERS
 from tests.independent import robots

@@ -62,7 +62,7 @@ def test_an_inertia_that_no_simulation_ends_with_is_not_simulated(model, monkeyp
     def refuse(*_):
         pytest.fail("it was simulated")
 
-    monkeypatch.setattr(FreeRunModel, "simulated", refuse)
+    monkeypatch.setattr(FreeRunModel, "equations", refuse)
     assert not model.confirms(model.fit.named | {"p1": 1e-5 * model.fit.named["p1"]})
 
 

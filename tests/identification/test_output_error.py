@@ -56,6 +56,17 @@ def test_every_term_is_recovered_within_its_interval(estimate):
     assert estimate.ending is Ending.CONVERGED
 
 
+def test_runs_from_rest_do_not_depend_on_the_first_guess_of_the_delay():
+    """They begin with their first sample, and not by what a guess is late."""
+    logs = steady(replace(PLAIN, bias=1e-3), SWINGS, MASSES[:2])
+    known = OutputError(terms=("bias",))
+    guess = Start(PLAIN, dict.fromkeys(MASSES, 0.0))
+    late = replace(guess, parameters=replace(PLAIN, delay=0.012))
+    one, other = (known.of_logs(logs, [start]) for start in (guess, late))
+    np.testing.assert_allclose(other.values, one.values, rtol=3e-3, atol=1e-5)
+    assert one.parameters.p2 == pytest.approx(PLAIN.p2, rel=0.01)
+
+
 def test_one_core_or_several_give_the_same_to_the_bit(logs):
     one, two = (_fit(logs[:6], terms=("drag",), workers=workers).values for workers in (1, 2))
     np.testing.assert_array_equal(one, two)

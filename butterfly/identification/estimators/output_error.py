@@ -42,6 +42,7 @@ from butterfly.identification.estimators.start import (
     ProblemOf,
     begun_anew,
     best_local_minimum,
+    on_its_grid,
     servo_start,
     starts,
     with_zero_at_rest_angle,
@@ -164,7 +165,8 @@ class OutputError(Estimator):
         """
         if self.terms is None:
             fit = choose(problem, fit, *self._rows(problem.logs, problem.robot))
-        problem, fit = self._over_own_time(problem, separable(problem, fit))
+        problem, fit = on_its_grid(problem, separable(problem, fit))
+        problem, fit = self._over_own_time(problem, fit)
         return problem, fit if self.terms is None else self._with_missing(problem, fit)
 
     def weigh(self, problem: Problem, fit: Fit) -> Fit:
@@ -238,7 +240,8 @@ class OutputError(Estimator):
             # a fit that is but the first need not be exact
             place, fit = best_local_minimum(bare, SHOWS if rows else ROUNDING)
             there = replace(every[place], initial=every[0].initial)
-            return there, with_zero_at_rest_angle(there, begun_anew(there, fit, rows, rare))
+            fit = with_zero_at_rest_angle(there, begun_anew(there, fit, rows, rare))
+            return on_its_grid(there, fit)
 
         return held_or_straight(logs, begun)
 

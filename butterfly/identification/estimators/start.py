@@ -57,6 +57,8 @@ from butterfly.progress import out_of_time
 _ELSEWHERE = 1.05  # ratio of costs, above which two ends are not the same
 _PASSES = 4  # of a descent at another delay, or one that is given up if not lower than another
 _SAME_DELAY = 0.01  # of a sampling interval, between delays that are tried
+_SAME_GRID = 0.1  # of a sampling interval, between delays of which grids are the same
+_GRIDS = 2  # that a fit may need, as another one moves the delay
 _PARABOLAS = 2  # how often a delay is sought at the vertex of the last ones
 _RATIOS = Prior.of({"p4": 1.0})
 _AT_ONCE = Prior.of({"delay": 0.0})
@@ -279,6 +281,32 @@ def with_zero_at_rest_angle(every: Problem, fit: Fit) -> Fit:
     values[at["zero"]] = near(values[at["zero"]] + math.pi, home)
     turned = problem.descend(problem.equations(values, fit.linearisation))
     return replace(turned, findings=fit.findings)
+
+
+def on_its_grid(every: Problem, fit: Fit) -> tuple[Problem, Fit]:
+    """Return a problem whose logs begin on their grids by the delay of a fit, and the fit to them.
+
+    A grid begins before its log by a delay. Where that is another one, the joint begins to move at
+    another instant: by what it is late, times its pace, all that follows a start at rest is wrong.
+    """
+    recorded = [log for log in every.logs if not log.closed]
+    for _ in range(_GRIDS if recorded and "delay" in fit.named else 0):
+        delay = fit.named["delay"]
+        step = min(log.mean_step for log in recorded)
+        if abs(delay - every.start.delay) <= _SAME_GRID * step:
+            break
+        every = every.at_delay(delay)
+        problem = every.of_fit(fit)
+        with suppress(IdentifiabilityError):
+            end = problem.descend(problem.equations(fit.values, fit.linearisation))
+            fit = replace(
+                fit,
+                linearisation=end.linearisation,
+                ending=end.ending,
+                unsettled=end.unsettled,
+                bread=end.bread,
+            )
+    return every, fit
 
 
 def begun_anew(every: Problem, fit: Fit, rows: Sequence[str], rare: Collection[str]) -> Fit:
