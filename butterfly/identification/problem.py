@@ -319,14 +319,10 @@ class Problem:
             if not at.is_finite:
                 raise IdentifiabilityError("a simulation of weighed logs diverges")
 
-    def of_logs(self, logs: Sequence[Log]) -> Problem:
-        """Return the problem with other logs of the same motions."""
-        return replace(self, simulations=simulations_of(logs, self.start, self.options))
-
-    def at_delay(self, delay: float) -> Problem:
-        """Return the problem whose logs begin on their grids by a delay in s."""
-        there = replace(self, start=replace(self.start, delay=delay))
-        return there.of_logs(self.logs)
+    def of_logs(self, logs: Sequence[Log], later: float = 0.0) -> Problem:
+        """Return the problem with logs of the same motions, on grids that begin a time in s ``later``."""
+        start = replace(self.start, delay=self.start.delay + later)
+        return replace(self, start=start, simulations=simulations_of(logs, start, self.options))
 
     def keeping(self, indices: NDArray[np.intp], initial: Samples) -> Problem:
         """Return the problem in the unknowns with these ``indices``; the other terms are absent."""

@@ -110,7 +110,7 @@ def unsaid(problem: Problem, end: Fit) -> list[Samples]:
         changed = any(new is not old for new, old in zip(some, logs, strict=True))
         if not changed or out_of_time("what nobody says of inputs"):
             continue
-        there, mask = problem.of_logs(some), np.array(problem.labels) == "delay"
+        there, mask = problem.of_logs(some, delay), np.array(problem.labels) == "delay"
         begun = end.values + np.where(mask, delay, 0.0)
         other = refitted(there, begun, end.linearisation)
         if other is None or not other.converged:

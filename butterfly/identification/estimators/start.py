@@ -291,11 +291,10 @@ def on_its_grid(every: Problem, fit: Fit) -> tuple[Problem, Fit]:
     """
     recorded = [log for log in every.logs if not log.closed]
     for _ in range(_GRIDS if recorded and "delay" in fit.named else 0):
-        delay = fit.named["delay"]
-        step = min(log.mean_step for log in recorded)
-        if abs(delay - every.start.delay) <= _SAME_GRID * step:
+        later = fit.named["delay"] - every.start.delay
+        if abs(later) <= _SAME_GRID * min(log.mean_step for log in recorded):
             break
-        every = every.at_delay(delay)
+        every = every.of_logs(every.logs, later)
         problem = every.of_fit(fit)
         with suppress(IdentifiabilityError):
             end = problem.descend(problem.equations(fit.values, fit.linearisation))
