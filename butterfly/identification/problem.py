@@ -320,7 +320,7 @@ class Problem:
                 raise IdentifiabilityError("a simulation of weighed logs diverges")
 
     def of_logs(self, logs: Sequence[Log], later: float = 0.0) -> Problem:
-        """Return the problem with logs of the same motions, on grids that begin a time in s ``later``."""
+        """Return the problem with logs of the same motions, inputs acting ``later`` by s."""
         start = replace(self.start, delay=self.start.delay + later)
         return replace(self, start=start, simulations=simulations_of(logs, start, self.options))
 
