@@ -168,6 +168,15 @@ def test_whatever_the_page_on_the_house_names_exists():
     assert missing == []
 
 
+def test_the_formulas_on_the_page_on_the_house_are_lines_of_the_code():
+    text = (ROOT / "docs/house.md").read_text(encoding="utf-8")
+    lines = re.findall(r"^    `([\w/]+\.py)`: `(.+)`$", text, re.MULTILINE)
+    assert len(lines) == 5
+    for file, line in lines:
+        code = (PACKAGE / "identification" / file).read_text(encoding="utf-8")
+        assert line in map(str.strip, code.splitlines()), (file, line)
+
+
 def test_the_page_on_the_house_asks_thirty_questions():
     text = (ROOT / "docs/house.md").read_text(encoding="utf-8")
     answers = re.findall(r"(?m)^\| \d+\. .* \| `([\w./]+)` \|$", text)

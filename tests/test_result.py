@@ -6,8 +6,8 @@ import math
 import numpy as np
 
 from butterfly.files import json_text, write_document
-from butterfly.identification.diagnostics.residuals import residual_units
-from butterfly.identification.inference.estimate import left_out_content
+from butterfly.identification.estimate import left_out_content
+from butterfly.identification.residuals import residual_units
 from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.report.page import PageTable
 from butterfly.result import Answer, document

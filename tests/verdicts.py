@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from butterfly.identification import plausibility
+from butterfly.identification import physical
 
 _EXCHANGED = {0.0: 0.12, 0.05: 0.05, 0.12: 0.0}  # kg
 
@@ -24,4 +24,4 @@ def impossible_data(good: Path, folder: Path) -> Path:
 
 def follow_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """Have no FIT be good enough, so that no estimate may be used, however good."""
-    monkeypatch.setattr(plausibility, "LEAST_FIT", 100.0)
+    monkeypatch.setattr(physical, "LEAST_FIT", 100.0)

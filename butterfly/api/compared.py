@@ -12,10 +12,10 @@ import numpy as np
 from butterfly.api.results import Tabulated, about_log
 from butterfly.comparison.leaderboard import Entry, equals
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.residuals import Residuals, residual_units
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
-from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.parameter import or_nan
+from butterfly.identification.residuals import Residuals, residual_units
 from butterfly.model.parameters import JointKind
 from butterfly.model.terms import PARAMETERS
 from butterfly.report.finding_texts import estimate_verdict

@@ -27,7 +27,7 @@ from butterfly.experiment.sweep_tables import ESTIMATES, RUNS
 from butterfly.experiment.workers import DaskEngine, Engine, LocalEngine
 from butterfly.files import locate
 from butterfly.identification.data import DataSet, read_data_set
-from butterfly.identification.inference.estimate import Estimate
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.parameter import Parameter, lumped_numbers
 from butterfly.logs.manifest import read_manifest
 from butterfly.logs.mat import write_mat

@@ -15,11 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 from butterfly.arguments import checked
 from butterfly.errors import InputError, visible
 from butterfly.files import write_document
-from butterfly.identification.diagnostics.residuals import residual_units
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import WholeRuns
 from butterfly.identification.identified import Identified
-from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.parameter import or_nan
+from butterfly.identification.residuals import residual_units
 from butterfly.logs.log import InputKind, Log
 from butterfly.logs.manifest import Manifest
 from butterfly.model.linear import LinearJoint, resonance_frequency

@@ -17,8 +17,8 @@ from butterfly.experiment.schema import Experiment
 from butterfly.experiment.simulate import planned_logs
 from butterfly.experiment.source import read_experiment
 from butterfly.files import locate
-from butterfly.identification.diagnostics.before_fit import forecast
 from butterfly.identification.estimators import OutputError
+from butterfly.identification.forecast import forecast
 from butterfly.identification.free_run import Setting
 from butterfly.identification.parameter import lumped_numbers
 from butterfly.logs.health import examine

@@ -16,8 +16,8 @@ from butterfly.api.identification import Identification, IdentifiedModel
 from butterfly.api.results import Tabulated, about_log
 from butterfly.arguments import checked
 from butterfly.files import write_xml
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FitSummary, WholeRuns, over_segments
-from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.parameter import unit_of
 from butterfly.identification.predict import OF_NEW_LOG, OF_PARAMETERS, ParameterDraws, Prediction
 from butterfly.logs.log import InputKind

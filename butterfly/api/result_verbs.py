@@ -23,11 +23,11 @@ from butterfly.experiment.simulate import planned_logs
 from butterfly.experiment.source import read_experiment
 from butterfly.files import locate
 from butterfly.identification.data import DataSet
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import Setting
-from butterfly.identification.inference.estimate import Estimate
+from butterfly.identification.identified import given_estimate
 from butterfly.identification.levels import BAND_DRAWS
-from butterfly.identification.parameters_by_hand import given_estimate
-from butterfly.identification.plausibility import judge_fit
+from butterfly.identification.physical import judge_fit
 from butterfly.identification.predict import (
     LEAST,
     ExpectedErrors,

@@ -13,12 +13,12 @@ import numpy as np
 
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import Candidate, Plan
-from butterfly.identification.diagnostics.residuals import residual_units, residuals_of
+from butterfly.identification.estimate import Estimate, left_out_content
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identify import held_out_fits
-from butterfly.identification.inference.estimate import Estimate, left_out_content
 from butterfly.identification.parameter import or_nan, unit_of
+from butterfly.identification.residuals import residual_units, residuals_of
 from butterfly.identification.validate import Bootstrap, CrossValidation, Structure
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import JointKind

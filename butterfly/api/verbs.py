@@ -19,16 +19,20 @@ from butterfly.errors import InputError
 from butterfly.experiment.methods import DEFAULT_METHOD, make_estimator
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import next_experiments, wanted
-from butterfly.identification.diagnostics.residuals import residuals_of
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
+from butterfly.identification.identified import read_parameters
 from butterfly.identification.identify import identify as identify_data
 from butterfly.identification.identify import judged
-from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.levels import DRAWS
-from butterfly.identification.parameters_by_hand import read_parameters
-from butterfly.identification.splits import Split
+from butterfly.identification.residuals import residuals_of
+from butterfly.identification.validate import (
+    Split,
+    cross_validate,
+    cross_validate_choice,
+    select_terms,
+)
 from butterfly.identification.validate import bootstrap as bootstrap_of
-from butterfly.identification.validate import cross_validate, cross_validate_choice, select_terms
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import COMMON, OF_ANGLE, offered
 from butterfly.progress import Track, untracked

@@ -35,13 +35,13 @@ from butterfly.campaigns.plan import (
 )
 from butterfly.campaigns.soundness import Rests, require_changed, require_repeated
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError, require_number
+from butterfly.identification.consistency import with_scale
 from butterfly.identification.design import OF_GOAL, Plan, plans, wanted
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.findings import FindingKind
 from butterfly.identification.identified import Identified
 from butterfly.identification.identify import identify
-from butterfly.identification.inference.consistency import with_scale
-from butterfly.identification.inference.estimate import Estimate
-from butterfly.identification.plausibility import judge_fit
+from butterfly.identification.physical import judge_fit
 from butterfly.identification.repeatability import Repeatability, contradicting_runs
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass

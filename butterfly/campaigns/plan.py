@@ -14,7 +14,7 @@ from butterfly.campaigns.guard import SOFT, Expected, Limits
 from butterfly.campaigns.laws import RESERVE, STILL, Law, Relay, Signal
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import expected_log
-from butterfly.identification.inference.estimate import Estimate
+from butterfly.identification.estimate import Estimate
 from butterfly.logs.log import InputKind, Log, Sine
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass, LumpedParameters

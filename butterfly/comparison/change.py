@@ -11,9 +11,9 @@ from scipy.special import chdtrc, fdtrc, ndtri, stdtr, stdtrit
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError
-from butterfly.identification.inference.estimate import Estimate
-from butterfly.identification.inference.limits import widened
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.levels import CONFIDENCE
+from butterfly.identification.limits import widened
 from butterfly.model.terms import GROWING, PARAMETERS, TERMS
 
 LEVEL = 1 - CONFIDENCE

@@ -10,12 +10,11 @@ from itertools import count
 from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError
 from butterfly.identification.data import DataSet
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identify import judged
-from butterfly.identification.inference.estimate import Estimate
-from butterfly.identification.splits import Split
-from butterfly.identification.validate import Gain, cross_validate
+from butterfly.identification.validate import Gain, Split, cross_validate
 from butterfly.progress import Track, out_of_time, untracked
 
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.identification.data import DataSet
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FreeRun
-from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.simulation import SimulatedMotion, Simulation
 from butterfly.identification.test_functions import ResidualTorque
 from butterfly.logs.log import Log

@@ -26,13 +26,13 @@ from butterfly.experiment.record import (
 from butterfly.experiment.schema import ControlSpec, Experiment
 from butterfly.experiment.simulate import data_set_of, packed, simulate
 from butterfly.experiment.source import filled
+from butterfly.identification.consistency import with_scale
 from butterfly.identification.data import DataSet
 from butterfly.identification.derived_quantities import implied
 from butterfly.identification.estimators import Estimator, OutputError
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identified import Identified
 from butterfly.identification.identify import identify, judged
-from butterfly.identification.inference.consistency import with_scale
 from butterfly.identification.simulation import rehearse
 from butterfly.identification.validate import cross_validate
 from butterfly.logs.log import Log

@@ -21,9 +21,9 @@ from pydantic import ConfigDict, PlainSerializer, PlainValidator, TypeAdapter, c
 
 from butterfly.comparison.change import change
 from butterfly.files import is_as_signed, signed
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.findings import Ending
 from butterfly.identification.free_run import FitSummary
-from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.parameter import Parameter, or_none
 from butterfly.orbit.change_detection import Alarm
 from butterfly.orbit.loop import Calibration, OrbitStudy

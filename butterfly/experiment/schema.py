@@ -15,8 +15,8 @@ from butterfly.experiment.methods import DEFAULT_METHOD, AnyEstimator, MethodNam
 from butterfly.experiment.sweep_spec import SEEDS, SweepSpec
 from butterfly.files import LONGEST_NAME, is_name
 from butterfly.identification.estimators import Estimator
-from butterfly.identification.servo_drive import drive_kind
-from butterfly.identification.splits import Split
+from butterfly.identification.segments import drive_kind
+from butterfly.identification.validate import Split
 from butterfly.logs.log import MIN_SAMPLES, InputKind, Sine
 from butterfly.logs.manifest import LoopFacts, Uncertain
 from butterfly.model.energy import Orbit

@@ -11,7 +11,7 @@ import numpy as np
 from butterfly.experiment.schema import Experiment
 from butterfly.files import write_file
 from butterfly.identification.data import DataSet
-from butterfly.identification.servo_drive import driven
+from butterfly.identification.segments import driven
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.logs.manifest import (
     MANIFEST_NAME,

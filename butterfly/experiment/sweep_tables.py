@@ -16,8 +16,8 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from butterfly.experiment.record import EstimateRecord, OrbitRecord, RunRecord, SweepRun
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.findings import Ending
-from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.parameter import Parameter, or_none
 from butterfly.verdict import VERDICTS
 

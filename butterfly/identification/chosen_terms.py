@@ -19,8 +19,11 @@ from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Fit, LackedTerm
-from butterfly.identification.inference.limits import Rival, independent_cells_of
-from butterfly.identification.inference.stagewise import (
+from butterfly.identification.levels import FEW, MATTERS, MOST, PASSES, SHOWS
+from butterfly.identification.limits import Rival, independent_cells_of
+from butterfly.identification.linearisation import Linearisation
+from butterfly.identification.problem import Problem
+from butterfly.identification.stagewise import (
     PROMISED,
     ROUNDS,
     STRIBECK,
@@ -33,10 +36,7 @@ from butterfly.identification.inference.stagewise import (
     stagewise,
     stribeck_velocities,
 )
-from butterfly.identification.inference.submodels import NEGLIGIBLE, Submodels, submodels_of
-from butterfly.identification.levels import FEW, MATTERS, MOST, PASSES, SHOWS
-from butterfly.identification.linearisation import Linearisation
-from butterfly.identification.problem import Problem
+from butterfly.identification.submodels import NEGLIGIBLE, Submodels, submodels_of
 from butterfly.logs.log import InputKind, Log, slow_interval
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Prior

@@ -11,23 +11,23 @@ from typing import Any
 import numpy as np
 
 from butterfly.errors import InputError
+from butterfly.identification.consistency import is_driven
 from butterfly.identification.derived_quantities import implied, relaxed_for_masses
-from butterfly.identification.encoder_offset import (
+from butterfly.identification.findings import Finding
+from butterfly.identification.free_run import Simulations, turns_over
+from butterfly.identification.levels import LOST
+from butterfly.identification.segments import driven
+from butterfly.identification.unit_errors import (
+    unit_errors_of_refused,
+    unit_errors_of_still,
+    with_unit_errors,
+)
+from butterfly.identification.weak_regression import (
     EncoderOffset,
     OffsetKind,
     encoder_offsets,
     near,
     reading_of,
-)
-from butterfly.identification.findings import Finding
-from butterfly.identification.free_run import Simulations, turns_over
-from butterfly.identification.inference.consistency import is_driven
-from butterfly.identification.levels import LOST
-from butterfly.identification.servo_drive import driven
-from butterfly.identification.unit_errors import (
-    unit_errors_of_refused,
-    unit_errors_of_still,
-    with_unit_errors,
 )
 from butterfly.logs.health import DEFAULT_REPAIRS, Health, Repair, examine
 from butterfly.logs.log import InputKind, Log

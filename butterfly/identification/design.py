@@ -24,12 +24,11 @@ import numpy as np
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError, require_number, require_room
 from butterfly.identification.data import DataSet
+from butterfly.identification.estimate import Estimate
+from butterfly.identification.forecast import IntervalForecast
 from butterfly.identification.free_run import Setting
-from butterfly.identification.inference.estimate import Estimate
-from butterfly.identification.inference.interval_forecast import IntervalForecast
 from butterfly.identification.levels import ROUNDING
-from butterfly.identification.segments import LONGEST_STEP
-from butterfly.identification.servo_drive import driven
+from butterfly.identification.segments import LONGEST_STEP, driven
 from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.logs.regimes import Regime

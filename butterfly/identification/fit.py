@@ -18,10 +18,10 @@ import numpy as np
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.findings import Ending, Finding, FindingKind
-from butterfly.identification.inference.scatter import Scatter
-from butterfly.identification.inference.stagewise import is_near
 from butterfly.identification.levels import MOST, ROUNDING, SHOWS
 from butterfly.identification.linearisation import Linearisation
+from butterfly.identification.scatter import Scatter
+from butterfly.identification.stagewise import is_near
 from butterfly.logs.log import Log
 from butterfly.model.parameters import value_if_absent
 from butterfly.model.terms import PARAMETERS

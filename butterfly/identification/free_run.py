@@ -18,12 +18,12 @@ from typing import NamedTuple
 import numpy as np
 
 from butterfly.arrays import Samples
-from butterfly.identification.encoder_offset import reading_of
-from butterfly.identification.inference.estimate import Estimate
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.levels import LOST, ROUNDING
 from butterfly.identification.segments import grid_step
 from butterfly.identification.simulation import Simulation, segment_length
 from butterfly.identification.test_functions import HALF_WIDTH, VELOCITY_SHARE, half_width_of
+from butterfly.identification.weak_regression import reading_of
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.progress import current_search

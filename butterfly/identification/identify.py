@@ -18,17 +18,14 @@ import numpy as np
 from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.residuals import Residuals, residuals_of
-from butterfly.identification.diagnostics.unit_error_search import find_slow_clock, find_unit_errors
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator, OutputError, WeakForm
 from butterfly.identification.estimators.assumptions import as_taken
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.free_run import FreeRun, WholeRuns
-from butterfly.identification.identified import Identified
-from butterfly.identification.inference.estimate import Estimate
-from butterfly.identification.inference.limits import Rival
-from butterfly.identification.parameters_by_hand import try_parameters
-from butterfly.identification.plausibility import (
+from butterfly.identification.identified import Identified, try_parameters
+from butterfly.identification.limits import Rival
+from butterfly.identification.physical import (
     BETTER_METHOD,
     is_possible,
     judge_basis,
@@ -39,7 +36,9 @@ from butterfly.identification.plausibility import (
     judge_units,
 )
 from butterfly.identification.repeatability import contradicting_runs
-from butterfly.identification.servo_drive import driven_alone
+from butterfly.identification.residuals import Residuals, residuals_of
+from butterfly.identification.segments import driven_alone
+from butterfly.identification.unit_error_search import find_slow_clock, find_unit_errors
 from butterfly.identification.unit_errors import clock_error, with_unit_errors
 from butterfly.model.parameters import LumpedParameters
 from butterfly.progress import Track, counted, current_search, tracked, untracked

@@ -31,10 +31,10 @@ from numpy.typing import NDArray
 from butterfly.arrays import Samples, unit_diagonal
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FreeRun, Setting
-from butterfly.identification.inference.estimate import Estimate
-from butterfly.identification.inference.limits import length_of, widened
 from butterfly.identification.levels import BAND_DRAWS, CONFIDENCE, DRAWS, SPREADS
+from butterfly.identification.limits import length_of, widened
 from butterfly.identification.sensor_errors import SensorErrors
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters

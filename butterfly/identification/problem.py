@@ -16,16 +16,17 @@ from numpy.typing import NDArray
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
-from butterfly.identification.encoder_offset import reading_of
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.findings import Ending
 from butterfly.identification.fit import CONVERGED, Box, Fit, minimise
-from butterfly.identification.inference.estimate import Estimate
-from butterfly.identification.inference.limits import cells_of, independent_cells_of
-from butterfly.identification.inference.scatter import Scatter
 from butterfly.identification.levels import MOST, PASSES, ROUNDING
-from butterfly.identification.linearisation import Linearisation, Loss, scaled_least_squares
+from butterfly.identification.limits import cells_of, independent_cells_of
+from butterfly.identification.linearisation import Linearisation, scaled_least_squares
+from butterfly.identification.loss import Loss
+from butterfly.identification.scatter import Scatter
 from butterfly.identification.segments import FINEST
 from butterfly.identification.simulation import Simulation, segment_length
+from butterfly.identification.weak_regression import reading_of
 from butterfly.logs.log import Log
 from butterfly.model.greybox import INITIAL
 from butterfly.model.parameters import AddedMass, LumpedParameters, value_if_absent

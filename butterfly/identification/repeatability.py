@@ -29,9 +29,9 @@ import numpy as np
 from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError
 from butterfly.identification.data import DataSet
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.output_error import OutputError
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.levels import MATTERS
 from butterfly.identification.problem import Start
 from butterfly.logs.log import Log

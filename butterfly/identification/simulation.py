@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.arrays import Samples, joined
-from butterfly.identification.inference.limits import edges_of
 from butterfly.identification.levels import MOST, ROUNDING, SHOWS
+from butterfly.identification.limits import edges_of
 from butterfly.identification.segments import LONGEST_STEP, Segments, Starts, needs_loop
 from butterfly.logs.log import InitialState, Log
 from butterfly.model.greybox import Columns

@@ -26,8 +26,8 @@ from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError
-from butterfly.identification.inference.limits import CELLS
 from butterfly.identification.levels import ROUNDING
+from butterfly.identification.limits import CELLS
 from butterfly.logs.log import Log
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass, LumpedParameters

@@ -18,7 +18,7 @@ from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError, InputError, listed
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.levels import CONFIDENCE, MATTERS, SHOWS
-from butterfly.identification.servo_drive import driven
+from butterfly.identification.segments import driven
 from butterfly.logs.log import InputKind, Log
 from butterfly.logs.units import UNITS
 from butterfly.model.parameters import AddedMass

@@ -11,10 +11,10 @@ from numpy.polynomial import Polynomial
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, require_number
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.free_run import FreeRun, Setting
-from butterfly.identification.inference.estimate import Estimate
-from butterfly.identification.plausibility import judge_fit
+from butterfly.identification.physical import judge_fit
 from butterfly.logs.log import Log
 from butterfly.model.energy import Orbit
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters

@@ -10,8 +10,8 @@ import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError, InputError, require_number
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.findings import FindingKind
-from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.linearisation import Regression
 from butterfly.identification.test_functions import SPACING
 from butterfly.logs.log import InputKind, Intersample, Log

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from butterfly.identification.inference.agreement import Condition, Contrast
-from butterfly.identification.inference.estimate import Estimate
+from butterfly.identification.agreement import Condition, Contrast
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.parameter import unit_of
 from butterfly.model.parameters import JointKind
 from butterfly.report.page import PageTable

@@ -15,9 +15,9 @@ import numpy as np
 from butterfly.campaigns.campaign import CampaignOptions, CampaignResult
 from butterfly.campaigns.folder import Journal
 from butterfly.identification.design import OF_GOAL
-from butterfly.identification.inference.estimate import Estimate
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.parameter import Parameter, or_nan
-from butterfly.identification.plausibility import judge_fit
+from butterfly.identification.physical import judge_fit
 from butterfly.model.terms import TERMS
 from butterfly.report.format import counted, percent, upwards
 from butterfly.report.page import Fact, PageTable

@@ -7,13 +7,12 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 
 from butterfly.errors import IdentifiabilityError, UnusableError, listed
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.free_run import over_segments
-from butterfly.identification.inference.estimate import Estimate
-from butterfly.identification.parameter import or_nan
-from butterfly.identification.plausibility import BETTER_METHOD
+from butterfly.identification.parameter import Trust, or_nan
+from butterfly.identification.physical import BETTER_METHOD
 from butterfly.identification.repeatability import contradiction_text
-from butterfly.identification.trust import Trust
 from butterfly.identification.unit_errors import unit_error_text
 from butterfly.logs.units import Unread, taken_text
 from butterfly.model.terms import OF_SCALE, TERMS

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from butterfly.errors import InputError, listed
-from butterfly.identification.diagnostics.before_fit import Forecast
+from butterfly.identification.forecast import Forecast
 from butterfly.logs.health import Health, Remark, examine
 from butterfly.logs.log import Log
 from butterfly.logs.manifest import LogEntry, Manifest

@@ -17,8 +17,8 @@ from markupsafe import Markup
 
 from butterfly.arrays import Samples
 from butterfly.identification.data import DataSet
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.identified import Identified
-from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.parameter import Parameter, or_nan
 from butterfly.identification.segments import needs_loop
 from butterfly.model.terms import LOOP_TERMS, TERMS

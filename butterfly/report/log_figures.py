@@ -14,10 +14,10 @@ from plotly.graph_objects import Figure
 from scipy import fft
 from scipy.special import digamma
 
-from butterfly.identification.diagnostics.residuals import ErrorBand, LogResiduals
 from butterfly.identification.free_run import FreeRun
 from butterfly.identification.levels import CONFIDENCE
 from butterfly.identification.predict import OF_NEW_LOG, OF_PARAMETERS, Prediction
+from butterfly.identification.residuals import ErrorBand, LogResiduals
 from butterfly.identification.sensor_errors import Curve
 from butterfly.logs.log import Log
 from butterfly.report.figures import GREY, PALETTE, add, look, panel, panels, seen_samples

@@ -11,11 +11,11 @@ import numpy as np
 
 from butterfly.files import replacing
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.residuals import LogResiduals, Residuals
+from butterfly.identification.estimate import Estimate, Truth
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.findings import Finding
-from butterfly.identification.inference.estimate import Estimate, Truth
 from butterfly.identification.parameter import lumped_numbers, unit_of
+from butterfly.identification.residuals import LogResiduals, Residuals
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import PARAMETERS

@@ -6,10 +6,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 from butterfly.identification.derived_quantities import SYMBOLS
-from butterfly.identification.diagnostics.before_fit import Forecast, Identifiability
-from butterfly.identification.parameter import Parameter, or_nan, or_none
+from butterfly.identification.forecast import Forecast, Identifiability
+from butterfly.identification.parameter import Parameter, Trust, or_nan, or_none
 from butterfly.identification.physical import Missing, PhysicalParameters
-from butterfly.identification.trust import Trust
 from butterfly.model.prior import plain
 from butterfly.report.format import interval, limit_text, upwards, with_error
 from butterfly.report.page import Marked, PageTable

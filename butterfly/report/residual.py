@@ -11,8 +11,8 @@ from plotly.subplots import make_subplots
 
 from butterfly.files import finite
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.residuals import LogResiduals, Residuals
-from butterfly.identification.inference.estimate import Estimate
+from butterfly.identification.estimate import Estimate
+from butterfly.identification.residuals import LogResiduals, Residuals
 from butterfly.identification.test_functions import ResidualTorque
 from butterfly.model.parameters import JointKind
 from butterfly.report.figures import add, look, seen_samples

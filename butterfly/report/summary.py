@@ -15,13 +15,13 @@ import numpy as np
 from butterfly.errors import InputError, listed
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import MOST_RUNS, OF_GOAL, Candidate, Plan
-from butterfly.identification.encoder_offset import EncoderOffset, OffsetKind, encoder_offsets
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.findings import FindingKind
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identified import Identified
-from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.parameter import Parameter
 from butterfly.identification.validate import CrossValidation, Structure
+from butterfly.identification.weak_regression import EncoderOffset, OffsetKind, encoder_offsets
 from butterfly.logs.log import InputKind, Log
 from butterfly.logs.thinning import thinned
 from butterfly.model.prior import Prior

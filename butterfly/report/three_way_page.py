@@ -11,7 +11,7 @@ from plotly.graph_objects import Figure
 
 from butterfly.arrays import Samples
 from butterfly.comparison.three_way import ThreeWay
-from butterfly.identification.diagnostics.residuals import LogResiduals
+from butterfly.identification.residuals import LogResiduals
 from butterfly.report.figures import PALETTE, add, middle, panel, panels, seen_samples
 from butterfly.report.log_figures import correlation_figure, correlation_series, first_stretch
 from butterfly.report.page import Page, Section, Series

@@ -18,11 +18,11 @@ from scipy.optimize import least_squares
 from butterfly.arrays import Samples
 from butterfly.errors import InputError
 from butterfly.identification.data import DataSet
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.inference.estimate import Estimate
-from butterfly.identification.inference.limits import Conditioning
-from butterfly.identification.parameters_by_hand import best_gain
+from butterfly.identification.identified import best_gain
+from butterfly.identification.limits import Conditioning
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import PARAMETERS

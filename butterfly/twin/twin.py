@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from butterfly.errors import ButterflyError
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import Setting
 from butterfly.identification.identified import Identified
-from butterfly.identification.inference.estimate import Estimate
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import (
     GRAVITY,

@@ -18,8 +18,7 @@ from butterfly.api.identification import IdentifiedModel
 from butterfly.files import write_document
 from butterfly.identification.design import masses_at_hand
 from butterfly.identification.estimators import OutputError
-from butterfly.identification.splits import Split
-from butterfly.identification.validate import cross_validate
+from butterfly.identification.validate import Split, cross_validate
 from butterfly.logs.mat import write_mat
 from tests.api.conftest import OF_ESTIMATE, OTHERS, results_of
 from tests.verdicts import follow_nothing

@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 import butterfly as bf
+from butterfly.identification.agreement import pace_of
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.before_fit import Identifiability, forecast
-from butterfly.identification.inference.agreement import pace_of
-from butterfly.identification.trust import PRECISE
+from butterfly.identification.forecast import Identifiability, forecast
+from butterfly.identification.parameter import PRECISE
 from butterfly.model.prior import Prior
 from butterfly.model.terms import PARAMETERS
 from tests.independent import robots

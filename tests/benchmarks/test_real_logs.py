@@ -11,8 +11,8 @@ from scipy.io import loadmat
 from butterfly.identification.data import read_data_set
 from butterfly.identification.estimators import HarmonicBalance, OutputError
 from butterfly.identification.free_run import Simulations
+from butterfly.identification.identified import best_gain
 from butterfly.identification.identify import identify
-from butterfly.identification.parameters_by_hand import best_gain
 from butterfly.identification.problem import Start
 from butterfly.identification.validate import select_terms
 from butterfly.model.greybox import simulate

@@ -7,7 +7,7 @@ import pytest
 
 from butterfly.comparison.change import LEVEL, change
 from butterfly.errors import InputError
-from butterfly.identification.inference.limits import (
+from butterfly.identification.limits import (
     Evidence,
     cluster_covariance,
     half_widths,

@@ -9,8 +9,7 @@ from butterfly.api.compared import Leaderboard
 from butterfly.comparison.leaderboard import leaderboard
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import HarmonicBalance, Linear, WeakForm
-from butterfly.identification.splits import Split
-from butterfly.identification.validate import cross_validate
+from butterfly.identification.validate import Split, cross_validate
 from tests.identification.simulated import ROBOT, SWINGS, steady
 
 

@@ -8,8 +8,8 @@ import pytest
 from butterfly.comparison.three_way import compare_three
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import HarmonicBalance
-from butterfly.identification.parameters_by_hand import given_estimate
-from butterfly.identification.servo_drive import driven
+from butterfly.identification.identified import given_estimate
+from butterfly.identification.segments import driven
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
 from butterfly.model.servo import ServoLoop

@@ -15,9 +15,9 @@ from butterfly.experiment.record import (
     SweepRecord,
     SweepRun,
 )
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.findings import Ending, Finding, FindingKind
 from butterfly.identification.free_run import FitSummary
-from butterfly.identification.inference.estimate import Estimate
 from butterfly.model.parameters import AddedMass
 
 ON_BOUND = Finding(FindingKind.ON_BOUND, ("p2",), number=1.5)

@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 
 from butterfly.identification.design import next_experiments, wanted
-from butterfly.identification.inference.estimate import Estimate
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.linearisation import Linearisation
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.model.greybox import simulate

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 import butterfly as bf
-from butterfly.identification.estimators import OutputError
-from butterfly.identification.findings import FindingKind
-from butterfly.identification.inference.agreement import (
+from butterfly.identification.agreement import (
     Condition,
     differing_values,
     from_log_to_log,
 )
+from butterfly.identification.estimators import OutputError
+from butterfly.identification.findings import FindingKind
 from butterfly.model.terms import RARE
 from tests.identification.simulated import cells
 from tests.independent.defects import draw

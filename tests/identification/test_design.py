@@ -17,8 +17,8 @@ from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification import design
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import MOST_RUNS, OF_GOAL, plans, wanted
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import HarmonicBalance
-from butterfly.identification.inference.estimate import Estimate
 from butterfly.logs.log import InputKind, Log, Sine
 from butterfly.model.greybox import simulate
 from butterfly.model.linear import resonance_frequency

@@ -13,7 +13,8 @@ from butterfly.errors import IdentifiabilityError
 from butterfly.identification.estimators.start import best_local_minimum
 from butterfly.identification.findings import Ending, FindingKind
 from butterfly.identification.fit import Box, Fit, minimise
-from butterfly.identification.linearisation import Linearisation, Loss, outlying
+from butterfly.identification.linearisation import Linearisation
+from butterfly.identification.loss import Loss, outlying
 from butterfly.progress import budget
 
 RAT_42 = np.array(

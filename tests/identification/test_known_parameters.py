@@ -8,11 +8,11 @@ import pytest
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.derived_quantities import discrepancies, implied
-from butterfly.identification.diagnostics.unit_error_search import find_unit_errors
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
 from butterfly.identification.findings import FindingKind
-from butterfly.identification.inference.limits import cluster_covariance
-from butterfly.identification.linearisation import Loss
+from butterfly.identification.limits import cluster_covariance
+from butterfly.identification.loss import Loss
+from butterfly.identification.unit_error_search import find_unit_errors
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import JointKind
 from butterfly.model.prior import Known, Penalty, Prior

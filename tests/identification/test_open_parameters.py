@@ -9,7 +9,7 @@ import pytest
 import butterfly as bf
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.design import next_experiments, wanted
-from butterfly.identification.inference.estimate import Estimate
+from butterfly.identification.estimate import Estimate
 from butterfly.report.summary import next_step
 from butterfly.verdict import Level
 from tests.independent.slow_joints import NOTHING_HOLDS, creeping, played, steady

@@ -4,9 +4,8 @@ import control
 import numpy as np
 import pytest
 
-from butterfly.identification.derived_quantities import WAYS, implied
+from butterfly.identification.derived_quantities import WAYS, Quantities, implied
 from butterfly.identification.physical import Missing, physical_parameters
-from butterfly.identification.quantities import Quantities
 from butterfly.logs.log import InputKind
 from butterfly.model.control_bridge import linearised
 from butterfly.model.linear import LinearJoint, resonance_frequency

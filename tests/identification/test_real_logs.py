@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
+from butterfly.identification.agreement import Condition
 from butterfly.identification.data import DataSet, read_data_set
-from butterfly.identification.diagnostics.residuals import residuals_of
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
 from butterfly.identification.free_run import FitSummary
-from butterfly.identification.inference.agreement import Condition
-from butterfly.identification.parameters_by_hand import best_gain, try_parameters
+from butterfly.identification.identified import best_gain, try_parameters
 from butterfly.identification.problem import Start
+from butterfly.identification.residuals import residuals_of
 from butterfly.logs.log import Sine
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import LumpedParameters

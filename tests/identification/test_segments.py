@@ -9,12 +9,12 @@ import pytest
 
 from butterfly.errors import InputError
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.residuals import residuals_of
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import OutputError
 from butterfly.identification.free_run import FreeRun, Setting, first_horizon, horizon_of
 from butterfly.identification.identify import identify
-from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.problem import Start
+from butterfly.identification.residuals import residuals_of
 from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import Log
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, JointKind, LumpedParameters

@@ -12,11 +12,11 @@ from butterfly.api.identification import Identification
 from butterfly.errors import InputError
 from butterfly.identification.chosen_terms import offered_rows
 from butterfly.identification.data import DataSet
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.output_error import OutputError
 from butterfly.identification.estimators.start import servo_start, starts
 from butterfly.identification.identify import simulated
-from butterfly.identification.inference.estimate import Estimate
-from butterfly.identification.servo_drive import driven, driven_alone
+from butterfly.identification.segments import driven, driven_alone
 from butterfly.identification.simulation import Simulation, segment_length
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import LumpedParameters

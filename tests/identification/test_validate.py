@@ -19,7 +19,7 @@ from butterfly.identification.estimators import (
 )
 from butterfly.identification.estimators.start import starts
 from butterfly.identification.free_run import FitSummary
-from butterfly.identification.splits import Split, divide, excluding_interval, remedy
+from butterfly.identification.validate import Split, divide, excluding_interval, remedy
 from butterfly.logs.log import Log, Sine
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Prior

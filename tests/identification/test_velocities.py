@@ -12,7 +12,7 @@ from butterfly.comparison.three_way import compare_three
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
-from butterfly.identification.parameters_by_hand import given_estimate
+from butterfly.identification.identified import given_estimate
 from butterfly.logs.health import examine
 from butterfly.logs.log import InputKind, Log, Sine
 from butterfly.model.parameters import AddedMass, JointKind

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from butterfly.api.verbs import identify
+from butterfly.identification.agreement import Condition
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import OutputError
-from butterfly.identification.inference.agreement import Condition
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import LumpedParameters
 from tests.independent import defects

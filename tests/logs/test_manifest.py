@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from butterfly.errors import InputError
-from butterfly.identification.servo_drive import driven
+from butterfly.identification.segments import driven
 from butterfly.logs.health import DEFAULT_REPAIRS, Repair
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.logs.manifest import (

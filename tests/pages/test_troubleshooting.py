@@ -8,8 +8,8 @@ from types import SimpleNamespace
 
 import pytest
 
+from butterfly.identification.agreement import Condition, Contrast
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.inference.agreement import Condition, Contrast
 from butterfly.identification.unit_errors import UnitError
 from butterfly.model.parameters import JointKind
 from butterfly.report.agreement_texts import contrast_text

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from butterfly.identification.servo_drive import driven
+from butterfly.identification.segments import driven
 from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import InputKind, Sine
 from butterfly.model.parameters import LumpedParameters, TorqueDrive

@@ -8,10 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from butterfly.identification.agreement import Condition, Contrast
 from butterfly.identification.estimators import HarmonicBalance, OutputError
 from butterfly.identification.findings import Ending, Finding, FindingKind
 from butterfly.identification.fit import MissingTerms
-from butterfly.identification.inference.agreement import Condition, Contrast
 from butterfly.identification.unit_errors import UnitError, unit_error
 from butterfly.report.finding_texts import (
     estimate_notes,

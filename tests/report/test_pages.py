@@ -16,10 +16,10 @@ from butterfly.experiment.record import EstimateRecord, Outcome, RunRecord, Swee
 from butterfly.experiment.store import ResultStore
 from butterfly.experiment.sweep_tables import ESTIMATES, RUNS
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.residuals import residuals_of
 from butterfly.identification.estimators import HarmonicBalance, Linear
 from butterfly.identification.findings import Ending
 from butterfly.identification.free_run import FitSummary
+from butterfly.identification.residuals import residuals_of
 from butterfly.model.prior import Prior
 from butterfly.orbit.loop import study_orbit
 from butterfly.report.orbit_page import orbit_page

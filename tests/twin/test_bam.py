@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from butterfly.errors import InputError
-from butterfly.identification.servo_drive import driven
+from butterfly.identification.segments import driven
 from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import AddedMass, LumpedParameters

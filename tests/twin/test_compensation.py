@@ -14,8 +14,8 @@ import pytest
 import butterfly as bf
 from butterfly.errors import InputError
 from butterfly.identification.data import DataSet
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FreeRun
-from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.levels import SPREADS
 from butterfly.logs.log import InputKind, Log, Sine
 from butterfly.model.greybox import constants_of

@@ -7,4 +7,4 @@ from butterfly.identification.estimators.fast_look import HarmonicBalance as Har
 from butterfly.identification.estimators.fast_look import Linear as Linear
 from butterfly.identification.estimators.output_error import OutputError as OutputError
 from butterfly.identification.estimators.weak_form import WeakForm as WeakForm
-from butterfly.identification.linearisation import Loss as Loss
+from butterfly.identification.loss import Loss as Loss

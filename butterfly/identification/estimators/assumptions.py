@@ -23,21 +23,21 @@ import numpy as np
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.chosen_terms import nested_about
+from butterfly.identification.consistency import is_driven
 from butterfly.identification.data import DataSet
-from butterfly.identification.encoder_offset import reading_of
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.start import refitted, residuals_are_white
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Fit
 from butterfly.identification.free_run import is_held, own_time
-from butterfly.identification.inference.consistency import is_driven
-from butterfly.identification.inference.estimate import Estimate
-from butterfly.identification.inference.limits import CELLS
-from butterfly.identification.inference.scatter import Likelihood
-from butterfly.identification.inference.stagewise import PROMISED, as_good
 from butterfly.identification.levels import FEW, MATERIAL, WEIGHED
-from butterfly.identification.linearisation import Loss
+from butterfly.identification.limits import CELLS
+from butterfly.identification.loss import Loss
 from butterfly.identification.problem import Problem, Start
-from butterfly.identification.servo_drive import assumes_clock, driven, undriven
+from butterfly.identification.scatter import Likelihood
+from butterfly.identification.segments import assumes_clock, driven, undriven
+from butterfly.identification.stagewise import PROMISED, as_good
+from butterfly.identification.weak_regression import reading_of
 from butterfly.logs.log import Intersample, Log
 from butterfly.progress import out_of_time
 

@@ -8,8 +8,8 @@ from typing import Any, ClassVar, Self
 
 from butterfly.errors import InputError
 from butterfly.identification.data import DataSet
-from butterfly.identification.inference.estimate import Estimate
-from butterfly.identification.inference.infer import infer
+from butterfly.identification.estimate import Estimate
+from butterfly.identification.infer import infer
 from butterfly.model.terms import PARAMETERS
 
 

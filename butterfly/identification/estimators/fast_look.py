@@ -28,16 +28,16 @@ from scipy.optimize import brentq
 
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError, require_names
+from butterfly.identification.consistency import with_scale
 from butterfly.identification.data import DataSet
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator
 from butterfly.identification.findings import Ending, Finding, FindingKind
 from butterfly.identification.fit import Fit
-from butterfly.identification.inference.consistency import with_scale
-from butterfly.identification.inference.estimate import Estimate
-from butterfly.identification.inference.infer import Basis
-from butterfly.identification.inference.stagewise import STRIBECK, stribeck_velocity
+from butterfly.identification.infer import Basis
 from butterfly.identification.levels import MOST, ROUNDING, SHOWS
 from butterfly.identification.linearisation import Regression
+from butterfly.identification.stagewise import STRIBECK, stribeck_velocity
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR, Penalty, Prior, require_usable
 from butterfly.model.terms import BASE_TERMS, PARAMETERS, TERMS, FrictionTerms, offered

@@ -19,6 +19,7 @@ import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError, InputError, require_names, require_number
+from butterfly.identification.agreement import Conditions
 from butterfly.identification.chosen_terms import (
     TwinTerm,
     choose,
@@ -28,7 +29,9 @@ from butterfly.identification.chosen_terms import (
     spoken_for,
     twin_terms,
 )
+from butterfly.identification.consistency import is_driven, prior_of_fit
 from butterfly.identification.data import DataSet
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.assumptions import (
     Begun,
     held_or_straight,
@@ -50,15 +53,12 @@ from butterfly.identification.estimators.start import (
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Fit, MissingTerms
 from butterfly.identification.free_run import first_horizon
-from butterfly.identification.inference.agreement import Conditions
-from butterfly.identification.inference.consistency import is_driven, prior_of_fit
-from butterfly.identification.inference.estimate import Estimate
-from butterfly.identification.inference.infer import Basis, infer
-from butterfly.identification.inference.limits import Rival, cells_of
-from butterfly.identification.inference.stagewise import candidates
+from butterfly.identification.infer import Basis, infer
 from butterfly.identification.levels import FEW, ROUNDING, SHOWS
-from butterfly.identification.linearisation import Loss
+from butterfly.identification.limits import Rival, cells_of
+from butterfly.identification.loss import Loss
 from butterfly.identification.problem import LOCAL, Key, Problem, ProblemOptions, Start
+from butterfly.identification.stagewise import candidates
 from butterfly.logs.log import Log, slow_interval
 from butterfly.model.parameters import AddedMass, require_periods, value_if_absent
 from butterfly.model.prior import NO_PRIOR, Prior, require_usable

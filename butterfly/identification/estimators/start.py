@@ -19,12 +19,10 @@ from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError, IdentifiabilityError
 from butterfly.identification.chosen_terms import TRIAL, offered_rows
 from butterfly.identification.data import DataSet
-from butterfly.identification.encoder_offset import near, reading_of
 from butterfly.identification.estimators.weak_form import WeakForm
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Fit
 from butterfly.identification.free_run import LEAST_FIT, FreeRun, Setting
-from butterfly.identification.inference.stagewise import PROMISED, candidates
 from butterfly.identification.levels import (
     LOST,
     MATTERS,
@@ -35,9 +33,10 @@ from butterfly.identification.levels import (
 )
 from butterfly.identification.linearisation import Linearisation, scaled_least_squares
 from butterfly.identification.problem import Problem, Start
-from butterfly.identification.servo_drive import driven_alone
+from butterfly.identification.segments import driven_alone
+from butterfly.identification.stagewise import PROMISED, candidates
 from butterfly.identification.test_functions import HALF_WIDTH, half_width_of
-from butterfly.identification.weak_regression import WeakFit
+from butterfly.identification.weak_regression import WeakFit, near, reading_of
 from butterfly.logs.log import Log
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass, LumpedParameters

@@ -32,20 +32,24 @@ import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError, require_names, require_number
+from butterfly.identification.agreement import Conditions
+from butterfly.identification.consistency import is_driven, prior_of_fit
 from butterfly.identification.data import DataSet
-from butterfly.identification.encoder_offset import offset_errors, reading_of
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Fit
 from butterfly.identification.free_run import LEAST_FIT, FreeRun, Setting
-from butterfly.identification.inference.agreement import Conditions
-from butterfly.identification.inference.consistency import is_driven, prior_of_fit
-from butterfly.identification.inference.estimate import Estimate
-from butterfly.identification.inference.infer import Basis
-from butterfly.identification.inference.limits import Conditioning, cells_of
+from butterfly.identification.infer import Basis
+from butterfly.identification.limits import Conditioning, cells_of
 from butterfly.identification.linearisation import Solution
 from butterfly.identification.test_functions import Averaging
-from butterfly.identification.weak_regression import WeakFit, averaging_of
+from butterfly.identification.weak_regression import (
+    WeakFit,
+    averaging_of,
+    offset_errors,
+    reading_of,
+)
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters, require_periods
 from butterfly.model.prior import NO_PRIOR, Prior, require_usable

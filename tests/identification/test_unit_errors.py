@@ -10,14 +10,14 @@ import pytest
 import butterfly as bf
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.residuals import LogResiduals, Residuals
-from butterfly.identification.diagnostics.unit_error_search import find_slow_clock, find_unit_errors
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
 from butterfly.identification.estimators.assumptions import as_taken
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.identify import diagnose, identify, in_true_time, with_other_time
-from butterfly.identification.servo_drive import driven
+from butterfly.identification.residuals import LogResiduals, Residuals
+from butterfly.identification.segments import driven
 from butterfly.identification.simulation import Simulation
+from butterfly.identification.unit_error_search import find_slow_clock, find_unit_errors
 from butterfly.identification.unit_errors import (
     UnitError,
     clock_error,

@@ -8,16 +8,16 @@ import pytest
 from scipy.optimize import nnls
 from scipy.stats import t as student
 
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.findings import Ending, FindingKind
 from butterfly.identification.fit import Fit
-from butterfly.identification.inference.estimate import Estimate
-from butterfly.identification.inference.infer import (
+from butterfly.identification.infer import (
     Basis,
     bias_of,
     findings_of_bounds,
     infer,
 )
-from butterfly.identification.inference.limits import (
+from butterfly.identification.limits import (
     Evidence,
     Rival,
     cluster_covariance,

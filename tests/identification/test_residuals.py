@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.residuals import LogResiduals, Residuals, residuals_of
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import OutputError
 from butterfly.identification.findings import FindingKind
 from butterfly.identification.fit import MissingTerms
 from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.identify import diagnose, identify
-from butterfly.identification.inference.estimate import Estimate
+from butterfly.identification.residuals import LogResiduals, Residuals, residuals_of
 from butterfly.identification.sensor_errors import Curve
 from butterfly.identification.test_functions import ResidualTorque
 from butterfly.model.terms import PARAMETERS

@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.arrays import Samples, standard_error
+from butterfly.identification.agreement import score_of
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.inference.agreement import score_of
-from butterfly.identification.inference.submodels import Submodels
 from butterfly.identification.levels import CONFIDENCE, FEW, MATERIAL
+from butterfly.identification.submodels import Submodels
 from butterfly.model.parameters import AddedMass, value_if_absent
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import GEAR, OF_MASS, companions, is_simulated_with

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from butterfly.errors import InputError
-from butterfly.identification import plausibility
+from butterfly.identification import physical
 from butterfly.identification.derived_quantities import implied
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.logs.log import InputKind
@@ -35,7 +35,7 @@ def _physics(*, masses=MASSES, share=0.1, told=None, freedom=None, **changed):
         known=Prior.of(told or {}),
         freedom=None if freedom is None else np.full(len(values), freedom),
     )
-    return [(each.kind, each.parameters) for each in plausibility.judge_physics(estimate, masses)]
+    return [(each.kind, each.parameters) for each in physical.judge_physics(estimate, masses)]
 
 
 NO_INERTIA = (FindingKind.NO_INERTIA, ("p1",))
@@ -86,10 +86,10 @@ def test_only_a_resistance_that_no_motor_has_is_noticed(resistance, accused):
     both = SimpleNamespace(names=("p2", "p4"), upper=np.array([p2, 2.1]), parameters=found)
     known = SimpleNamespace(names=("p4",), upper=np.array([2.1]), parameters=found)
     for estimate in (both, known):
-        said = plausibility.judge_input(estimate, InputKind.VOLTAGE)
+        said = physical.judge_input(estimate, InputKind.VOLTAGE)
         assert [each.number for each in said] == pytest.approx([resistance] if accused else [])
         assert all(each.kind is FindingKind.TORQUE_DRIVEN for each in said)
-    assert plausibility.judge_input(both, InputKind.TORQUE) == []
+    assert physical.judge_input(both, InputKind.TORQUE) == []
 
 
 @pytest.mark.parametrize(
@@ -102,7 +102,7 @@ def test_only_a_resistance_that_no_motor_has_is_noticed(resistance, accused):
     ],
 )
 def test_a_median_that_does_not_follow_is_said(fits, found):
-    said = plausibility.judge_fit(np.array(fits))
+    said = physical.judge_fit(np.array(fits))
     numbers = [each.number for each in said if each.kind is FindingKind.POOR_FIT]
     assert numbers == ([pytest.approx(np.median(fits), nan_ok=True)] if found else [])
 
@@ -113,7 +113,7 @@ def _basis(known, *, integrated=False, **masses):
     about = {"integrated": integrated, "closed": False}
     logs = [SimpleNamespace(added_mass=m, **about) for m in (NO_ADDED_MASS, load)]
     data = SimpleNamespace(known=Prior.of(known), logs=logs)
-    found = plausibility.judge_basis(SimpleNamespace(names=("p1", "p4", "delay")), data)
+    found = physical.judge_basis(SimpleNamespace(names=("p1", "p4", "delay")), data)
     return found[0].parameters if found else ()
 
 
@@ -140,7 +140,7 @@ def _knowledge(**known):
     kind = InputKind.VOLTAGE
     about = {"given": told, "known": implied(told, kind), "input_kind": kind}
     data = SimpleNamespace(**about, logs=[SimpleNamespace(added_mass=NO_ADDED_MASS)])
-    return plausibility.judge_knowledge(estimate, data)
+    return physical.judge_knowledge(estimate, data)
 
 
 TWO_GAINS = {"torque_constant": (0.05, 0.0005), "resistance": 2.0, "p4": (0.027, 0.0003)}

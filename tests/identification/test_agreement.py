@@ -8,9 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize_scalar
 
-from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.fit import Fit
-from butterfly.identification.inference.agreement import (
+from butterfly.identification.agreement import (
     Condition,
     Conditions,
     Contrast,
@@ -18,15 +16,17 @@ from butterfly.identification.inference.agreement import (
     disagreements_of,
     weighed_within,
 )
-from butterfly.identification.inference.estimate import Estimate
-from butterfly.identification.inference.infer import (
+from butterfly.identification.estimate import Estimate
+from butterfly.identification.findings import Finding, FindingKind
+from butterfly.identification.fit import Fit
+from butterfly.identification.infer import (
     Basis,
     agreement_of,
     infer,
     without_each_mass,
 )
-from butterfly.identification.inference.scatter import Likelihood, spread_of
 from butterfly.identification.linearisation import Linearisation, compressed
+from butterfly.identification.scatter import Likelihood, spread_of
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Known, Penalty
 from butterfly.report.agreement_texts import causes, contrast_text

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from butterfly.identification.inference.agreement import Condition, Conditions
+from butterfly.identification.agreement import Condition, Conditions
 from butterfly.logs.log import Log, Sine
 
 TIME = np.linspace(0.0, 4.0, 2001)

@@ -13,13 +13,19 @@ from pydantic import TypeAdapter
 
 from butterfly.arrays import Samples
 from butterfly.files import finite
+from butterfly.identification.agreement import Contrast
 from butterfly.identification.findings import KINDS, Ending, Finding, FindingKind
 from butterfly.identification.fit import MissingTerms
-from butterfly.identification.inference.agreement import Contrast
-from butterfly.identification.inference.limits import Evidence, Rival, half_widths
 from butterfly.identification.levels import SPREADS
-from butterfly.identification.parameter import Parameter, meaning_of, or_none, unit_of
-from butterfly.identification.trust import Trust, trust_of
+from butterfly.identification.limits import Evidence, Rival, half_widths
+from butterfly.identification.parameter import (
+    Parameter,
+    Trust,
+    meaning_of,
+    or_none,
+    trust_of,
+    unit_of,
+)
 from butterfly.logs.log import InputKind, Log
 from butterfly.logs.units import taken_text
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters

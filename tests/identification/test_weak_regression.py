@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from butterfly.errors import InputError
+from butterfly.identification import limits as blocks
 from butterfly.identification.data import DataSet
-from butterfly.identification.encoder_offset import OffsetKind, fitted_offset, near, offset_errors
 from butterfly.identification.estimators import OutputError, WeakForm
 from butterfly.identification.estimators.start import starts
 from butterfly.identification.findings import FindingKind
-from butterfly.identification.inference import limits as blocks
 from butterfly.identification.problem import Start, columns_of
+from butterfly.identification.weak_regression import OffsetKind, fitted_offset, near, offset_errors
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import GRAVITY, NO_ADDED_MASS, AddedMass
 from butterfly.model.prior import Known, Prior
@@ -109,7 +109,7 @@ def test_a_log_that_hardly_moves_and_one_that_says_nothing_are_guessed():
 
 
 def test_the_weak_form_says_that_it_rests_on_a_guess(monkeypatch):
-    monkeypatch.setattr("butterfly.identification.encoder_offset.fitted_offset", lambda _: None)
+    monkeypatch.setattr("butterfly.identification.weak_regression.fitted_offset", lambda _: None)
     found = PLAIN(DataSet.of(_logs(0.3, turns=(0, 0, 0))))
     assert FindingKind.ZERO_GUESSED in {each.kind for each in found.findings}
 

@@ -19,16 +19,21 @@ import numpy as np
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.encoder_errors import OffCentre, off_centre
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import MissingTerms
 from butterfly.identification.free_run import FreeRun, Setting
-from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.levels import DRAWS, SHOWS, SPREADS
 from butterfly.identification.linearisation import Linearisation
 from butterfly.identification.predict import covariance_root, honest_covariance
 from butterfly.identification.problem import Key, columns_of, labels_of, relative
-from butterfly.identification.sensor_errors import Curve, SensorErrors, correlations
+from butterfly.identification.sensor_errors import (
+    Curve,
+    OffCentre,
+    SensorErrors,
+    correlations,
+    off_centre,
+)
 from butterfly.identification.simulation import Averages, StartEffects
 from butterfly.logs.log import Log
 from butterfly.model.parameters import JointKind

@@ -9,14 +9,14 @@ from scipy.optimize import lsq_linear
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import OutputError
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.inference.stagewise import (
+from butterfly.identification.stagewise import (
     candidates,
     friction_brakes,
     stagewise,
     stribeck_velocities,
     stribeck_velocity,
 )
-from butterfly.identification.inference.submodels import Submodels, folds_of, without_logs
+from butterfly.identification.submodels import Submodels, folds_of, without_logs
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.orbit.recalibration import LinearModel

@@ -12,15 +12,13 @@ from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.findings import Ending, Finding, FindingKind
-from butterfly.identification.fit import Fit
-from butterfly.identification.inference.agreement import (
+from butterfly.identification.agreement import (
     Conditions,
     Contrast,
     disagreements_of,
     weighed_within,
 )
-from butterfly.identification.inference.consistency import (
+from butterfly.identification.consistency import (
     ScaleRival,
     growth,
     moved_by_givens,
@@ -29,8 +27,11 @@ from butterfly.identification.inference.consistency import (
     scale_rivals,
     with_scale,
 )
-from butterfly.identification.inference.estimate import Estimate
-from butterfly.identification.inference.limits import (
+from butterfly.identification.estimate import Estimate
+from butterfly.identification.findings import Ending, Finding, FindingKind
+from butterfly.identification.fit import Fit
+from butterfly.identification.levels import CLEARLY, FEW, LOST
+from butterfly.identification.limits import (
     Evidence,
     Rival,
     cluster_covariance,
@@ -38,9 +39,8 @@ from butterfly.identification.inference.limits import (
     misfit_over_value,
     robust,
 )
-from butterfly.identification.inference.submodels import without_logs
-from butterfly.identification.levels import CLEARLY, FEW, LOST
 from butterfly.identification.linearisation import Linearisation, scaled_least_squares
+from butterfly.identification.submodels import without_logs
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR, Penalty, Prior
 from butterfly.model.terms import OF_SCALE, PARAMETERS, TERMS

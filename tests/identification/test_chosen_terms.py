@@ -12,7 +12,7 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import OutputError
 from butterfly.identification.estimators.start import starts
 from butterfly.identification.fit import Box
-from butterfly.identification.inference.stagewise import is_near, stagewise
+from butterfly.identification.stagewise import is_near, stagewise
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 from tests.identification.test_stiff_trials import JOINT, MASS, recorded
 

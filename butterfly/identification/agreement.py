@@ -29,7 +29,6 @@ import numpy as np
 from scipy.special import fdtrc, stdtr
 
 from butterfly.arrays import Samples, unit_diagonal
-from butterfly.identification.inference.limits import Rival, cluster_covariance, half_widths
 from butterfly.identification.levels import (
     ACCUSED,
     CLEARLY,
@@ -40,6 +39,7 @@ from butterfly.identification.levels import (
     ROUNDING,
     SHOWS,
 )
+from butterfly.identification.limits import Rival, cluster_covariance, half_widths
 from butterfly.identification.linearisation import Linearisation
 from butterfly.logs.log import Log, slow_interval
 from butterfly.model.parameters import AddedMass

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.special import stdtrit
 
-from butterfly.identification.inference.interval_forecast import IntervalForecast
-from butterfly.identification.inference.limits import cluster_covariance
+from butterfly.identification.forecast import IntervalForecast
+from butterfly.identification.limits import cluster_covariance
 from butterfly.model.prior import Prior
 from tests.identification.simulated import estimate_of
 

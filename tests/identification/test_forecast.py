@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from butterfly.identification.diagnostics.before_fit import Identifiability, forecast
+from butterfly.identification.forecast import Identifiability, forecast
 from butterfly.logs.log import InputKind
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import PARAMETERS

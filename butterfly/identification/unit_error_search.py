@@ -21,16 +21,16 @@ import numpy as np
 
 from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError, IdentifiabilityError
+from butterfly.identification.agreement import Condition
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.residuals import residuals_of
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator, OutputError, WeakForm
 from butterfly.identification.findings import Finding
-from butterfly.identification.inference.agreement import Condition
-from butterfly.identification.inference.estimate import Estimate
 from butterfly.identification.levels import CLEARLY, FEW
 from butterfly.identification.linearisation import Linearisation, Solution
-from butterfly.identification.plausibility import is_possible
+from butterfly.identification.physical import is_possible
 from butterfly.identification.problem import Start
+from butterfly.identification.residuals import residuals_of
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging
 from butterfly.identification.unit_errors import (
     RIGHT,

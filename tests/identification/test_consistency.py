@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from butterfly.identification.inference.consistency import OF_SCALES, prior_contradictions
+from butterfly.identification.consistency import OF_SCALES, prior_contradictions
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.model.prior import Known, Penalty, Prior

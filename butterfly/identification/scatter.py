@@ -27,10 +27,10 @@ from scipy.optimize import minimize
 
 from butterfly.arrays import Samples, unit_columns
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.inference.limits import CELLS
-from butterfly.identification.inference.submodels import NEGLIGIBLE
 from butterfly.identification.levels import CLEARLY, MATTERS
+from butterfly.identification.limits import CELLS
 from butterfly.identification.linearisation import Linearisation
+from butterfly.identification.submodels import NEGLIGIBLE
 from butterfly.model.prior import Penalty
 from butterfly.model.terms import DISSIPATIVE, GROWING
 

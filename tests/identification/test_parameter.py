@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 import butterfly as bf
-from butterfly.identification import trust
+from butterfly.identification import parameter
 from butterfly.identification.derived_quantities import WAYS
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.levels import CLEARLY
-from butterfly.identification.parameter import Parameter
-from butterfly.identification.trust import PRECISE, Trust, trust_of
+from butterfly.identification.parameter import PRECISE, Parameter, Trust, trust_of
 from butterfly.report.parameter_table import badge_of
 from butterfly.verdict import Level
 from tests.identification.simulated import estimate_of
@@ -89,7 +88,7 @@ def test_good_within_less_changes_the_verdict_and_its_texts_and_nothing_else(
     found = bf.identify(quick_data)
     before, numbers = found.judged.level, _numbers(found.to_dict())
     widths = [(row.upper - row.value) / row.value for row in found.estimate.table()[:4:3]]
-    monkeypatch.setattr(trust, "PRECISE", 0.5 * max(widths))
+    monkeypatch.setattr(parameter, "PRECISE", 0.5 * max(widths))
     found = bf.identify(quick_data)
     assert (before, found.judged.level) == (Level.GOOD, Level.CARE)
     after = _numbers(found.to_dict())

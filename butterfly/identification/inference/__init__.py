@@ -1,1 +1,0 @@
-"""From equations to an estimate: covariance, intervals, identifiability, choice of terms."""
