@@ -123,7 +123,7 @@ class FreeRunModel:
         """Return the equations of a problem in other terms about (n,) values; None of no motion."""
         try:
             at = there.equations(values, self.fit.linearisation)
-            at = there.weighed(at.counting(there.options.loss))
+            at = there.with_scaled_prior(at.counting(there.options.loss))
         except IdentifiabilityError:
             return None
         return at if at.is_finite else None

@@ -11,7 +11,7 @@ if half-widths were standard errors. The rows, the first that holds:
 | AT_BOUND | as without the bound | at bound | it is on an active bound |
 | UNSURE | "" | "" | it has no interval |
 | ZERO | not-from-zero | may be 0 | the interval includes 0 |
-| UNREAD | unit-unread | care | precise, by a unit that a finding doubts |
+| UNREAD | unit-unread | care | precise or good, by a unit that a finding doubts |
 | PRECISE | precise | good | 3.3 h' <= 10 % of the value, h' half of the interval |
 | GOOD | rough | good | h <= 10 % of the value |
 | CARE | rough | care | 3.3 h <= the value |
@@ -82,7 +82,8 @@ def trust_of(
     half, farther, size = (upper - lower) / 2, max(upper - value, value - lower), abs(value)
     rows = {
         Trust.ZERO: lower <= 0 <= upper,
-        Trust.UNREAD if doubted else Trust.PRECISE: CLEARLY * half <= PRECISE * size,
+        Trust.UNREAD: doubted and farther <= PRECISE * size,
+        Trust.PRECISE: CLEARLY * half <= PRECISE * size,
         Trust.GOOD: farther <= PRECISE * size,
         Trust.CARE: CLEARLY * farther <= size,
     }
@@ -118,7 +119,7 @@ class Parameter:
     true: float | None = None
     on_bound: bool = False
     known: bool = False  # whether it was given exactly, and is no estimate
-    claim: str = ""  # how well it is known, for programs: see `identification.trust`
+    claim: str = ""  # how well it is known, for programs: see `trust_of`
 
     @property
     def trust(self) -> Trust:

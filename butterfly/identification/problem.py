@@ -257,8 +257,8 @@ class Problem:
         """Return equations of errors of variance 1 with the prior."""
         return replace(at, prior=self.prior(at.values))
 
-    def weighed(self, at: Linearisation) -> Linearisation:
-        """Return equations with the prior, weighted by the variance that the residuals realise."""
+    def with_scaled_prior(self, at: Linearisation) -> Linearisation:
+        """Return equations with the prior, scaled by the variance that the residuals realise."""
         at = self.knowing(at)
         if self.scatter or at.prior is None or not at.is_finite:
             return at
@@ -282,10 +282,10 @@ class Problem:
         """Return the end of a descent from equations or the first guess (see `fit.minimise`)."""
         at, evaluations = (self.equations(self.initial), 1) if at is None else (at, 0)
         if self.scatter:
-            return self._descend_weighed(self.weighed(at), most, enough)
+            return self._descend_weighed(self.with_scaled_prior(at), most, enough)
         robust = self.options.loss is not Loss.LINEAR
         for _ in range(MOST):
-            before = at = self.weighed(at)
+            before = at = self.with_scaled_prior(at)
             if at.loss is Loss.LINEAR:
                 rest = most - evaluations
                 end = minimise(self.stepped, at, self.box, rest, enough, steps=steps)
@@ -296,7 +296,7 @@ class Problem:
                 evaluations, at = evaluations + end.evaluations, end.linearisation
             if not end.converged and evaluations < most:
                 out_of_time("iterations of a fit that had not converged")
-            if not end.converged or self.weighed(at).prior_weighs_as(before):
+            if not end.converged or self.with_scaled_prior(at).prior_weighs_as(before):
                 break
         return replace(end, evaluations=evaluations)
 

@@ -82,7 +82,7 @@ class _Level(NamedTuple):
     """What is asked of a row: either alternative, chance and gain, or gain and share."""
 
     chance: float  # largest, over all rows together, with a gain of one standard error
-    gain: float  # standard errors of the gain, with a share of the squared errors
+    least_ratio: float  # of the gain to its standard error, with a share of the squared errors
 
 
 _COMMON, _RARE = _Level(0.01, 1.0), _Level(1e-3, 2.5)
@@ -111,7 +111,7 @@ class Offer:
         if not self.gain.mean() > negligible:
             return False
         significant = chance < level.chance and self.ratio > 1
-        return significant or (self.ratio > level.gain and self.share > MATERIAL)
+        return significant or (self.ratio > level.least_ratio and self.share > MATERIAL)
 
     def swapped(self, term: str) -> dict[str, float] | None:
         """Return the values, by label, with the row in place of a term; None of a worse fit."""

@@ -272,6 +272,6 @@ def _plain(every: Problem, fit: Fit) -> Fit:
     if fit.scatter is None:
         return fit
     problem = replace(every.of_fit(fit), scatter=None)
-    at = problem.weighed(problem.equations(fit.values, fit.linearisation))
+    at = problem.with_scaled_prior(problem.equations(fit.values, fit.linearisation))
     findings = tuple(finding for finding in fit.findings if finding.kind is not FindingKind.SCATTER)
     return replace(fit, linearisation=at, unweighed=None, scatter=None, findings=findings)
