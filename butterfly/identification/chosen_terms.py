@@ -30,7 +30,6 @@ from butterfly.identification.stagewise import (
     Offer,
     as_good,
     candidates,
-    friction_brakes,
     is_near,
     offers_in,
     stagewise,
@@ -38,7 +37,7 @@ from butterfly.identification.stagewise import (
 )
 from butterfly.identification.submodels import NEGLIGIBLE, Submodels, submodels_of
 from butterfly.logs.log import InputKind, Log, slow_interval
-from butterfly.model.parameters import AddedMass
+from butterfly.model.parameters import AddedMass, friction_brakes
 from butterfly.model.prior import Prior
 from butterfly.model.terms import COMMON, OF_SERVO, PARAMETERS, RARE, TERMS, companions, offered
 from butterfly.progress import out_of_time

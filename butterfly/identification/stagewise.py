@@ -24,7 +24,7 @@ from butterfly.identification.agreement import score_of
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.levels import CONFIDENCE, FEW, MATERIAL
 from butterfly.identification.submodels import Submodels
-from butterfly.model.parameters import AddedMass, value_if_absent
+from butterfly.model.parameters import AddedMass, friction_brakes, value_if_absent
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import GEAR, OF_MASS, companions, is_simulated_with
 from butterfly.progress import out_of_time
@@ -414,12 +414,3 @@ def offers_in(
             )
         )
     return offers
-
-
-def friction_brakes(values: Mapping[str, float], masses: Iterable[AddedMass]) -> bool:
-    """Whether friction brakes at rest with each added mass, where it is among some values."""
-    if "coulomb" not in values:
-        return True
-    friction, growth = values["coulomb"], values.get("load", 0.0)
-    level = min((friction + growth * mass.weight for mass in masses), default=friction)
-    return level >= 0 and not (friction <= 0 < values.get("stribeck", 0.0))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property, total_ordering
@@ -408,3 +409,12 @@ def first_moments(p: Any) -> tuple[float, float]:  # noqa: ANN401
 def value_if_absent(name: str) -> float:
     """Return the value of a parameter of a joint that lacks it; 0 of what is none of a joint."""
     return float(getattr(LumpedParameters, name, 0.0))
+
+
+def friction_brakes(values: Mapping[str, float], masses: Iterable[AddedMass]) -> bool:
+    """Whether friction brakes at rest with each added mass, where it is among some values."""
+    if "coulomb" not in values:
+        return True
+    friction, growth = values["coulomb"], values.get("load", 0.0)
+    level = min((friction + growth * mass.weight for mass in masses), default=friction)
+    return level >= 0 and not (friction <= 0 < values.get("stribeck", 0.0))

@@ -10,13 +10,12 @@ from butterfly.identification.estimators import OutputError
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.stagewise import (
     candidates,
-    friction_brakes,
     stagewise,
     stribeck_velocities,
     stribeck_velocity,
 )
 from butterfly.identification.submodels import Submodels, folds_of
-from butterfly.model.parameters import AddedMass
+from butterfly.model.parameters import AddedMass, friction_brakes
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.orbit.recalibration import LinearModel
 from tests.conftest import MASSES
