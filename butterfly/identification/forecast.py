@@ -6,7 +6,7 @@ with the estimates without each added mass and rivals by conditions. Other terms
 checked afterwards, may widen it: it is a lower limit.
 
 With h the half-width of that interval over the value, a parameter is *identifiable* if h is at most
-`PRECISE`; *not identifiable* if h is 1 or more, so that it may be 0, or if the equations are
+`GOOD_WITHIN`; *not identifiable* if h is 1 or more, so that it may be 0, or if the equations are
 singular; *weak* between. A delay d turns a share w d of a torque at the frequency w by a quarter of
 its period, as an error of p4 enlarges it by its own share: its h is w times the half-width, with w
 of the fastest log. Where no log reverses, Coulomb friction is *weak* at best.
@@ -44,7 +44,7 @@ from butterfly.identification.limits import (
     independent_cells_of,
 )
 from butterfly.identification.linearisation import compressed
-from butterfly.identification.parameter import PRECISE, meaning_of, or_none, unit_of
+from butterfly.identification.parameter import GOOD_WITHIN, meaning_of, or_none, unit_of
 from butterfly.logs.log import Log
 from butterfly.logs.thinning import GLANCE, thinned
 from butterfly.model.prior import Prior
@@ -222,7 +222,7 @@ def _told(row: Forecast, fit: Estimate, fastest: float) -> Forecast:
     half, value = float(fit.farther[place]), abs(float(fit.values[place]))
     share = fastest if row.name == "delay" else 1 / value if value else np.inf
     row = replace(row, half_width=or_none(half), expected=or_none(share * half))
-    if share * half <= PRECISE:
+    if share * half <= GOOD_WITHIN:
         return replace(row, word=Identifiability.IDENTIFIABLE)
     word = Identifiability.WEAK if share * half < 1 else Identifiability.NOT
     common = abs(unit_diagonal(fit.covariance)[0][place])
@@ -231,13 +231,13 @@ def _told(row: Forecast, fit: Estimate, fastest: float) -> Forecast:
     alone = share * half * (max(1 - float(common.max()) ** 2, 0.0)) ** 0.5
     if row.name in fit.on_bound:
         why, mend = "it may be 0", "none needed if it is 0"
-    elif alone <= PRECISE:
+    elif alone <= GOOD_WITHIN:
         why = f"{row.name} and {other} are hard to tell apart"
         mend = _APART.get(frozenset((row.name, other)), OTHER_LOGS)
     else:
         why, mend = "the motion shows little of it", "a larger motion"
         if alone < 1:
-            count = math.ceil((alone / PRECISE) ** 2)
+            count = math.ceil((alone / GOOD_WITHIN) ** 2)
             times = {2: "twice"}.get(count, f"{count} times")
             mend = f"{times} as many such logs, or {mend}"
     return replace(row, word=word, why=why, mend=mend)

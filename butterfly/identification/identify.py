@@ -1,8 +1,8 @@
 """From a data set to an answer: start, fit, choose terms, weigh logs, infer; then diagnose.
 
 Each of these is a step of `identify`, and can be taken alone with the fit that the one before ended
-with. The first five are an estimator's; output error has them all. Here is besides what all share:
-sines whose clock is wrong, free runs of the logs, their residuals, and the verdict on these.
+with. The first four calls are an estimator's. Here is besides what all share: sines whose clock is
+wrong, free runs of the logs, their residuals, and the verdict on these.
 """
 
 from __future__ import annotations

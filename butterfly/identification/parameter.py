@@ -1,6 +1,6 @@
 """How far a value can be trusted: one scale for the verdict, badges, words and programs.
 
-A value's half-width h is the distance of its farther limit. Within `PRECISE` of the value it is
+A value's half-width h is the distance of its farther limit. Within `GOOD_WITHIN` of the value it is
 good; *precise* is a definite statement, made where `CLEARLY` times the half-width is within it, as
 if half-widths were standard errors. The rows, the first that holds:
 
@@ -33,7 +33,7 @@ from butterfly.model.parameters import JointKind, LumpedParameters
 from butterfly.model.terms import PARAMETERS, TERMS
 from butterfly.verdict import Level
 
-PRECISE = 0.1
+GOOD_WITHIN = 0.1
 """Relative half-width within which a value is good."""
 
 
@@ -82,9 +82,9 @@ def trust_of(
     half, farther, size = (upper - lower) / 2, max(upper - value, value - lower), abs(value)
     rows = {
         Trust.ZERO: lower <= 0 <= upper,
-        Trust.UNREAD: doubted and farther <= PRECISE * size,
-        Trust.PRECISE: CLEARLY * half <= PRECISE * size,
-        Trust.GOOD: farther <= PRECISE * size,
+        Trust.UNREAD: doubted and farther <= GOOD_WITHIN * size,
+        Trust.PRECISE: CLEARLY * half <= GOOD_WITHIN * size,
+        Trust.GOOD: farther <= GOOD_WITHIN * size,
         Trust.CARE: CLEARLY * farther <= size,
     }
     return next((row for row, holds in rows.items() if holds), Trust.POOR)

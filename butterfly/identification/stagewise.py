@@ -165,7 +165,7 @@ class ChosenTerms(Generic[M]):
     model: M
     path: tuple[tuple[str, ...], ...]  # the terms of each round, the first ones included
     ties: tuple[tuple[Offer, str], ...]  # rows that did as well as a term that was taken, and that
-    # rows that are not fitted, though no chance, or of help and common or of a share
+    # rows that are not fitted although significant, helpful (common) or material (rare)
     rivals: tuple[Offer, ...]
     # rows that pass and are not fitted: the best, then those with errors as small
     missing: tuple[Offer, ...]

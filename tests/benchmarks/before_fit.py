@@ -16,7 +16,7 @@ import butterfly as bf
 from butterfly.identification.agreement import pace_of
 from butterfly.identification.data import DataSet
 from butterfly.identification.forecast import Identifiability, forecast
-from butterfly.identification.parameter import PRECISE
+from butterfly.identification.parameter import GOOD_WITHIN
 from butterfly.model.prior import Prior
 from butterfly.model.terms import PARAMETERS
 from tests.independent import robots
@@ -149,7 +149,7 @@ class Row(NamedTuple):
     @property
     def below(self) -> bool:
         """Whether it ended known within a tenth."""
-        return self.width <= PRECISE
+        return self.width <= GOOD_WITHIN
 
 
 def main(arguments=None):
@@ -207,7 +207,7 @@ def report(rows):
             for word in words
             for below in (True, False)
         ]
-        off = [sum(each.error > PRECISE for each in cell) for cell in cells]
+        off = [sum(each.error > GOOD_WITHIN for each in cell) for cell in cells]
         told = (f"{len(cell)} ({wrong})" for cell, wrong in zip(cells, off, strict=True))
         lines.append(f"| {name} | {' | '.join(told)} |")
     lines.append("In brackets: how many of them are off the truth by more than 10 %, or refused.")

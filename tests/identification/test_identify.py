@@ -8,7 +8,7 @@ import pytest
 from butterfly.identification.chosen_terms import choose
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import OutputError
-from butterfly.identification.estimators.assumptions import weighed
+from butterfly.identification.estimators.assumptions import weigh_by_scatter
 from butterfly.identification.findings import FindingKind
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, noisy, wild
@@ -45,7 +45,7 @@ def test_a_fit_ends_where_no_step_makes_the_errors_smaller(begun):
     problem, fit = begun
     assert fit.converged
     assert fit.linearisation.names == problem.labels
-    about = problem.weighed(problem.equations(fit.values))
+    about = problem.with_scaled_prior(problem.equations(fit.values))
     step = about.step(*problem.box.about(fit.values, np.inf))
     assert about.decrease(step) < 1e-4 * about.cost
 
@@ -94,7 +94,7 @@ def test_logs_that_differ_in_friction_are_weighed_by_it(scattering):
 
 def test_of_few_logs_no_scatter_can_be_told(data):
     problem, fit = BARE.fit(data.take([0, 1, 2]))
-    assert weighed(problem, fit) is fit
+    assert weigh_by_scatter(problem, fit) is fit
 
 
 def test_the_whole_is_its_steps(data):

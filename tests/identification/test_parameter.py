@@ -10,14 +10,14 @@ from butterfly.identification import parameter
 from butterfly.identification.derived_quantities import WAYS
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.levels import CLEARLY
-from butterfly.identification.parameter import PRECISE, Parameter, Trust, trust_of
+from butterfly.identification.parameter import GOOD_WITHIN, Parameter, Trust, trust_of
 from butterfly.report.parameter_table import badge_of
 from butterfly.verdict import Level
 from tests.identification.simulated import estimate_of
 
 WIDTHS = {
-    Trust.PRECISE: 0.99 * PRECISE / CLEARLY,
-    Trust.GOOD: 0.99 * PRECISE,
+    Trust.PRECISE: 0.99 * GOOD_WITHIN / CLEARLY,
+    Trust.GOOD: 0.99 * GOOD_WITHIN,
     Trust.CARE: 0.99 / CLEARLY,
     Trust.POOR: 0.99,
     Trust.ZERO: 1.01,
@@ -53,7 +53,7 @@ def test_a_value_of_the_scale_that_might_be_0_is_open_and_what_is_given_is_known
 
 @pytest.mark.parametrize(
     ("width", "level"),
-    [(0.99 * PRECISE, Level.GOOD), (1.01 * PRECISE, Level.CARE), (0.99, Level.CARE)],
+    [(0.99 * GOOD_WITHIN, Level.GOOD), (1.01 * GOOD_WITHIN, Level.CARE), (0.99, Level.CARE)],
 )
 def test_the_verdict_is_good_as_far_as_the_badges_of_the_scale_are(width, level):
     values = np.array([1.0, 2.0])
@@ -89,7 +89,7 @@ def test_good_within_less_changes_the_verdict_and_its_texts_and_nothing_else(
     found = bf.identify(quick_data)
     before, numbers = found.judged.level, _numbers(found.to_dict())
     widths = [(row.upper - row.value) / row.value for row in found.estimate.table()[:4:3]]
-    monkeypatch.setattr(parameter, "PRECISE", 0.5 * max(widths))
+    monkeypatch.setattr(parameter, "GOOD_WITHIN", 0.5 * max(widths))
     found = bf.identify(quick_data)
     assert (before, found.judged.level) == (Level.GOOD, Level.CARE)
     after = _numbers(found.to_dict())

@@ -217,7 +217,7 @@ def _over(problem: Problem, end: Fit, horizon: float) -> Fit | None:
     return refitted(there.of_logs(problem.logs), end.values)
 
 
-def weighed(every: Problem, fit: Fit) -> Fit:
+def weigh_by_scatter(every: Problem, fit: Fit) -> Fit:
     """Return the fit to logs that are weighed by their likeliest scatter (see `scatter`).
 
     Two steps, on all rows of each log, compressed to as many as there are values. The first leads

@@ -38,7 +38,7 @@ from butterfly.identification.estimators.assumptions import (
     over_shorter,
     shorter_segments,
     unsaid,
-    weighed,
+    weigh_by_scatter,
 )
 from butterfly.identification.estimators.base import Estimator
 from butterfly.identification.estimators.start import (
@@ -171,11 +171,11 @@ class OutputError(Estimator):
 
     def weigh(self, problem: Problem, fit: Fit) -> Fit:
         """Weigh logs by their scatter; choose again the terms that it hides."""
-        weighted = weighed(problem, fit)
+        weighted = weigh_by_scatter(problem, fit)
         if self.terms is None and weighted.scatters:
             again = choose(problem, weighted, *self._rows(problem.logs, problem.robot))
             same = again.linearisation.names == weighted.linearisation.names
-            weighted = again if same else weighed(problem, again)
+            weighted = again if same else weigh_by_scatter(problem, again)
         return weighted
 
     def near(self, estimate: Estimate) -> Callable[[DataSet], Estimate]:
@@ -300,7 +300,7 @@ class OutputError(Estimator):
         fewer = problem.of_fit(fit.plain).without(lost)
         bare = fewer.descend(fewer.equations(fewer.initial, fit.linearisation))
         again = replace(bare, findings=(*others, finding), path=fit.path)
-        return self.infer(problem, weighed(problem, again))
+        return self.infer(problem, weigh_by_scatter(problem, again))
 
     def _inferred(self, every: Problem, fit: Fit) -> Estimate:
         """Return the estimate of a fit (see `infer`)."""
