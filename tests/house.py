@@ -152,6 +152,33 @@ def call_sites(names: Container[str]) -> list[str]:
     ]
 
 
+def modules_without_tests(room: str = "identification") -> list[str]:
+    """Return the modules of a room of which no file of tests has the name."""
+    named = {path.stem for path in (ROOT / "tests" / room).rglob("test_*.py")}
+    modules = sorted((PACKAGE / room).rglob("*.py"))
+    return [
+        str(path.relative_to(PACKAGE))
+        for path in modules
+        if path.stem != "__init__" and f"test_{path.stem}" not in named
+    ]
+
+
+def modules_of_identification() -> list[str]:
+    """Return the files of identification, by their path in the package."""
+    modules = sorted((PACKAGE / "identification").rglob("*.py"))
+    return [str(path.relative_to(PACKAGE)) for path in modules if path.stem != "__init__"]
+
+
+def long_modules(most: int = 500) -> list[str]:
+    """Return the files of identification with more lines than ``most``."""
+    paths = ((PACKAGE / module, module) for module in modules_of_identification())
+    return [
+        module
+        for path, module in paths
+        if len(path.read_text(encoding="utf-8").splitlines()) > most
+    ]
+
+
 def names_that_say_nothing() -> list[str]:
     """Return where the package binds a name of `SAYS_NOTHING`, by module and line."""
     places = []

@@ -29,6 +29,9 @@ from tests.house import (
     carriers,
     executed,
     lists_of_terms,
+    long_modules,
+    modules_of_identification,
+    modules_without_tests,
     names_that_say_nothing,
     table,
     trees,
@@ -43,13 +46,20 @@ CEILINGS = {
     "places that choose terms": 2,
     "lists of names of terms outside their table": 0,
     "names that say nothing": 0,
-    "files that a fit executes": 30,
-    "functions that a fit executes": 480,
-    "depth of calls in a fit": 20,
+    "files of identification": 26,
+    "files of identification above 500 lines": 0,
+    "files of identification without tests of their name": 0,
+    "files that a fit executes": 22,
+    "functions that a fit executes": 420,
+    "depth of calls in a fit": 18,
     "choices of terms in a sound answer": 1,
     "passes of contrasts in a sound answer": 1,
 }
-NOT_REACHED = {"functions that a fit executes": 560}
+NOT_REACHED = {
+    "files of identification": 41,
+    "files that a fit executes": 30,
+    "functions that a fit executes": 557,
+}
 """What is asked above and not reached yet: the count that there is, which may only fall."""
 
 
@@ -97,6 +107,9 @@ FOUND = {
     "places that choose terms": lambda: call_sites(CHOICE),
     "lists of names of terms outside their table": lists_of_terms,
     "names that say nothing": names_that_say_nothing,
+    "files of identification": modules_of_identification,
+    "files of identification above 500 lines": long_modules,
+    "files of identification without tests of their name": modules_without_tests,
 }
 IN_A_FIT = {
     "files that a fit executes": lambda fit: fit.files,
@@ -131,8 +144,10 @@ def test_every_ceiling_is_tested():
 
 @pytest.mark.parametrize("what", FOUND)
 def test_nothing_grows_beyond_its_ceiling(what):
-    found = FOUND[what]()
-    assert len(found) <= CEILINGS[what], found
+    found, most = FOUND[what](), NOT_REACHED.get(what, CEILINGS[what])
+    if len(found) > CEILINGS[what]:
+        print(f"missed: {len(found)} {what}, {CEILINGS[what]} asked")
+    assert len(found) <= most, found
 
 
 @pytest.mark.parametrize("what", IN_A_FIT)

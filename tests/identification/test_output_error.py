@@ -139,7 +139,6 @@ def test_friction_of_a_gear_is_found_unasked_and_a_next_experiment_tells_more_of
 
 EVERY = replace(RICH, delay=0.0042, tilt=0.2, stribeck_velocity=0.13)
 EVERY = replace(EVERY, cogging=2e-4, cogging_cosine=-1e-4, cogging_periods=3.0)
-
 OTHERS = {*LOOP_TERMS, *BASE_TERMS}  # what no joint has besides all the rest
 
 
@@ -165,83 +164,6 @@ def problem(request):
     away = {"velocity": 0.02, "dead_zone": 5e-4} | dict.fromkeys(GEAR, 0.01)
     moving = [away.get(name, 0.0) for name, _ in found.keys]
     return replace(found, initial=found.initial + moving)
-
-
-@pytest.fixture(scope="module")
-def equations(problem):
-    return problem.equations(problem.initial)
-
-
-def _residuals(problem, moved):
-    """Return all logs' residuals beside the beginning."""
-    return problem.equations(problem.initial + moved).residuals
-
-
-def test_every_column_is_the_central_difference(problem, equations):
-    columns = equations.rows.T
-    units = np.diag(1 / np.linalg.norm(columns, axis=1))  # each moves the residuals by 1
-    for (name, whose), unit, column in zip(problem.keys, units, columns, strict=True):
-        differences = (
-            (_residuals(problem, step * unit) - _residuals(problem, -step * unit))
-            / (2 * step * unit.max())
-            for step in (1e-5, 1e-6, 1e-4, 1e-7, 1e-8)
-        )
-        errors = (np.linalg.norm(column - each) for each in differences)
-        # The drive has kinks where a stamp passes an edge, by which the delay is felt.
-        tolerance = {"delay": 1e-3, "slow_delay": 2e-3}.get(name, 1e-5)
-        most = tolerance * np.linalg.norm(column)
-        assert any(error < most for error in errors), (name, whose)
-
-
-def test_what_belongs_to_one_log_or_mass_moves_no_other(problem, equations):
-    for k, (_, whose) in enumerate(problem.keys):
-        logs = np.split(equations.rows[:, k], equations.ends[:-1])
-        for simulation, column in zip(problem.simulations, logs, strict=True):
-            concerned = whose in {None, simulation.log.added_mass, simulation.log.name}
-            assert concerned or not column.any()
-
-
-def test_cells_say_the_same_with_the_weights_of_a_loss(equations):
-    at = equations.counting(Loss.HUBER)
-    roots = np.sqrt(at.loss.weights(at.residuals, at.scale))
-    rows, residuals = at.rows * roots[:, None], at.residuals * roots
-    for cells in (at.cells(1), at.cells(4)):
-        normal, pull = rows.T @ rows, rows.T @ residuals
-        np.testing.assert_allclose(cells.curvature, normal, atol=1e-10 * np.abs(normal).max())
-        np.testing.assert_allclose(cells.gradient, pull, atol=1e-10 * np.abs(pull).max())
-        assert cells.squares.sum() == pytest.approx(residuals @ residuals)
-
-
-def test_equations_predict_residuals_nearby(problem, equations):
-    sizes = 1 / np.linalg.norm(equations.rows, axis=0)
-    step = 1e-6 * sizes * np.linspace(-1, 1, len(problem.keys))
-    np.testing.assert_allclose(
-        equations.moved(step).residuals, _residuals(problem, step), atol=1e-8
-    )
-
-
-def test_a_friction_at_its_bound_can_leave_it():
-    """The derivative at 0 is that towards friction, not 0."""
-    data = DataSet.of([_log(mass, 4, 0.02, Intersample.FIRST_ORDER_HOLD) for mass in MASSES[:2]])
-    frictionless = replace(EVERY, coulomb=0.0, stribeck=0.0, load=0.0)
-    estimator = OutputError(terms=("stribeck", "load"), window=4.0)
-    problem = estimator.problem(data.logs, Start(frictionless, data.equilibria))
-    jacobian = problem.equations(problem.initial).rows
-    for name in ("coulomb", "stribeck", "load"):
-        k = problem.keys.index((name, None))
-        size = 1e-6 / np.linalg.norm(jacobian[:, k])
-        step = size * np.eye(len(problem.keys))[k]
-        change = (_residuals(problem, step) - _residuals(problem, 0 * step)) / size
-        np.testing.assert_allclose(
-            jacobian[:, k], change, atol=1e-3 * np.abs(change).max(), err_msg=name
-        )
-
-
-def test_residuals_without_derivatives_are_the_same_for_each_log_s_own_values(problem, equations):
-    alike = np.tile(problem.initial, (len(problem.motion), 1))
-    bare = problem.equations(alike, slopes=False)
-    np.testing.assert_allclose(bare.residuals, equations.residuals, rtol=0, atol=1e-12)
-    assert not bare.rows.any()
 
 
 def test_biases_of_single_logs_stay_where_terms_are_chosen():
