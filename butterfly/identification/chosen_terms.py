@@ -19,7 +19,7 @@ from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Fit, LackedTerm
-from butterfly.identification.levels import FEW, MATERIAL, MATTERS, MOST, PASSES, SHOWS
+from butterfly.identification.levels import FEW, MATTERS, MOST, PASSES, SHOWS
 from butterfly.identification.limits import Rival, independent_cells_of
 from butterfly.identification.linearisation import Linearisation
 from butterfly.identification.problem import Problem
@@ -170,11 +170,12 @@ class FreeRunModel:
         return replace(self, fit=end)
 
     def without(self, names: Collection[str]) -> Self | None:
-        """Fit without some terms; None if these explain a material share, in more logs than some.
+        """Fit without some terms; None if every simulation without them is twice as bad.
 
-        It begins where the equations promise most, if that explains as much, or else nearby.
+        Whether they help to predict is asked before. It begins where the equations promise most, if
+        that is not so bad, or else nearby.
         """
-        problem, enough = self.problem.without({*names}), self.fit.cost / (1 - MATERIAL)
+        problem, enough = self.problem.without({*names}), self.fit.cost / PROMISED
         is_left = np.isin(self.problem.labels, problem.labels)
         promised = self.nested.fitted(is_left[np.newaxis])[0][is_left]
         first = dict(zip(self.every.labels, self.every.initial.tolist(), strict=True))
@@ -189,14 +190,7 @@ class FreeRunModel:
                     break
         there = min(tried, key=lambda at: at.cost, default=None)
         end = self.descended(problem, there) if there else None
-        if end is None or not (end.cost <= enough or self._is_as_good(problem, end.linearisation)):
-            return None
-        return replace(self, fit=end)
-
-    def _is_as_good(self, there: Problem, at: Linearisation) -> bool:
-        """Whether equations of a problem leave errors of logs as small as the fit does."""
-        squares = nested_about(there, at, len(self.every.keys)).equations.squares
-        return as_good(np.sqrt(squares), np.sqrt(self.nested.equations.squares))
+        return replace(self, fit=end) if end and end.cost <= enough else None
 
     def confirms(self, rival: Mapping[str, float]) -> bool:
         """Whether a rival, simulated once, follows the logs as well as the fit."""
@@ -204,7 +198,10 @@ class FreeRunModel:
             return False
         there = self._with(rival, rival)
         at = self.equations(there, there.initial)
-        return at is not None and self._is_as_good(there, at)
+        if at is None:
+            return False
+        its = nested_about(there, at, len(self.every.keys)).equations.squares
+        return as_good(np.sqrt(its), np.sqrt(self.nested.equations.squares))
 
 
 def nested_about(problem: Problem, at: Linearisation, most: int) -> Submodels:
