@@ -161,7 +161,6 @@ class WeakFit:
     about: About  # linearisation point of the equations
     regression: Regression  # regression, fit: the equations, and the solution
     fit: Fit
-    windows: Sequence[Averaging] = ()  # of the logs, where those of `about` are instruments
 
     @classmethod
     def of(

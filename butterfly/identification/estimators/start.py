@@ -74,11 +74,9 @@ def starts(data: DataSet, terms: tuple[str, ...] | None) -> list[Start]:
     guesses: list[Start] = []
     refusals: list[ButterflyError] = []
     common = candidates(COMMON, data.masses, data.known)
-    fits: dict[float | None, WeakFit] = {}
     for some in dict.fromkeys((common if terms is None else terms, ())):
         try:
-            turned = bool(some) or terms is not None
-            start = _of_weak_form(data, some, fits, turned=turned)
+            start = _of_weak_form(data, some, turned=bool(some) or terms is not None)
         except ButterflyError as refusal:
             refusals.append(refusal)
             continue
@@ -123,21 +121,18 @@ def _without_inertia(data: DataSet, inertia: float) -> ButterflyError:
     )
 
 
-def _of_weak_form(
-    data: DataSet, terms: tuple[str, ...], fits: dict[float | None, WeakFit], *, turned: bool
-) -> Start:
+def _of_weak_form(data: DataSet, terms: tuple[str, ...], *, turned: bool) -> Start:
     """Fit the weak form over windows of the logs' own time, or short ones if runs follow better.
 
     Long ones hide a fast motion beside a slow one. IdentifiabilityError if it finds no inertia.
-    ``turned``: whether an offset of gravity corrects rest angles that nobody has given. ``fits`` in
-    other terms, by the half-width of their windows, serve and are added to.
+    ``turned``: whether an offset of gravity corrects rest angles that nobody has given.
     """
     turned = turned and bool(data.unread)
-    start = _over_windows(data, terms, None, fits, turned=turned)
+    start = _over_windows(data, terms, None, turned=turned)
     closed = any(log.closed for log in data.glance)
     if not closed and any(half_width_of(log) > HALF_WIDTH for log in data.glance):
         with suppress(ButterflyError):
-            short = _over_windows(data, terms, HALF_WIDTH, fits, turned=turned)
+            short = _over_windows(data, terms, HALF_WIDTH, turned=turned)
             start = max(start, short, key=partial(_velocity_fit, data))
     inertia = _least_inertia(start, data)
     if not inertia > 0:
@@ -154,12 +149,7 @@ def _velocity_fit(data: DataSet, start: Start) -> float:
 
 
 def _over_windows(
-    data: DataSet,
-    terms: tuple[str, ...],
-    half_width: float | None,
-    fits: dict[float | None, WeakFit],
-    *,
-    turned: bool,
+    data: DataSet, terms: tuple[str, ...], half_width: float | None, *, turned: bool
 ) -> Start:
     """Fit the weak form (see `_of_weak_form`).
 
@@ -170,11 +160,9 @@ def _over_windows(
     wanted = tuple(name for name in offered(WeakForm.method) if name in asked)
     closed_form = WeakForm(terms=wanted, half_width=half_width)
     known = usable(closed_form.method, data.known)
-    like = fits.get(half_width)
-    fit = closed_form.through_instruments(data.glance, zeros, known, like)
+    fit = closed_form.through_instruments(data.glance, zeros, known)
     if fit.values["p1"] + min(mass.inertia for mass in data.masses) <= 0 and "delay" in fit.names:
-        fit = closed_form.through_instruments(data.glance, zeros, known | _AT_ONCE, like)
-    fits.setdefault(half_width, fit)
+        fit = closed_form.through_instruments(data.glance, zeros, known | _AT_ONCE)
     fit.solved.independent.conditioning.require()
     parameters = _moving(fit, data)
     return _hung(Start(parameters, zeros)) if turned else Start(parameters, zeros)

@@ -138,33 +138,19 @@ class WeakForm(Estimator):
         return basis, weak.fit
 
     def through_instruments(
-        self,
-        logs: Sequence[Log],
-        zeros: Mapping[AddedMass, float],
-        known: Prior,
-        like: WeakFit | None = None,
+        self, logs: Sequence[Log], zeros: Mapping[AddedMass, float], known: Prior
     ) -> WeakFit:
-        """Return the regression of logs through instruments (see `of_logs`).
-
-        ``like``: a fit in other terms over the same windows, whose averages and instruments serve.
-        """
+        """Return the regression of logs through instruments (see `of_logs`)."""
         require_usable(self.method, known)
-        plain = self.least_squares(logs, zeros, prior_of_fit(logs, known), like)
-        if like is not None:
-            return refined(plain, like.about.windows)
+        plain = self.least_squares(logs, zeros, prior_of_fit(logs, known))
         return refined(plain, instruments_of(logs, plain.about.windows, plain.parameters, zeros))
 
     def least_squares(
-        self,
-        logs: Sequence[Log],
-        zeros: Mapping[AddedMass, float],
-        known: Prior,
-        like: WeakFit | None = None,
+        self, logs: Sequence[Log], zeros: Mapping[AddedMass, float], known: Prior
     ) -> WeakFit:
         """Return the least-squares fit, which noise of the angle biases."""
         periods = known.fixed.get("cogging_periods", self.cogging_periods)
-        windows: Sequence[Averaging] = like.windows if like else ()
-        windows = windows or [
+        windows = [
             averaging_of(log, reading_of(log, zeros), self.half_width, periods) for log in logs
         ]
         names = known.fitted((*PARAMETERS, *(self.terms)))
@@ -232,8 +218,7 @@ def refined(fit: WeakFit, instruments: Sequence[Averaging]) -> WeakFit:
     solution = Solution(values=values, on_bound=~free)
     cells = cells_of(len(instruments), len(names))
     solved = regression.linearised(solution, cells=cells, jacobian=through.jacobian(values))
-    end = replace(fit.fit, linearisation=solved)
-    return WeakFit(about=about, regression=through, fit=end, windows=fit.about.windows)
+    return WeakFit(about=about, regression=through, fit=replace(fit.fit, linearisation=solved))
 
 
 def _through(
