@@ -81,6 +81,7 @@ def fetch(folder: Path, source: str = PUBLISHED, track: Track = untracked) -> in
                 future.set_result(_content(f"{source.rstrip('/')}/{name}", pins()[name], stop))
             except Exception as error:
                 future.set_exception(error)
+                break  # which ends all, as soon as it is read
 
     for _ in range(_AT_ONCE):  # an executor would wait for its threads at the end
         Thread(target=bring, daemon=True).start()
