@@ -74,6 +74,11 @@ class FreeRunModel:
         """The problem in the values of the fit."""
         return self.every.of_fit(self.fit)
 
+    @cached_property
+    def first(self) -> dict[str, float]:
+        """First guesses of all unknowns, by label."""
+        return dict(zip(self.every.labels, self.every.initial.tolist(), strict=True))
+
     @property
     def terms(self) -> frozenset[str]:
         """The optional terms that it has."""
@@ -144,8 +149,7 @@ class FreeRunModel:
         """Return the problem with more rows, first guesses by label being as given."""
         wanted = {*self.problem.labels, *rows, *companions(rows)}
         indices = np.flatnonzero([label in wanted for label in self.every.labels])
-        first = dict(zip(self.every.labels, self.every.initial.tolist(), strict=True))
-        initial = np.array([{**first, **values}[self.every.labels[k]] for k in indices])
+        initial = np.array([{**self.first, **values}[self.every.labels[k]] for k in indices])
         there = replace(self.every.keeping(indices, initial), scatter=self.fit.scatter)
         return replace(there, initial=np.maximum(initial, there.lower))
 
@@ -178,8 +182,10 @@ class FreeRunModel:
         problem, enough = self.problem.without({*names}), self.fit.cost / PROMISED
         is_left = np.isin(self.problem.labels, problem.labels)
         promised = self.nested.fitted(is_left[np.newaxis])[0][is_left]
-        first = dict(zip(self.every.labels, self.every.initial.tolist(), strict=True))
-        guesses = [self.fit.values[is_left], np.array([first[label] for label in problem.labels])]
+        guesses = [
+            self.fit.values[is_left],
+            np.array([self.first[label] for label in problem.labels]),
+        ]
         if is_near(problem.named(promised), self.fit.named, self.masses):
             guesses.insert(0, promised)
         tried: list[Linearisation] = []

@@ -185,7 +185,7 @@ def forecast(logs: Sequence[Log], known: Prior) -> tuple[Forecast, ...]:
                 row, word=Identifiability.KNOWN, half_width=0.0, expected=0.0, why="", mend=""
             )
         elif fit is not None and name in fit.names:
-            row = _told(row, fit, fastest)
+            row = _rated(row, fit, fastest)
             if name == "coulomb" and not any(_reverses(log.angle) for log in logs):
                 why = "no log reverses, so it cannot be told from a constant torque"
                 row = replace(
@@ -216,7 +216,7 @@ def _reverses(angle: Samples) -> bool:
     return bool(min(back) > MATTERS * np.ptp(angle))
 
 
-def _told(row: Forecast, fit: Estimate, fastest: float) -> Forecast:
+def _rated(row: Forecast, fit: Estimate, fastest: float) -> Forecast:
     """Add to a row its word, its half-widths, and what would mend it."""
     place = fit.names.index(row.name)
     half, value = float(fit.farther[place]), abs(float(fit.values[place]))

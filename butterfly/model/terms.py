@@ -101,13 +101,12 @@ class Term:
     called: str = ""  # As sentences name it, where its name alone is not understood
     more_runs: str = ""  # The run that shows it, or tells it from what it looks like
 
-    def power_of(self, *symbols: str) -> int:
+    def power_of(self, symbol: str) -> int:
         """Return the power of a symbol in the unit; of inertia, N m s², as of a torque."""
         above, _, below = self.unit.replace("kg m²", "N m s²").partition("/")
-        counts = [part.strip("()").split() for part in (above, below)]
         more, less = (
-            sum(part.count(symbol) + 2 * part.count(f"{symbol}²") for symbol in symbols)
-            for part in counts
+            parts.count(symbol) + 2 * parts.count(f"{symbol}²")
+            for parts in (part.strip("()").split() for part in (above, below))
         )
         return more - less
 
@@ -540,10 +539,10 @@ OF_MASS = {row.name for row in _ROWS if row.of_mass}
 CHANGING = tuple(row.name for row in _ROWS if row.changes)
 """What changes from day to day, whatever is mounted: friction and gain."""
 
+_LED = frozenset().union(*(row.follows for row in _ROWS))  # terms that bring others
+
 PLAIN = tuple(
-    row.name
-    for row in _ROWS
-    if row.tried == "common" and not (row.of_mass or row.name == "stribeck")
+    row.name for row in _ROWS if row.tried == "common" and not (row.of_mass or row.name in _LED)
 )
 """Common terms that need neither an added mass nor a setting."""
 

@@ -6,6 +6,7 @@ from itertools import product
 
 import numpy as np
 
+from butterfly.identification.data import DataSet
 from butterfly.identification.design import next_experiments, wanted
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.linearisation import Linearisation
@@ -117,3 +118,19 @@ def cells(names, rows, residuals, **more):
     told = {"values": np.zeros(width), "lower": np.full(width, -np.inf), "log": np.arange(count)}
     told |= {"ends": size * np.arange(1, count + 1), "residuals": residuals.ravel()}
     return Linearisation(names=names, rows=rows.reshape(-1, width), **told | more)
+
+
+def equations_about(values, residuals, slopes):
+    """Equations of one log, without bounds."""
+    rows, residuals = np.asarray(slopes, dtype=float), np.asarray(residuals, dtype=float)
+    names = tuple(f"b{k}" for k in range(len(values)))
+    told = {"names": names, "values": values, "lower": np.full(len(values), -np.inf)}
+    ends = {"ends": np.array([residuals.size]), "log": np.array([0])}
+    return Linearisation(rows=rows, residuals=residuals, **told, **ends)
+
+
+def robot_with_drag():
+    """Return the data set of few noisy sines of a robot with drag, its logs numbered."""
+    few = {omega: SWINGS[omega] for omega in (2.0, 3.0, 4.4, 8.5)}
+    logs = noisy(steady(replace(ROBOT, drag=8e-4), few), 1e-3, np.random.default_rng(0))
+    return DataSet.of([replace(log, name=f"{k}") for k, log in enumerate(logs)])

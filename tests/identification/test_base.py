@@ -1,12 +1,10 @@
 """What all estimators share: terms that are given, held, or not offered."""
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import (
     HarmonicBalance,
     Linear,
@@ -14,7 +12,7 @@ from butterfly.identification.estimators import (
     WeakForm,
 )
 from butterfly.model.terms import PARAMETERS
-from tests.identification.simulated import ROBOT, SWINGS, noisy, steady
+from tests.identification.simulated import robot_with_drag
 
 BALANCE = HarmonicBalance(terms=("drag",))
 
@@ -22,9 +20,7 @@ BALANCE = HarmonicBalance(terms=("drag",))
 @pytest.fixture(scope="module")
 def data():
     """Logs of a robot with drag."""
-    few = {omega: SWINGS[omega] for omega in (2.0, 3.0, 4.4, 8.5)}
-    logs = noisy(steady(replace(ROBOT, drag=8e-4), few), 1e-3, np.random.default_rng(0))
-    return DataSet.of([replace(log, name=f"{k}") for k, log in enumerate(logs)])
+    return robot_with_drag()
 
 
 @pytest.fixture(scope="module")

@@ -7,21 +7,13 @@ import pytest
 
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.linearisation import Linearisation
-
-
-def _equations(values, residuals, slopes):
-    """Equations of one log, without bounds."""
-    rows, residuals = np.asarray(slopes, dtype=float), np.asarray(residuals, dtype=float)
-    names = tuple(f"b{k}" for k in range(len(values)))
-    told = {"names": names, "values": values, "lower": np.full(len(values), -np.inf)}
-    ends = {"ends": np.array([residuals.size]), "log": np.array([0])}
-    return Linearisation(rows=rows, residuals=residuals, **told, **ends)
+from tests.identification.simulated import equations_about
 
 
 def test_factors_of_the_whole_are_those_of_its_cells_which_are_made_once(monkeypatch):
     random = np.random.default_rng(0)
     slopes = random.standard_normal((60, 3))
-    both = _equations(np.zeros(3), random.standard_normal(60), slopes)
+    both = equations_about(np.zeros(3), random.standard_normal(60), slopes)
     made = []
     factors = Linearisation._factors  # noqa: SLF001 - what costs
     monkeypatch.setattr(Linearisation, "_factors", lambda *of: made.append(of) or factors(*of))

@@ -12,10 +12,8 @@ from butterfly.identification.estimators import Loss, OutputError
 from butterfly.identification.estimators.start import starts
 from butterfly.identification.findings import Ending, FindingKind
 from butterfly.identification.problem import Start
-from butterfly.logs.log import Intersample, Sine
-from butterfly.logs.regimes import Regime
+from butterfly.logs.log import Sine
 from butterfly.model.parameters import LumpedParameters
-from butterfly.model.terms import BASE_TERMS, GEAR, LOOP_TERMS, offered
 from tests.conftest import MASSES
 from tests.identification.simulated import RICH, SWINGS, next_runs, noisy, simulated, steady
 from tests.identification.simulated import ROBOT as PLAIN
@@ -135,35 +133,6 @@ def test_friction_of_a_gear_is_found_unasked_and_a_next_experiment_tells_more_of
     at = found.names.index("load_friction")
     assert found.lower[at] <= 0.15 <= found.upper[at] < 0.2
     assert next_runs(data, found)[0].errors[at] < 0.95
-
-
-EVERY = replace(RICH, delay=0.0042, tilt=0.2, stribeck_velocity=0.13)
-EVERY = replace(EVERY, cogging=2e-4, cogging_cosine=-1e-4, cogging_periods=3.0)
-OTHERS = {*LOOP_TERMS, *BASE_TERMS}  # what no joint has besides all the rest
-
-
-def _log(mass, omega, amplitude, hold):
-    sine = Sine(omega=omega, amplitude=amplitude)
-    name = f"{mass.mass:g}-{omega:g}"
-    log = simulated(EVERY, mass, sine.sample, 9.0, start=0.05, sine=sine, zero=0.6, source=name)
-    switches = Regime(0.0, 0.002), Regime(5.0, 0.001)
-    return replace(log, intersample=hold, regimes=switches)
-
-
-@pytest.fixture(scope="module", params=list(Intersample))
-def problem(request):
-    drives = ((4, 0.02), (6, 0.05))
-    data = DataSet.of(
-        [_log(mass, *drive, request.param) for mass in MASSES[:2] for drive in drives]
-    )
-    local = {"per_mass": ("zero",), "per_log": ("velocity",)}
-    terms = tuple(name for name in offered("output-error") if name not in OTHERS)
-    estimator = OutputError(terms=terms, **local, window=8.0, cogging_periods=3.0)
-    found = estimator.problem(data.logs, Start(EVERY, data.equilibria))
-    # At rest, without a dead zone or friction of a gear, it has two slopes.
-    away = {"velocity": 0.02, "dead_zone": 5e-4} | dict.fromkeys(GEAR, 0.01)
-    moving = [away.get(name, 0.0) for name, _ in found.keys]
-    return replace(found, initial=found.initial + moving)
 
 
 def test_biases_of_single_logs_stay_where_terms_are_chosen():

@@ -12,24 +12,7 @@ from butterfly.logs.log import Intersample, Sine
 from butterfly.logs.regimes import Regime
 from butterfly.model.terms import BASE_TERMS, GEAR, LOOP_TERMS, offered
 from tests.conftest import MASSES
-from tests.identification.simulated import RICH, noisy, simulated
-
-ROBOT = RICH
-ZERO = 0.6
-
-
-@pytest.fixture(scope="module")
-def logs():
-    drives = ((2.0, 0.014), (4.0, 0.014), (8.0, 0.08))
-    sines = [Sine(omega=omega, amplitude=amplitude) for omega, amplitude in drives]
-    seen = {"start": 0.05, "step": 4e-3, "zero": ZERO}
-    clean = [
-        simulated(ROBOT, mass, sine.sample, 12.0, sine=sine, source=f"{mass}-{sine.omega}", **seen)
-        for mass in MASSES
-        for sine in sines
-    ]
-    return [noisy([log], 1e-3, np.random.default_rng(7))[0] for log in clean]
-
+from tests.identification.simulated import RICH, simulated
 
 EVERY = replace(RICH, delay=0.0042, tilt=0.2, stribeck_velocity=0.13)
 EVERY = replace(EVERY, cogging=2e-4, cogging_cosine=-1e-4, cogging_periods=3.0)

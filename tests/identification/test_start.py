@@ -9,16 +9,7 @@ from butterfly.errors import IdentifiabilityError
 from butterfly.identification.estimators.start import best_local_minimum
 from butterfly.identification.findings import Ending, FindingKind
 from butterfly.identification.fit import Fit
-from butterfly.identification.linearisation import Linearisation
-
-
-def _equations(values, residuals, slopes):
-    """Equations of one log, without bounds."""
-    rows, residuals = np.asarray(slopes, dtype=float), np.asarray(residuals, dtype=float)
-    names = tuple(f"b{k}" for k in range(len(values)))
-    told = {"names": names, "values": values, "lower": np.full(len(values), -np.inf)}
-    ends = {"ends": np.array([residuals.size]), "log": np.array([0])}
-    return Linearisation(rows=rows, residuals=residuals, **told, **ends)
+from tests.identification.simulated import equations_about
 
 
 class Problem:
@@ -50,7 +41,7 @@ def _end(cost, *, converged=True):
 def _constant(cost, errors=None):
     """Equations of one value with a cost: of smooth errors, or of given ones."""
     errors = np.full(9, np.sqrt(2 * cost / 9)) if errors is None else errors
-    return _equations(np.ones(1), errors, np.ones((errors.size, 1)))
+    return equations_about(np.ones(1), errors, np.ones((errors.size, 1)))
 
 
 @pytest.mark.parametrize(

@@ -10,18 +10,16 @@ import butterfly as bf
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
-from butterfly.identification.estimators.assumptions import as_taken
-from butterfly.identification.identify import diagnose, identify, in_true_time, with_other_time
-from butterfly.identification.residuals import LogResiduals, Residuals
+from butterfly.identification.identify import identify
 from butterfly.identification.unit_errors import (
     UnitError,
 )
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Prior
-from butterfly.report.finding_texts import estimate_sentences
 from butterfly.verdict import Level
 from tests.conftest import MASSES
-from tests.identification.simulated import ROBOT, SWINGS, noisy, simulated, steady, wild
+from tests.identification.mistaken import named_of, recorded, with_names
+from tests.identification.simulated import ROBOT, SWINGS, simulated, steady, wild
 from tests.independent.defects import draw as draw_bench
 from tests.independent.integrator import Joint, motion
 from tests.independent.slips import NAMED, ask
@@ -29,48 +27,24 @@ from tests.independent.slips import NAMED, ask
 FEW = {omega: SWINGS[omega] for omega in (2.0, 4.4, 8.5)}
 BALANCE = HarmonicBalance(terms=())
 SIMULATED = OutputError(terms=(), workers=1)
-UNSEEN = Residuals(logs=(LogResiduals(name="", label="", motion=1.0),))
 
 
 @pytest.fixture(scope="module")
 def logs():
     """Logs of sines with names of their own."""
-    return _with_names(steady(ROBOT, FEW))
+    return with_names(steady(ROBOT, FEW))
 
 
 @pytest.fixture(scope="module")
 def sines(logs):
     """The same, with noise."""
-    return _recorded(logs)
+    return recorded(logs)
 
 
 @pytest.fixture(scope="module")
 def tones():
     """Logs of other inputs."""
-    return _recorded(wild(ROBOT, MASSES * 2, 8.0))
-
-
-def _recorded(logs):
-    return _with_names(noisy(logs, 2e-4, np.random.default_rng(0)))
-
-
-def _with_names(logs):
-    return [replace(log, name=f"run {k}") for k, log in enumerate(logs)]
-
-
-def _fitted(data, estimator):
-    """Return logs in their true time, as an estimate took them, and the estimate."""
-    data, other = in_true_time(data, estimator)
-    found = replace(estimator(data), input_kind=data.input_kind, joint=data.joint)
-    return as_taken(data, with_other_time(found, other))
-
-
-def _named(logs, estimator):
-    """Return what is named of logs, the level, and all that is said, whatever their residuals."""
-    data, found = _fitted(DataSet.of(logs), estimator)
-    found = diagnose(data, estimator, data.simulations.with_horizon(found), UNSEEN)
-    slips = [each for each in found.findings if each.kind in NAMED]
-    return slips, found.level, " ".join(estimate_sentences(found))
+    return recorded(wild(ROBOT, MASSES * 2, 8.0))
 
 
 def test_one_log_is_accused_only_if_the_others_fit_to_noise_without_it(tones):
@@ -78,7 +52,7 @@ def test_one_log_is_accused_only_if_the_others_fit_to_noise_without_it(tones):
     late = [
         replace(each, input=np.interp(each.time - 0.05, each.time, each.input)) for each in tones
     ]
-    (slip,), *_ = _named([*tones[:1], late[1], *tones[2:]], WeakForm())
+    (slip,), *_ = named_of([*tones[:1], late[1], *tones[2:]], WeakForm())
     assert (slip.parameters[0], slip.logs) == (UnitError.LATE, ("run 1",))
     found = identify(DataSet.of(draw_bench("dead zone", 3, seed=77).logs), WeakForm()).estimate
     assert [each.logs for each in found.findings if each.kind in NAMED] == []
@@ -104,7 +78,7 @@ def test_a_wrong_sign_beside_a_known_gain_is_named_in_the_unit_of_the_file(tmp_p
 
 def test_a_slip_is_said_first_and_its_factor_with_it(tones):
     degrees = [replace(log, angle=np.degrees(log.angle)) for log in tones]
-    (slip, *_), level, said = _named(degrees, WeakForm(terms=()))
+    (slip, *_), level, said = named_of(degrees, WeakForm(terms=()))
     assert slip.number == pytest.approx(np.pi / 180)
     assert level is Level.WARNING
     assert said.startswith(
@@ -120,7 +94,7 @@ def test_of_three_masses_that_disagree_the_right_value_is_among_those_given(sine
     _, right, other = sorted({log.added_mass for log in sines})
     wrong = replace(right, mass=factor * right.mass)
     logs = [replace(log, added_mass=wrong) if log.added_mass == right else log for log in sines]
-    slips, _, said = _named(logs, BALANCE)
+    slips, _, said = named_of(logs, BALANCE)
     fitting = {each.parameters[1]: each.number for each in slips}
     assert fitting[str(wrong)] == pytest.approx(right.mass, rel=0.05)
     assert fitting[str(other)] == pytest.approx(other.mass * factor, rel=0.05)
@@ -132,7 +106,7 @@ def test_of_four_masses_the_wrong_one_is_found_alone():
     heavy, wrong = replace(MASSES[2], mass=0.2), replace(MASSES[1], mass=0.08)
     logs = steady(ROBOT, FEW, masses=(*MASSES, heavy))
     told = [replace(log, added_mass=wrong) if log.added_mass == MASSES[1] else log for log in logs]
-    (slip,), *_ = _named(told, BALANCE)
+    (slip,), *_ = named_of(told, BALANCE)
     assert slip.parameters[1:] == (str(wrong), "1")
     assert slip.number == pytest.approx(MASSES[1].mass, rel=0.05)
 
@@ -141,7 +115,7 @@ def test_a_log_that_spoils_the_whole_estimate_is_found_by_leaving_it_out(sines):
     """Next to its resonance, and said to carry nothing: the balance ends with hardly any p4."""
     logs = list(sines)
     logs[7] = replace(logs[7], added_mass=AddedMass())
-    slips, *_ = _named(logs, BALANCE)
+    slips, *_ = named_of(logs, BALANCE)
     (slip,) = [each for each in slips if each.kind == "unit-error"]
     assert slip.logs == ("run 7",)
     assert slip.number == pytest.approx(MASSES[2].mass, rel=0.05)

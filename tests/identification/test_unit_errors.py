@@ -10,10 +10,8 @@ import pytest
 import butterfly as bf
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
-from butterfly.identification.estimators.assumptions import as_taken
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.identify import diagnose, identify, in_true_time, with_other_time
-from butterfly.identification.residuals import LogResiduals, Residuals
+from butterfly.identification.identify import identify
 from butterfly.identification.segments import driven
 from butterfly.identification.simulation import Simulation
 from butterfly.identification.unit_error_search import find_slow_clock, find_unit_errors
@@ -33,32 +31,32 @@ from butterfly.model.servo import ServoLoop
 from butterfly.report.finding_texts import estimate_sentences
 from butterfly.verdict import Level
 from tests.conftest import MASSES
-from tests.identification.simulated import ROBOT, SWINGS, noisy, steady, wild
+from tests.identification.mistaken import fitted, named_of, recorded, with_names
+from tests.identification.simulated import ROBOT, SWINGS, steady, wild
 from tests.independent.paces import draw as draw_paced
 from tests.independent.robots import draw
-from tests.independent.slips import CASES, NAMED, OF_SINES, ask, names_it
+from tests.independent.slips import CASES, OF_SINES, ask, names_it
 
 FEW = {omega: SWINGS[omega] for omega in (2.0, 4.4, 8.5)}
 SIMULATED = OutputError(terms=(), workers=1)
-UNSEEN = Residuals(logs=(LogResiduals(name="", label="", motion=1.0),))
 
 
 @pytest.fixture(scope="module")
 def logs():
     """Logs of sines with names of their own."""
-    return _with_names(steady(ROBOT, FEW))
+    return with_names(steady(ROBOT, FEW))
 
 
 @pytest.fixture(scope="module")
 def sines(logs):
     """The same, with noise."""
-    return _recorded(logs)
+    return recorded(logs)
 
 
 @pytest.fixture(scope="module")
 def tones():
     """Logs of other inputs."""
-    return _recorded(wild(ROBOT, MASSES * 2, 8.0))
+    return recorded(wild(ROBOT, MASSES * 2, 8.0))
 
 
 @pytest.fixture(scope="module")
@@ -67,36 +65,13 @@ def drawn():
     logs = draw("A", 0, seed=3).logs
     masses = sorted({log.added_mass for log in logs})
     few = [log for mass in masses for log in [each for each in logs if each.added_mass == mass][:4]]
-    return {"A": _with_names(few), "C": _with_names(draw("C", 0, seed=3).logs)}
-
-
-def _recorded(logs):
-    return _with_names(noisy(logs, 2e-4, np.random.default_rng(0)))
-
-
-def _with_names(logs):
-    return [replace(log, name=f"run {k}") for k, log in enumerate(logs)]
-
-
-def _fitted(data, estimator):
-    """Return logs in their true time, as an estimate took them, and the estimate."""
-    data, other = in_true_time(data, estimator)
-    found = replace(estimator(data), input_kind=data.input_kind, joint=data.joint)
-    return as_taken(data, with_other_time(found, other))
-
-
-def _named(logs, estimator):
-    """Return what is named of logs, the level, and all that is said, whatever their residuals."""
-    data, found = _fitted(DataSet.of(logs), estimator)
-    found = diagnose(data, estimator, data.simulations.with_horizon(found), UNSEEN)
-    slips = [each for each in found.findings if each.kind in NAMED]
-    return slips, found.level, " ".join(estimate_sentences(found))
+    return {"A": with_names(few), "C": with_names(draw("C", 0, seed=3).logs)}
 
 
 def test_nothing_is_named_of_logs_that_are_right(sines, tones):
     fast = HarmonicBalance(), Level.CARE
     for logs, estimator, best in ((sines, *fast), (tones, WeakForm(), Level.GOOD)):
-        slips, level, _ = _named(logs, estimator)
+        slips, level, _ = named_of(logs, estimator)
         assert (slips, level) == ([], best)
 
 
@@ -232,7 +207,7 @@ def test_logs_whose_inputs_are_next_to_their_omega_are_named_and_no_other(logs):
 )
 def test_known_masses_tell_which_is_wrong_and_logs_held_out_are_corrected_too(logs, wrong, kind):
     told = DataSet.of([_told_wrong(log, wrong) for log in logs]).holding_out(["run 1"])
-    data, found = _fitted(told, SIMULATED)
+    data, found = fitted(told, SIMULATED)
     assert data.correction.kind is kind
     assert "mass_inertia" not in found.names
     assert found.parameters.p1 == pytest.approx(ROBOT.p1, rel=2e-3)
@@ -277,7 +252,7 @@ def test_a_slow_robot_s_clock_is_not_called_wrong(tmp_path):
         found.append(data.logs[0].mean_step)
         assert find_slow_clock(data) == []
     assert max(found) > 1.0
-    quick = _with_names(steady(ROBOT, FEW))
+    quick = with_names(steady(ROBOT, FEW))
     slow = [replace(log, time=1e3 * log.time, excitation=None) for log in quick]
     (said,) = find_slow_clock(DataSet.of(slow))
     assert said.parameters[0] == UnitError.MILLISECONDS

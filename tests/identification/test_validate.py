@@ -24,7 +24,15 @@ from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Prior
 from butterfly.model.terms import PARAMETERS
 from tests.conftest import MASSES
-from tests.identification.simulated import RICH, ROBOT, SLOW, SWINGS, noisy, steady, wild
+from tests.identification.simulated import (
+    RICH,
+    ROBOT,
+    SLOW,
+    SWINGS,
+    robot_with_drag,
+    steady,
+    wild,
+)
 
 BALANCE = HarmonicBalance(terms=("drag",))
 
@@ -32,9 +40,7 @@ BALANCE = HarmonicBalance(terms=("drag",))
 @pytest.fixture(scope="module")
 def data():
     """Logs of a robot with drag."""
-    few = {omega: SWINGS[omega] for omega in (2.0, 3.0, 4.4, 8.5)}
-    logs = noisy(steady(replace(ROBOT, drag=8e-4), few), 1e-3, np.random.default_rng(0))
-    return DataSet.of([replace(log, name=f"{k}") for k, log in enumerate(logs)])
+    return robot_with_drag()
 
 
 @pytest.fixture(scope="module")
