@@ -15,7 +15,7 @@ from tests.conftest import brief_quickstart
 from tests.pages.blocks import PAGES, QUOTATION, ROOT, blocks_of, commands_of
 
 ELSEWHERE = {
-    "docs/campaign.md": "tests/campaign, with simulated robots",
+    "docs/campaign.md": "tests/campaigns, with simulated robots",
     "docs/cluster.md": "tests/experiment/test_workers.py, on a cluster of this machine",
     "docs/hardware.md": "tests/plant/test_motor.py, with a drive on loopback",
     "docs/others-logs.md": "tests/examples/test_example_pages.py, where the logs are",
