@@ -11,6 +11,7 @@ from butterfly.errors import InputError
 from butterfly.logs.log import InputKind, Intersample
 from butterfly.logs.manifest import checked_options, write_manifest
 from butterfly.logs.manifest_draft import draft, has_thesis_names, open_questions, with_columns
+from tests.logs.columns import GOAL
 from tests.logs.test_formats import write_log
 
 HOW = {"arm": 0.104, "input": InputKind.TORQUE, "intersample": Intersample.FIRST_ORDER_HOLD}
@@ -81,34 +82,6 @@ def test_all_logs_of_a_folder_are_found_whatever_their_names(tmp_path, sine_log)
         draft(tmp_path / "empty", HOW)
 
 
-GOAL = {"time": "timestamp", "input": "goal_position", "angle": "position"}
-DUTY = {"time": "t_s", "input": "pwm_percent", "angle": "theta"}
-
-
-@pytest.mark.parametrize(
-    ("head", "columns"),
-    [
-        *(("a,b,c", {}), (",a,b,c", {}), ("Unnamed: 0,a,b,c", {}), ("", {})),
-        ("t,u,q", {"time": "t", "input": "u", "angle": "q"}),
-        ("secs,counts,note,volts", {"time": "secs", "input": "volts", "angle": "counts"}),
-        ("timestamp,position,speed,goal_position", GOAL),
-        ("timestamp,position,goal_position,target_position", {**GOAL, "input": None}),
-        ("t,q,present_current,goal_current", {"time": "t", "input": "goal_current", "angle": "q"}),
-        ("t,v,F,x", {"time": "t"}),
-        ("t_s,theta,supply_V,torque_enable,pwm_percent", DUTY),
-    ],
-)
-def test_columns_are_known_by_usual_words_or_are_left_out(tmp_path, head, columns):
-    width = max(3, 1 + head.count(","))
-    rows = [
-        ",".join([str(k), f"{0.1 * k}", *(f"{k % p}.5" for p in (7, 5, 3))][:width])
-        for k in range(40)
-    ]
-    (tmp_path / "a.csv").write_text("\n".join([*([head] if head else []), *rows, ""]))
-    drafted = with_columns(draft(tmp_path, {}))
-    assert drafted.columns == {field: name for field, name in columns.items() if name}
-
-
 def test_a_mass_within_a_name_is_taken_with_an_arm(tmp_path, sine_log):
     names = ("run000_100g_3rads.csv", "run001_0g_signal.csv", "a_120_5g.csv")
     for name in names:
@@ -141,24 +114,6 @@ def test_numbers_beside_the_records_of_a_servo_are_facts_of_its_log(tmp_path):
     (tmp_path / "manifest.yaml").unlink()
     (entry,) = with_columns(draft(tmp_path, own), own).logs
     assert (entry.arm, entry.loop) == (None, {"supply": 12.0})
-
-
-@pytest.mark.parametrize(
-    ("name", "kind"),
-    [
-        *(("pwm_percent", "duty"), ("duty", "duty"), ("PWM %", "duty"), ("u_volts", "voltage")),
-        *(("torque_cmd", "torque"), ("goal_current", "current"), ("effort", "torque")),
-        *(("setpoint", "setpoint"), ("target_velocity", "setpoint"), ("goal_rad", "setpoint")),
-    ],
-)
-def test_the_name_of_a_column_says_what_the_input_commands(tmp_path, name, kind):
-    rows = [f"{0.1 * k},{k % 7},{k % 5}" for k in range(40)]
-    (tmp_path / "a.csv").write_text("\n".join([f"time,{name},angle", *rows, ""]))
-    drafted = with_columns(draft(tmp_path, {}))
-    assert (drafted.columns["input"], drafted.input) == (name, kind)
-    asked = open_questions(drafted, (), named=False)
-    assert f"{kind} by the name of {name!r}." in asked["input"]
-    assert ("loop" in asked) is (kind == "setpoint")
 
 
 def test_of_what_no_name_says_the_draft_has_the_choices(tmp_path):

@@ -1,6 +1,5 @@
 """Files as others have them: NumPy's, Excel's, MATLAB's objects, and binary ones of any kind."""
 
-import datetime
 import sys
 from pathlib import Path
 
@@ -12,21 +11,10 @@ from scipy.io import savemat
 import butterfly as bf
 from butterfly.errors import InputError
 from butterfly.logs.formats import read_log
+from tests.logs.columns import COLUMNS, TABLE, TIME
 from tests.logs.written import MARK73, write_objects, write_sheets
 
 SHARED = Path(__file__).parents[3] / "shared/data/cases/strangers/not_text_files"
-TIME = 0.02 * np.arange(60)
-MATRIX = np.column_stack([TIME, np.sin(TIME), np.cos(TIME)])
-NAMES = ("time", "input", "angle")
-COLUMNS = dict(zip(NAMES, MATRIX.T, strict=True))
-RECORDS = np.rec.fromarrays(MATRIX.T, names=",".join(NAMES))
-
-
-def _assert_read(path, columns=None, *, factors=(1, 1, 1)):
-    log = read_log(path, columns and dict(zip(NAMES, columns, strict=True)))
-    for name, factor in zip(NAMES, factors, strict=True):
-        np.testing.assert_allclose(getattr(log, name), factor * COLUMNS[name], rtol=1e-12)
-    return log
 
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the shared cases are not there")
@@ -70,73 +58,6 @@ def test_another_binary_file_is_named_by_how_it_begins_with_a_way_to_a_table(tmp
                 look(path)
 
 
-@pytest.mark.parametrize(
-    ("content", "columns"),
-    [
-        ({"D": MATRIX}, None),
-        ({"D": MATRIX.T}, ("0", 1, "2")),
-        (COLUMNS | {"gains": 3.0, "note": "bench 2"}, None),
-        ({"time": TIME[:, None], "M": MATRIX.T, "k": MATRIX[:, :2]}, ("time", "M.1", "M.2")),
-        ({"log": RECORDS}, None),
-        (MATRIX, None),
-        (RECORDS, NAMES),
-    ],
-)
-def test_arrays_of_numpy_are_read(tmp_path, content, columns):
-    path = tmp_path / f"log.np{'z' if isinstance(content, dict) else 'y'}"
-    np.savez(path, **content) if isinstance(content, dict) else np.save(path, content)
-    _assert_read(path, columns)
-
-
-def test_what_is_no_plain_array_of_numpy_is_refused(tmp_path):
-    np.savez(tmp_path / "a.npz", **COLUMNS, meta=np.array({"units": "deg"}, dtype=object))
-    np.savez_compressed(tmp_path / "b.npz", time=np.zeros(40 << 20))
-    head = b"{'descr': '<f8', 'fortran_order': False, 'shape': (%d,), }" % 10**16
-    (tmp_path / "c.npy").write_bytes(b"\x93NUMPY\1\0v\0" + head.ljust(117) + b"\n")
-    (tmp_path / "d.npz").write_bytes((tmp_path / "a.npz").read_bytes()[:-90])
-    told = {"a.npz": "meta: got a pickle, .*dtype != object", "b.npz": "parts of 335"}
-    for name, said in (told | {"c.npy": "Unable to allocate", "d.npz": "got unreadable"}).items():
-        with pytest.raises(InputError, match=rf"{name}: .*{said}"):
-            read_log(tmp_path / name)
-
-
-TABLE = [["time", "input", "angle"], *MATRIX.tolist()]
-UNITS = [TABLE[0], ["ms", "mV", "deg"], *TABLE[1:]]
-FACTORS = (1e-3, 1e-3, np.pi / 180)
-
-
-def test_a_sheet_of_excels_is_read_as_a_text_is(tmp_path):
-    path = tmp_path / "log.xlsx"
-    above = [[None], [None, "Bench 2"], [None, "# input: mV"]]
-    write_sheets(path, {"Run 3": above + [[None, *row] for row in UNITS], "Notes": [["hello", 5]]})
-    log = _assert_read(path, factors=FACTORS)
-    assert log.reading.layout == ("sheet Run 3", "comment lines: 1", "lines above the table: 1")
-    write_sheets(path, {"a": TABLE, "b": UNITS})
-    with pytest.raises(InputError, match=r"got sheets a, b; expected one sheet with these"):
-        read_log(path)
-    write_sheets(path, {"a": TABLE, "b": [["time", "x", "y"], *TABLE[1:]]})
-    _assert_read(path)
-    bad = {
-        "got '2024-05-01T10:00:00' in line 62": [*TABLE, [datetime.datetime(2024, 5, 1, 10), 1, 2]],
-        "got '#DIV/0!' in line 62": [*TABLE, [1.0, "#DIV/0!", 2]],
-        "16384 cells; expected at most 10000": [*TABLE, [None] * 16_383 + [1.0]],
-        "no row of numbers": [["hello"]],
-    }
-    for said, rows in bad.items():
-        write_sheets(path, {"a": rows})
-        with pytest.raises(InputError, match=said):
-            read_log(path)
-
-
-def test_dates_times_and_durations_of_excels_are_a_clock(tmp_path):
-    spans = [datetime.timedelta(seconds=each) for each in TIME]
-    instants = [datetime.datetime(2024, 5, 1, 10) + each for each in spans]
-    for clock in (instants, [each.time() for each in instants], spans):
-        rows = [NAMES, *zip(clock, *MATRIX.T[1:].tolist(), strict=True)]
-        write_sheets(tmp_path / "log.xlsx", {"a": rows})
-        _assert_read(tmp_path / "log.xlsx")
-
-
 WRITTEN = {  # frames by name
     "log.npz": lambda p, told: np.savez(p, **told),
     "log.xlsx": lambda p, x: write_sheets(p, {k: [[*x[k]], *x[k].to_numpy().tolist()] for k in x}),
@@ -165,29 +86,6 @@ def test_a_folder_of_logs_may_hold_other_tables_and_arrays(tmp_path):
     write_sheets(tmp_path / "notes.xlsx", {"a": [["hello"]]})
     data = bf.read(tmp_path, known={"p4": 1.0})
     assert [log.name for log in data.logs] == ["a.npz", "b.xlsx"]
-
-
-@pytest.mark.parametrize("version", ["v7", "v7.3"])
-def test_objects_of_matlabs_are_read(tmp_path, version):
-    path, frame = tmp_path / "log.mat", pd.DataFrame(COLUMNS)
-    write_objects(path, {"T": frame}, version)
-    _assert_read(path)
-    stamps = pd.to_timedelta((1e9 * TIME).round().astype(np.int64), unit="ns").rename("Time")
-    series = {"u": (MATRIX[:, 1], "mV", TIME), "q": (MATRIX[:, 2], "deg", (0.0, 0.02))}
-    timed = frame[["input", "angle"]].set_index(stamps)
-    write_objects(path, {"TT": timed, "s": {"T": frame}, **series}, version)
-    _assert_read(path)
-    _assert_read(path, ("s.T.time", "s.T.input", "TT.angle"))
-    np.testing.assert_allclose(read_log(path, at="TT").time, TIME)
-    log = _assert_read(path, ("q.Time", "u.Data", "q.Data"), factors=(1, 1e-3, np.pi / 180))
-    assert log.reading.columns["input"].unit == "mV"
-    write_objects(path, {"T": frame}, version, units=["ms", "mV", "deg"])
-    _assert_read(path, factors=FACTORS)
-    write_objects(path, {"T": frame, "TT": timed}, version)
-    with pytest.raises(InputError, match=r"got tables T, TT; expected columns of one of them"):
-        read_log(path)
-    savemat(path, {"run": COLUMNS, "other": {"time": TIME}})
-    _assert_read(path)
 
 
 EXTRAS = {  # and what is said to be installed without them
