@@ -9,27 +9,10 @@ from scipy.integrate import solve_ivp
 from butterfly.errors import InputError
 from butterfly.model.greybox import simulate
 from butterfly.model.linear import quasi_linear_response
-from butterfly.model.parameters import GRAVITY, AddedMass, Base, LumpedParameters
-from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
+from butterfly.model.parameters import GRAVITY
 from butterfly.plant.robot import Robot
+from tests.model.bases import ADDED, BASE, JOINT, TIME, drive, simulated
 from tests.model.joints import instants
-from tests.plant.setting import mjcf
-
-BASE = Base(compliance=2e-3, frequency=25.0, damping=0.3)
-JOINT = LumpedParameters(
-    p1=0.0034, p2=0.012, p3=0.04, p4=0.5, drag=1e-4, bias=-5e-4, spring=2e-3, p3_offset=3e-3,
-    **BASE.terms(),
-)  # fmt: skip
-ADDED = AddedMass(mass=0.3, arm=0.1)
-TIME = np.arange(0.0, 1.5, 1e-3)
-
-
-def _drive(t):
-    return 0.12 * np.sin(5 * t) * np.exp(-t / 8) + 0.05 * np.sin(11 * t)
-
-
-def _simulated(joint, added=ADDED):
-    return simulate(joint.with_added_mass(added), TIME, _drive(instants(TIME)), 0.1)
 
 
 def _integrated(joint, added, moment):
@@ -40,7 +23,7 @@ def _integrated(joint, added, moment):
         x, v, y, w = state
         h, lever = moment(loaded, x)
         pull = loaded.p3 * np.sin(x) + loaded.p3_offset * np.cos(x)
-        torque = loaded.p4 * _drive(t) - loaded.p2 * v - loaded.drag * abs(v) * v + loaded.bias
+        torque = loaded.p4 * drive(t) - loaded.p2 * v - loaded.drag * abs(v) * v + loaded.bias
         force = h * v**2 - BASE.friction * w - y / BASE.compliance
         inertia = [[loaded.p1, lever], [lever, mass]]
         speeding = np.linalg.solve(inertia, [torque - loaded.spring * x - pull, force])
@@ -57,8 +40,8 @@ def _of_gravity(loaded, x):
 
 def test_the_joint_moves_as_lagrange_says_and_its_energy_adds_up():
     angle, velocity, way, speed = _integrated(JOINT, ADDED, _of_gravity)
-    np.testing.assert_allclose(_simulated(JOINT)[0], angle, atol=1e-9)
-    still = _simulated(replace(JOINT, base_compliance=0.0))[0]
+    np.testing.assert_allclose(simulated(JOINT)[0], angle, atol=1e-9)
+    still = simulated(replace(JOINT, base_compliance=0.0))[0]
     assert np.abs(still - angle).max() > 5e-3
     loaded = JOINT.with_added_mass(ADDED)
     _, lever = _of_gravity(loaded, angle)
@@ -66,7 +49,7 @@ def test_the_joint_moves_as_lagrange_says_and_its_energy_adds_up():
     energy += (BASE.mass + ADDED.mass) * speed**2 / 2 + way**2 / BASE.compliance / 2
     energy += loaded.p3 * (1 - np.cos(angle)) + loaded.p3_offset * np.sin(angle)
     energy += loaded.spring * angle**2 / 2
-    power = loaded.p4 * _drive(TIME) * velocity - loaded.p2 * velocity**2
+    power = loaded.p4 * drive(TIME) * velocity - loaded.p2 * velocity**2
     power -= loaded.drag * abs(velocity) ** 3 + BASE.friction * speed**2
     supplied = np.concatenate([[0], np.cumsum(np.diff(TIME) * (power[:-1] + power[1:]) / 2)])
     np.testing.assert_allclose(energy - energy[0], supplied, atol=1e-5 * energy.max())
@@ -77,32 +60,7 @@ def test_without_gravity_the_moments_are_those_of_added_masses():
     joint = replace(JOINT, p3=0.0, p3_offset=0.0)
     own = added.mass * added.arm
     angle, *_ = _integrated(joint, added, lambda _, x: (own * np.sin(x), own * np.cos(x)))
-    np.testing.assert_allclose(_simulated(joint, added)[0], angle, atol=1e-9)
-
-
-def test_a_base_that_hardly_gives_is_one_that_stands_still():
-    joint = replace(JOINT, coulomb=0.02, stribeck=3e-3, base_compliance=0.0)
-    still = _simulated(joint)[0]
-    for compliance in (1e-9, 1e-7):
-        giving = _simulated(replace(joint, base_compliance=compliance))[0]
-        assert np.abs(giving - still).max() < 20 * compliance
-
-
-@pytest.mark.parametrize("dry", [0.0, 2e-3, 2e-2])
-def test_mujoco_moves_alike(dry):
-    """Its dry friction is up to a step late."""
-    robot = Robot.of_lumped(replace(JOINT, coulomb=dry))
-    assert robot.base == BASE
-    errors = []
-    for step in (1e-3, 2e-4):
-        commands = _drive(np.arange(0.0, 1.5, step))
-        joints = [kind(robot, ADDED, angle=0.1) for kind in (MujocoJoint, GreyBoxJoint)]
-        joints[0].reset()
-        ours, other = (each.follow(commands, np.full(commands.size, step)) for each in joints)
-        errors.append(np.abs(ours - other).max())
-    assert errors[0] < (1e-9 if not dry else 1e-3)
-    assert errors[1] < 1e-9 or errors[1] < 0.3 * errors[0]
-    assert 'name="base"' in mjcf(robot, ADDED)
+    np.testing.assert_allclose(simulated(joint, added)[0], angle, atol=1e-9)
 
 
 def test_a_base_is_heavier_than_the_hand_and_has_no_states_beside_it():
@@ -114,7 +72,7 @@ def test_a_base_is_heavier_than_the_hand_and_has_no_states_beside_it():
         Robot.of_lumped(light, mass=0.3)
     for name in ("motor_friction", "bristle_stiffness"):
         with pytest.raises(InputError, match=f"Base: {name}.*not simulated"):
-            _simulated(replace(JOINT, coulomb=1e-3, **{name: 0.1}))
+            simulated(replace(JOINT, coulomb=1e-3, **{name: 0.1}))
 
 
 @pytest.mark.parametrize("swing", [0.02, 0.4])

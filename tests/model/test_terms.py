@@ -1,37 +1,22 @@
 """The table of terms against itself, the compiled kernel and MuJoCo, all rows in one test each."""
 
-import math
 from dataclasses import fields, replace
 
 import mujoco
 import numpy as np
 import pytest
-from scipy.integrate import quad
 
 from butterfly.model.greybox import constants_of
-from butterfly.model.kernel.equation import friction_at, rates
-from butterfly.model.parameters import AddedMass, Friction, Hand, LumpedParameters, TorqueDrive
-from butterfly.model.terms import BASE_TERMS, DRIVE, GEAR, LOOP_TERMS, TERMS, DriveTerms
+from butterfly.model.kernel.equation import friction_at
+from butterfly.model.parameters import Friction, Hand, LumpedParameters, TorqueDrive
+from butterfly.model.terms import DRIVE, GEAR, LOOP_TERMS, TERMS, DriveTerms
 from butterfly.plant.mjcf import compile_model
 from butterfly.plant.robot import Robot
+from tests.model.rows import ADDED, COMMAND, LOAD, PLAIN, SETTINGS, STATES, STATIC, VALUE, motion_at
 
-ADDED = AddedMass(mass=0.4, arm=0.0)  # on the axis: it loads the bearing only
-SETTINGS = {"cogging_periods": 3.0, "stribeck_velocity": 0.4}
-PLAIN = LumpedParameters(p1=0.004, p2=0.0, p3=0.0, p4=0.0, **SETTINGS)
-VALUE = 0.013
-STATES = [(0.7, 0.9), (-2.1, -0.3), (3.0, 1.7)]
-COMMAND = 0.6
-LOAD = -0.21
-YIELDED = {"compression": lambda c: COMMAND / (1 + c * COMMAND), "dead_zone": lambda d: COMMAND - d}
-
-STATIC = [name for name, row in TERMS.items() if row.basis is not None]
 STATEFUL = [name for name, row in TERMS.items() if row.state]
 SETTING = ["p1", "delay", "slow_delay", "slow_interval", "stribeck_velocity", "cogging_periods"]
 SETTING += ["tilt", "mass_inertia", *LOOP_TERMS]
-
-
-def _motion(angle, velocity, **more):
-    return PLAIN.motion(angle, velocity)._replace(**more)
 
 
 def test_every_parameter_of_the_model_has_a_row_and_every_row_a_parameter():
@@ -55,64 +40,14 @@ def test_a_potential_has_the_basis_for_slope_and_is_0_at_angle_0(name):
     assert row.potential(0.0, 3.0) == 0
     for angle, velocity in STATES:
         slope = (row.potential(angle + step, 3.0) - row.potential(angle - step, 3.0)) / (2 * step)
-        assert row.basis(_motion(angle, velocity)) == pytest.approx(slope, abs=1e-8)
-
-
-@pytest.mark.parametrize(("a", "w"), [(0.02, 14.0), (0.8, 3.0), (2.9, 1.2)])
-@pytest.mark.parametrize(
-    "name", [n for n, row in TERMS.items() if row.describing and n not in BASE_TERMS]
-)
-def test_a_describing_function_is_the_fourier_integral_of_the_basis(name, a, w):
-    row, still = TERMS[name], _motion(0.0, 0.0, weight=ADDED.weight, mass=ADDED.mass, carried=1.0)
-
-    def torque(t):
-        angle, velocity = a * math.cos(t), -a * w * math.sin(t)
-        motion = PLAIN.motion(angle, velocity, weight=ADDED.weight, mass=ADDED.mass)
-        inertial = row.derivative == 2 or name == "mass_inertia"
-        return -(w**2) * angle if inertial else float(row.basis(motion))
-
-    def integral(weight):
-        weighed = quad(lambda t: torque(t) * weight(t), 0, 2 * math.pi, points=[math.pi], limit=200)
-        return weighed[0] / (math.pi * a)
-
-    found = complex(row.describing(np.array(w), np.array(a), still))
-    assert found == pytest.approx(complex(integral(math.cos), -integral(math.sin)), rel=1e-7)
-
-
-@pytest.mark.parametrize("name", STATIC)
-@pytest.mark.parametrize(("angle", "velocity"), STATES)
-def test_the_kernel_has_the_torque_of_every_row(name, angle, velocity):
-    row = TERMS[name]
-    moving = {name: VALUE} if name not in DRIVE else {name: VALUE, "p4": 0.5}
-    more = 3 * VALUE if name == "coulomb_slope" else 0.0  # friction that stays above 0
-    moving = {"coulomb": more} | moving
-    if name in GEAR:
-        moving |= {"p4": 0.5, "bias": LOAD}
-    bare = replace(PLAIN, **moving)
-    loaded = bare.with_added_mass(ADDED)
-    gain = loaded.p4 * float(loaded.delivered(np.array([COMMAND]))[0])
-    state = (angle, velocity, 0.0, 0.0)
-    acceleration, *_ = rates(state, gain, float(np.sign(velocity)), constants_of(loaded))
-    motion = _motion(angle, velocity, weight=ADDED.weight, mass=ADDED.mass, input=COMMAND)
-    if name in GEAR:  # the table takes the load from the parameters
-        motion = loaded.motion(angle, velocity, motor=gain)
-        assert motion.load == pytest.approx(LOAD)
-    expected = gain + LOAD if name in GEAR else 0.0
-    expected -= VALUE * float(row.basis(motion)) + more * float(motion.direction)
-    if name in DRIVE:
-        expected = 0.5 * YIELDED[name](VALUE)  # of which the basis is the derivative
-        step = 1e-6
-        slope = 0.5 * (YIELDED[name](VALUE + step) - YIELDED[name](VALUE))
-        delivered = motion._replace(input=YIELDED[name](VALUE))
-        assert -0.5 * float(row.basis(delivered)) == pytest.approx(slope / step, rel=1e-5)
-    assert acceleration * loaded.p1 == pytest.approx(expected, abs=1e-12)
+        assert row.basis(motion_at(angle, velocity)) == pytest.approx(slope, abs=1e-8)
 
 
 @pytest.mark.parametrize("name", [n for n in STATIC if n not in {"p4", *DRIVE}])
 @pytest.mark.parametrize(("angle", "velocity"), STATES)
 def test_mujoco_has_the_torque_of_every_row(name, angle, velocity):
     """Accelerations of a hand with the term, less those of the same hand without it."""
-    motion = _motion(angle, velocity, weight=ADDED.weight, mass=ADDED.mass)
+    motion = motion_at(angle, velocity, weight=ADDED.weight, mass=ADDED.mass)
     if name in GEAR:
         motion = replace(PLAIN, **{name: VALUE}, bias=LOAD).motion(angle, velocity, motor=COMMAND)
     expected = -VALUE * float(TERMS[name].basis(motion))

@@ -14,7 +14,6 @@ from butterfly.plant.firmware import Servo
 from butterfly.plant.joints import MujocoJoint
 from butterfly.plant.motor import CommandPath
 from butterfly.plant.rig import Rig, Simulator
-from butterfly.plant.robot import Robot
 from butterfly.plant.rollout import replay_loop, simulate_runs
 from butterfly.plant.sensors import Clock
 from butterfly.signals.excitations import Table
@@ -122,11 +121,6 @@ def test_the_firmware_looks_at_its_own_clock_and_holds_in_between():
     assert joint.is_open is False
 
 
-def test_a_loop_is_simulated_at_its_clock_or_at_a_multiple_below_half_a_millisecond():
-    for clock, updates in ((4e-4, (4e-4, 1)), (2e-4, (4e-4, 1)), (4e-3, (1e-3, 4))):
-        assert ServoLoop.of({"law": "pid-duty", "kp": 1, "clock": clock}).updates(1e-3) == updates
-
-
 def test_a_delay_is_one_of_the_set_point_and_flaws_of_the_drive_lie_behind_the_firmware():
     path = CommandPath(delay=0.013, dead_zone=0.2, compression=0.1)
     rig = replace(_rig("pid-voltage", Simulator.GREY_BOX), path=path)
@@ -156,8 +150,3 @@ def test_torque_off_takes_the_back_emf_with_it(simulator, inductance):
     decay = np.ptp(late[-80:]) / np.ptp(late[:80])
     assert decay == pytest.approx(np.exp(-bare.p2 / bare.p1 / 2 * 1.2), rel=0.02)
     assert decay > 0.9  # with the back EMF it is 0.3
-
-
-def test_noise_that_makes_more_back_emf_than_damping_is_no_joint_that_is_driven_by_its_friction():
-    found = LumpedParameters(p1=0.01, p2=0.03, p3=0.3, p4=0.1, back_emf=0.031)
-    assert Robot.of_lumped(found).lumped.p2 == pytest.approx(0.03)

@@ -14,7 +14,7 @@ from butterfly.model.greybox import INITIAL, Columns, Readings, differentiate, s
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.model.terms import BASE_TERMS, BEYOND_MUJOCO, LOOP_TERMS, TERMS
 from butterfly.signals import hold
-from tests.model.joints import BRISTLES, LAG, PENDULUM, SLIDING, angle_readings, instants
+from tests.model.joints import BRISTLES, LAG, PENDULUM, SLIDING, agrees, angle_readings, instants
 
 ADDED = AddedMass(mass=0.05, arm=0.104)
 SLOW = {"back_emf": 3e-4, "time_constant": 0.0213}
@@ -95,21 +95,6 @@ def _differentiable(p):
     return [name for name in (*TERMS, *INITIAL) if name not in without]
 
 
-def _agrees(found, moved, steps, allowed=1e-5, at_0=None):
-    """Whether the difference by one of some steps is within a relative error.
-
-    It is central, or to one side of values at 0.
-    """
-
-    def difference(h):
-        if at_0 is None:
-            return (moved(h) - moved(-h)) / (2 * h)
-        return (4 * moved(h) - 3 * at_0 - moved(2 * h)) / (2 * h)
-
-    limit = allowed * (np.linalg.norm(found) or 1)
-    return any(np.linalg.norm(difference(h) - found) < limit for h in steps)
-
-
 @pytest.mark.parametrize(
     ("regime", "intersample"),
     [(regime, Intersample.ZERO_ORDER_HOLD) for regime in REGIMES]
@@ -126,7 +111,7 @@ def test_derivatives_by_every_row_are_those_of_differences_of_simulations(regime
         size = abs(getattr(parameters, name, 0.0)) or 1e-3
         steps = [share * size for share in (1e-5, 1e-6, 1e-4, 1e-7)]
         moved = partial(log.moved, name, parameters=parameters)
-        assert _agrees(row, moved, steps, allowed.get(name, 1e-5)), name
+        assert agrees(row, moved, steps, allowed.get(name, 1e-5)), name
         moves = parameters.stribeck or name != "stribeck_velocity"
         assert np.linalg.norm(row) > 0 or not moves
 
@@ -137,7 +122,7 @@ def test_without_friction_the_derivative_by_it_is_that_of_friction_that_begins()
     np.testing.assert_allclose(values, log.angles(FREE), atol=1e-7)  # split at reversals
     for name, row in zip((*FRICTION, *GEAR), rows.T, strict=True):
         moved = partial(log.moved, name, parameters=FREE)
-        assert _agrees(row, moved, (1e-6, 1e-7, 1e-8), at_0=values), name
+        assert agrees(row, moved, (1e-6, 1e-7, 1e-8), at_0=values), name
 
 
 @pytest.mark.parametrize("joint", [SLIDING, replace(SLIDING, **STICKY)])
@@ -149,7 +134,7 @@ def test_the_derivative_by_a_compliance_of_0_is_that_of_a_base_that_begins_to_gi
     alone = log.sensitivities(list(GEAR), joint)[1].T
     np.testing.assert_allclose(gears, alone, atol=1e-7 * np.abs(alone).max())
     moved = partial(log.moved, "base_compliance", parameters=joint)
-    assert _agrees(row, moved, (1e-8,), at_0=values)
+    assert agrees(row, moved, (1e-8,), at_0=values)
 
 
 def test_what_a_base_would_add_is_that_derivative_the_nearer_the_shorter_the_steps():
@@ -164,30 +149,6 @@ def test_what_a_base_would_add_is_that_derivative_the_nearer_the_shorter_the_ste
         assert not quick[:, 2:].any()
 
 
-@pytest.mark.parametrize(
-    ("first", "speed"), [((-0.05, 0.1, 0.5), 0.5), ((-0.3, 0.1, 0.9), 0.0), ((0.1, 0.6, -0.1), 0.0)]
-)
-def test_a_joint_that_rests_and_breaks_loose_within_one_step_has_the_derivatives_of_differences(
-    first, speed
-):
-    joint = LumpedParameters(p1=0.1, p2=0.02, p3=0.03, p4=1.0, coulomb=0.2, bias=0.01)
-    inputs = np.array([first, [0.5, 0.3, 0.2]])
-    time, readings = np.array([0.0, 1.0, 1.5]), angle_readings(2)
-    late = np.array([[0.3, -0.2, 0.1], [0.1, 0.2, -0.1]])  # what a delay might do to the drive
-    names = ["p1", "p2", "p3", "p4", "p3_offset", "coulomb", "bias", "zero", "delay"]
-    names += ["velocity"] if speed else []
-
-    def angles(**by):
-        moved = replace(joint, **{n: getattr(joint, n) + h for n, h in by.items() if n in TERMS})
-        start = (0.3 - by.get("zero", 0.0), speed + by.get("velocity", 0.0))
-        return simulate(moved, time, inputs + by.get("delay", 0.0) * late, *start)[0][1:]
-
-    columns, both = Columns.of(names, joint), np.stack([inputs, late])
-    _, rows, *_ = differentiate(time, both, (0.3, speed), readings, columns)
-    for name, row in zip(names, rows.T, strict=True):
-        assert _agrees(row, lambda h, name=name: angles(**{name: h}), (1e-4, 1e-5, 1e-6)), name
-
-
 @pytest.mark.parametrize(("coulomb", "stribeck"), [(-1e-3, 3e-3), (-1e-3, -1e-3), (2e-3, -3e-3)])
 def test_friction_below_0_that_an_estimator_tries_has_the_derivative_of_what_is_simulated(
     coulomb, stribeck
@@ -196,7 +157,7 @@ def test_friction_below_0_that_an_estimator_tries_has_the_derivative_of_what_is_
     _, rows = log.sensitivities(FRICTION, tried)
     for name, row in zip(FRICTION, rows.T, strict=True):
         moved = partial(log.moved, name, parameters=tried)
-        assert _agrees(row, moved, (1e-6, 1e-7, 1e-8)), name
+        assert agrees(row, moved, (1e-6, 1e-7, 1e-8)), name
 
 
 def test_back_emf_without_a_lag_is_viscous_friction_that_p2_has_already():
@@ -245,22 +206,6 @@ def test_scaling_all_torques_and_the_inertia_together_moves_nothing(regime):
     _, rows = _Log(scale).sensitivities(names, parameters, added=NO_ADDED_MASS)
     effects = rows * [getattr(parameters, name) * (-1) ** (name in INVERSE) for name in names]
     assert np.abs(effects.sum(axis=1)).max() < 1e-10 * np.abs(effects).max()
-
-
-@pytest.mark.parametrize("beside", [0.0, 1e-15, -1e-15, 1e-9, -1e-9])
-def test_a_velocity_that_touches_0_leaves_derivatives_finite(beside):
-    """It is (1 - t)^2, or as much as ``beside`` above or below."""
-    unit = LumpedParameters(p1=1.0, p2=0.0, p3=0.0, p4=1.0)
-    time = np.linspace(0, 2, 11)
-    inputs = -2.0 * (1.0 - instants(time))
-    columns = Columns.of(["coulomb", "stribeck", "p1", "p2", "velocity"], unit)
-    readings = angle_readings(10)
-    start = (0.0, 1.0 + beside)
-    values, rows, *_ = differentiate(time, inputs[None], start, readings, columns)
-    expected = (1 - (1 - time[1:]) ** 3) / 3 + beside * time[1:]
-    np.testing.assert_allclose(values, expected, atol=1e-9)
-    assert np.isfinite(rows).all()
-    np.testing.assert_allclose(rows[:4, -1], time[1:5])
 
 
 def test_they_solve_the_variational_equations_as_another_integrator_does():
