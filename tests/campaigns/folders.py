@@ -21,11 +21,13 @@ OURS = {"campaign.json", "manifest.yaml", "run_000.parquet", "run_001.parquet"}
 
 
 def recording(number):
+    """Return what a run recorded, each something else."""
     time = 0.01 * np.arange(400)
     return Recording(time, np.sin(3 * time), np.sin(time + number), "", InputKind.TORQUE)
 
 
 def step(number, verdict=""):
+    """Return the entry of a run, every other one with a mass."""
     mass = (NO_ADDED_MASS, MASS)[number % 2]
     return Step(
         what=f"run {number}", why="", added_mass=mass, seconds=number + 1.0, verdict=verdict

@@ -10,12 +10,11 @@ from butterfly.plant.robot import Robot
 from butterfly.plant.sensors import Encoder
 
 TRUE = LumpedParameters(p1=0.004, p2=0.002, p3=0.05, p4=0.3, coulomb=0.001)
-
-
 COMMAND = 0.15
 
 
 def rig(simulator=Simulator.GREY_BOX, true=TRUE):
+    """Return a robot with its encoder and its drive, of true parameters."""
     return Rig(
         robot=Robot.of_lumped(true),
         simulator=simulator,
@@ -25,6 +24,7 @@ def rig(simulator=Simulator.GREY_BOX, true=TRUE):
 
 
 def robot(of=None):
+    """Return the motor of a rig."""
     of = of or rig()
     return SimulatedMotor(of.joint(NO_ADDED_MASS), path=of.path, encoder=of.encoder)
 
@@ -94,6 +94,7 @@ class Faulty:
 
 
 def run(motor, folder, **options):
+    """Run a campaign of two masses in a folder."""
     given = {"command": COMMAND, "masses": (0.0, 0.1), "arm": 0.1, "change": motor.carry}
     given |= {"step": 0.005} | options  # a cycle that leaves time to the tests
     return bf.campaign(motor, out=folder, **given)

@@ -43,8 +43,6 @@ def test_back_emf_adds_to_the_damping_as_in_6():
 
 TERMS = dict.fromkeys(("p1", "p2", "p4", "coulomb"), positive)
 TERMS |= dict.fromkeys(("p3", "p3_offset"), st.floats(-1, 1))
-
-
 MOTORS = [{}, {"back_emf": 1.0}, {"back_emf": 1.0, "time_constant": 0.01}]
 
 
