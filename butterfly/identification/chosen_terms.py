@@ -37,9 +37,18 @@ from butterfly.identification.stagewise import (
 )
 from butterfly.identification.submodels import NEGLIGIBLE, Submodels, submodels_of
 from butterfly.logs.log import InputKind, Log, slow_interval
-from butterfly.model.parameters import AddedMass, friction_brakes
+from butterfly.model.parameters import AddedMass, friction_brakes, value_if_absent
 from butterfly.model.prior import Prior
-from butterfly.model.terms import COMMON, OF_SERVO, PARAMETERS, RARE, TERMS, companions, offered
+from butterfly.model.terms import (
+    COMMON,
+    FOLLOWERS,
+    OF_SERVO,
+    PARAMETERS,
+    RARE,
+    TERMS,
+    companions,
+    offered,
+)
 from butterfly.progress import out_of_time
 
 TRIAL = 2 * PASSES  # expansions of a fit with a row more, the first where one step leads
@@ -202,10 +211,15 @@ class FreeRunModel:
         """Whether a rival, simulated once, follows the logs as well as the fit."""
         if not is_near(rival, self.fit.named, self.masses):
             return False
-        there = self._with(rival, rival)
-        at = self.equations(there, there.initial)
-        if at is None:
+        terms = [name for name in rival if rival[name] != value_if_absent(name)]
+        there = self._with([name for name in terms if name not in FOLLOWERS], rival)
+        try:
+            at = there.equations(there.initial, self.fit.linearisation, slopes=False)
+        except IdentifiabilityError:
             return False
+        if not at.is_finite:
+            return False
+        at = at.counting(there.options.loss)
         its = nested_about(there, at, len(self.every.keys)).equations.squares
         return as_good(np.sqrt(its), np.sqrt(self.nested.equations.squares))
 
