@@ -15,7 +15,7 @@ WITH_KERNELS = NUMBA_CACHE_DIR=$$($(BIN)/python -m tests.kernels) && export NUMB
 # A module is compiled when it is first imported, not by each process anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: constraints demo docs lowest outputs pictures profile test test-slow film lint types bench bench-short campaigns coverage faults sound repeats kinds strangers paces forecasts fuzz readers readback record record-check texts units wheel clean
+.PHONY: constraints demo docs lowest outputs pictures profile test test-slow film lint types bench bench-short campaigns compilation coverage faults sound repeats kinds strangers paces forecasts fuzz readers readback record record-check texts units wheel clean
 
 demo: $(VENV)/.runtime
 	$(BIN)/butterfly run experiments/quickstart.yaml
@@ -67,6 +67,10 @@ bench: $(VENV)/.development
 # Less of it, fewer times, the bars of time doubled: for machines that others share.
 bench-short: $(VENV)/.development
 	BUTTERFLY_BENCH_SHORT=1 $(ONE_THREAD) $(BIN)/pytest tests/benchmarks -s
+
+# What the first run of each command compiles: every function, its seconds, and what needs it.
+compilation: $(VENV)/.development
+	$(ONE_THREAD) $(BIN)/python -m tests.benchmarks.compilation
 
 # How often the intervals hold the truth: random robots, by an integrator of their own, on all cores.
 ROBOTS ?= 100

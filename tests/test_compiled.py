@@ -136,7 +136,7 @@ print(rehearsed["differentiate"] - before["differentiate"])
 
 def test_what_is_rehearsed_is_all_that_an_identification_calls(tmp_path):
     code = REHEARSED.replace("PATH", str(brief_quickstart(tmp_path, "grey-box", few=2)))
-    assert _start(Path(__file__).parent, code, cache=None) == "[]\n2\n"
+    assert _start(Path(__file__).parent, code, cache=None) == "[]\n1\n"
 
 
 ALONE = f"""
