@@ -14,7 +14,6 @@ from butterfly.cli import output
 from butterfly.cli.output import show_progress, show_table
 from butterfly.cli.results import show_rows
 from butterfly.experiment.sweep import run_sweep
-from butterfly.report.numbers import write_columns
 from tests.cli.one_line import assert_tables_fit, done
 from tests.experiment.setting import HereEngine, small_plan, written
 
@@ -107,13 +106,6 @@ def test_no_rows_are_said_to_be_none_and_one_is_told_as_pairs(capsys):
     assert ["encoder", "noise", "in", "rad", "0"] in told
     assert ["deviation", "in", "share", "of", "true", "0.01"] in told
     assert ["fit", "median", "in", "%", "99.1"] in told
-
-
-def test_no_text_of_an_export_is_a_formula(tmp_path):
-    columns = {"name": ["=1+1", "plain", None, "@x", "-2"], "value": [-1.0, 2, 3, 4, 5]}
-    write_columns(tmp_path / "x.csv", "table", columns)
-    _, *lines = (tmp_path / "x.csv").read_text(encoding="utf-8").splitlines()
-    assert lines == ['"\'=1+1",-1', '"plain",2', ",3", '"\'@x",4', '"\'-2",5']
 
 
 def test_texts_are_no_markup(butterfly, quick_data, tmp_path):
