@@ -20,6 +20,7 @@ SINGLE = {
     "estimators": [{"method": "weak-form", "terms": []}],
 }
 SWEEP = SINGLE | {"sweep": {"grid": {"plant.encoder.noise": [0.0, 1e-4]}, "repetitions": 3}}
+QUICKSTART = {"extends": "quickstart", "name": "s", "seed": 1}
 THREE_MASSES = [*SINGLE["added_masses"], {"mass": 0.1, "arm": 0.1}]
 
 
