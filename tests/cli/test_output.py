@@ -4,7 +4,6 @@ import contextlib
 import io
 import re
 
-import pyarrow as pa
 import pytest
 import yaml
 from hypothesis import given, settings
@@ -12,9 +11,7 @@ from hypothesis import strategies as st
 
 from butterfly.cli import output
 from butterfly.cli.output import show_progress, show_table
-from butterfly.cli.results import show_rows
 from butterfly.experiment.sweep import run_sweep
-from butterfly.report.numbers import write_columns
 from tests.cli.one_line import assert_tables_fit, done
 from tests.experiment.setting import HereEngine, small_plan, written
 
@@ -78,42 +75,6 @@ def test_a_command_in_a_sentence_is_never_folded_and_a_value_keeps_its_error(mon
         assert folded.replace("\n", " ") == text
         assert command in folded
         assert "0.0003 ± 0.00002" in folded
-
-
-COLUMNS = {"number": [0, 1], "key": ["ab12", "cd34"], "plant.encoder.noise": [0.0, 3e-4]}
-COLUMNS |= {"plant.clock.step": [0.001, 0.001], "status": ["ok", "ok"], "deviation": [0.01, -0.02]}
-COLUMNS |= {"fit_median": [99.1, 98.2], "orbit_rounds": pa.array([None, None], pa.int64())}
-TABLE = pa.table(COLUMNS)
-
-
-def test_what_is_the_same_is_told_once_and_what_is_empty_or_long_not_at_all(capsys):
-    show_rows("runs", TABLE, asked=False)
-    out = " ".join(capsys.readouterr().out.split())
-    assert "Same in all rows: clock step 0.001 s, status ok." in out
-    for told in ("0.0003", "Not shown: key. To show columns: --columns"):
-        assert told in out
-    assert "ab12" not in out
-    assert "orbit" not in out
-    show_rows("runs", TABLE.select(["key", "status"]), asked=True)
-    assert capsys.readouterr().out.split()[-4:] == ["ab12", "ok", "cd34", "ok"]
-
-
-def test_no_rows_are_said_to_be_none_and_one_is_told_as_pairs(capsys):
-    show_rows("runs", TABLE.slice(0, 0), asked=False)
-    assert capsys.readouterr().out == "runs: no rows.\n"
-    show_rows("runs", TABLE.slice(0, 1), asked=False)
-    told = [line.split() for line in capsys.readouterr().out.splitlines()]
-    assert ["status", "ok"] in told
-    assert ["encoder", "noise", "in", "rad", "0"] in told
-    assert ["deviation", "in", "share", "of", "true", "0.01"] in told
-    assert ["fit", "median", "in", "%", "99.1"] in told
-
-
-def test_no_text_of_an_export_is_a_formula(tmp_path):
-    columns = {"name": ["=1+1", "plain", None, "@x", "-2"], "value": [-1.0, 2, 3, 4, 5]}
-    write_columns(tmp_path / "x.csv", "table", columns)
-    _, *lines = (tmp_path / "x.csv").read_text(encoding="utf-8").splitlines()
-    assert lines == ['"\'=1+1",-1', '"plain",2', ",3", '"\'@x",4', '"\'-2",5']
 
 
 def test_texts_are_no_markup(butterfly, quick_data, tmp_path):

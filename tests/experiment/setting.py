@@ -5,6 +5,7 @@ import yaml
 from butterfly.experiment.source import Source
 from butterfly.experiment.sweep import plan_sweep
 from butterfly.experiment.sweep_tables import TABLES
+from butterfly.files import shipped
 
 HAND = {"mass": 0.1, "com_distance": 0.05, "inertia": 0.003}
 PLANT = {"hand": HAND, "drive": {"torque": {"gain": 10.0}}, "clock": {"step": 0.004}}
@@ -20,7 +21,10 @@ SINGLE = {
     "estimators": [{"method": "weak-form", "terms": []}],
 }
 SWEEP = SINGLE | {"sweep": {"grid": {"plant.encoder.noise": [0.0, 1e-4]}, "repetitions": 3}}
+QUICKSTART = {"extends": "quickstart", "name": "s", "seed": 1}
+SHIPPED = yaml.safe_load(shipped("experiments/quickstart.yaml").read_text())
 THREE_MASSES = [*SINGLE["added_masses"], {"mass": 0.1, "arm": 0.1}]
+ESTIMATORS = [{"method": "weak-form", "terms": terms} for terms in ([], ["load"])]
 
 
 def written(path, **content):

@@ -11,11 +11,7 @@ from butterfly.experiment.schema import Experiment
 from butterfly.experiment.source import read_experiment
 from butterfly.experiment.sweep_spec import SweepSpec
 from butterfly.files import is_name, shipped, shipped_experiments
-from butterfly.identification.estimators import Loss, OutputError, WeakForm
-from butterfly.thesis.method import Thesis
-from tests.experiment.setting import SINGLE, planned, written
-
-QUICKSTART = {"extends": "quickstart", "name": "s", "seed": 1}
+from tests.experiment.setting import QUICKSTART, SINGLE, planned, written
 
 
 def _plant(part, **keys):
@@ -193,22 +189,6 @@ def test_what_extends_is_changed_key_by_key_and_kinds_are_replaced(tmp_path):
     assert (experiment.plant.friction.drag, experiment.plant.friction.coulomb) == (1e-4, 3e-4)
     child = written(tmp_path / "f.yaml", extends="e.yaml", name="f", seed=9)
     assert read_experiment(child).plant == experiment.plant
-
-
-def test_estimators_have_the_options_of_their_method_and_a_shorthand_for_one(tmp_path):
-    listed = [
-        {"method": "output-error", "terms": ["drag"], "per_mass": ["zero"], "loss": "huber"},
-        {"method": "thesis", "decimation": 5},
-        {"terms": ["load"]},
-    ]
-    several = read_experiment(written(tmp_path / "e.yaml", **QUICKSTART, estimators=listed))
-    assert several.all_estimators == (
-        OutputError(terms=("drag",), per_mass=("zero",), loss=Loss.HUBER),
-        Thesis(decimation=5),
-        OutputError(terms=("load",)),
-    )
-    short = written(tmp_path / "f.yaml", **QUICKSTART, method="weak-form", terms=[])
-    assert read_experiment(short).all_estimators == (WeakForm(terms=()),)
 
 
 def test_every_shipped_experiment_is_read_and_the_schema_for_editors_covers_it(butterfly, tmp_path):

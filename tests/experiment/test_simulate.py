@@ -2,9 +2,7 @@
 
 import numpy as np
 import pytest
-import yaml
 
-import butterfly as bf
 from butterfly.api.identification import Identification
 from butterfly.experiment.perform import perform
 from butterfly.experiment.simulate import planned_logs, simulate, write_logs
@@ -18,19 +16,18 @@ from butterfly.logs.reading import read_entry
 from butterfly.plant.rig import Simulator
 from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import Faults
-from tests.experiment.setting import changed, written
+from tests.experiment.setting import SHIPPED, changed, written
 
 QUICKSTART = shipped("experiments/quickstart.yaml")
-CONTENT = yaml.safe_load(QUICKSTART.read_text())
 PRINCIPAL = ("p1", "p2", "p3", "p4")
 
 
 @pytest.fixture
 def short(tmp_path):
     """The quick start with two added masses, two sines and two seconds, not run in."""
-    some = {key: CONTENT[key][-2:] for key in ("added_masses", "excitations")}
-    some["plant"] = CONTENT["plant"] | {"run_in": 0.0}
-    return written(tmp_path / "short.yaml", **CONTENT | some | {"duration": 2.0})
+    some = {key: SHIPPED[key][-2:] for key in ("added_masses", "excitations")}
+    some["plant"] = SHIPPED["plant"] | {"run_in": 0.0}
+    return written(tmp_path / "short.yaml", **SHIPPED | some | {"duration": 2.0})
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +83,7 @@ def test_simulated_logs_are_read_back_with_what_was_done_and_a_seed_fixes_them(s
 
 
 def test_every_effect_of_a_real_bench_can_be_asked_for(short, tmp_path):
-    plant = CONTENT["plant"] | {"run_in": 0.0}
+    plant = SHIPPED["plant"] | {"run_in": 0.0}
     friction = {"load": 1e-4, "stribeck": 2e-4, "stribeck_velocity": 0.2, "drag": 1e-5}
     friction |= {"bias": 1e-3, "cogging": 1e-3, "cogging_periods": 1}
     bench = plant | {
@@ -145,8 +142,8 @@ def test_a_robot_is_identified_from_a_multisine_and_a_free_decay(short, tmp_path
     multisine = {"base": 0.5, "harmonics": [3, 5, 8, 11, 14], "peak": 0.4, "seed": 0}
     signals = [{"multisine": multisine}, {"free_decay": {"angle": 0.5}}]
     about = {"duration": 6.0, "method": "output-error", "terms": ["drag"]}
-    about["plant"] = CONTENT["plant"] | {"simulator": "grey-box", "clock": {"step": 0.004}}
-    masses = CONTENT["added_masses"][:2]
+    about["plant"] = SHIPPED["plant"] | {"simulator": "grey-box", "clock": {"step": 0.004}}
+    masses = SHIPPED["added_masses"][:2]
     changed(short, excitations=[], signals=signals, added_masses=masses, **about)
     experiment = read_experiment(short)
     performed, truth = perform(experiment), experiment.plant.robot.lumped
@@ -171,24 +168,3 @@ def test_a_plant_may_be_lumped_and_simulated_by_either(tmp_path):
     mujoco, grey_box = logs[Simulator.MUJOCO], logs[Simulator.GREY_BOX]
     assert np.abs(mujoco.angle - grey_box.angle).max() < 2e-3
     assert grey_box.source == "grey box"
-
-
-def test_an_experiment_in_memory_is_the_data_set_of_its_folder(quick, tmp_path):
-    loads = [{"mass": 0.05, "mass_uncertainty": 1e-3}, {"mass": 0.12, "arm_uncertainty": 2e-3}]
-    loads[1]["own_inertia"] = 5e-5
-    added = [{"mass": 0.0}, *({"arm": 0.104} | each for each in loads)]
-    known = {"p4": {"value": 0.025, "uncertainty": 0.001}}
-    sines = CONTENT["excitations"][2::3]
-    about = {"known": known, "holdout": ["run002*"], "excitations": sines, "duration": 6.0}
-    changed(quick, added_masses=added, **about)
-    memory, folder = bf.simulate(quick), bf.simulate(quick, out=tmp_path / "logs")
-    for data in (memory, folder):
-        assert data.given.to_dict() == known
-        assert [log.name[:6] for log in data.test_logs.logs] == ["run002"]
-        carried = [log.added_mass for log in data.logs]
-        uncertain = {(added.mass_uncertainty, added.arm_uncertainty) for added in carried}
-        assert uncertain == {(0.0, 0.0), (1e-3, 0.0), (0.0, 2e-3)}
-        assert {added.own_inertia for added in carried} == {0.0, 5e-5}
-    first, second = (bf.identify(data, "linear").estimate for data in (memory, folder))
-    np.testing.assert_array_equal(first.values, second.values)
-    np.testing.assert_array_equal(first.covariance, second.covariance)

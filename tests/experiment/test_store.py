@@ -9,7 +9,6 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-import pyarrow as pa
 import pytest
 
 import butterfly as bf
@@ -17,7 +16,7 @@ from butterfly.errors import InputError
 from butterfly.experiment.record import FAILED, Outcome, RunRecord, SweepRecord, SweepRun
 from butterfly.experiment.store import ResultStore
 from butterfly.experiment.sweep import run_sweep
-from butterfly.experiment.sweep_tables import ESTIMATES, RUNS, SweepColumns
+from butterfly.experiment.sweep_tables import ESTIMATES, RUNS
 from tests.experiment.setting import HereEngine, planned, small_plan, tables_of
 
 
@@ -131,28 +130,6 @@ def test_a_half_done_sweep_of_0_2_0_is_done_anew(tmp_path):
     summary = run_sweep(planned(store.folder / "experiment.yaml"), store.folder, HereEngine())
     assert (summary.done, summary.reused, summary.unsuccessful) == (2, 0, 0)
     assert old in store.clean()
-
-
-MIXED = [1.0, "a", True, None, {"x": 1}, {"x": {"y": 2}}, [1, 2], 10**400, 2**60, float("nan")]
-
-
-TYPED = [(values, pa.string()) for values in (MIXED, [10**400, 1], [True, 1], [1e-4, "1e-4"])]
-TYPED += [([2**60, 1.5, None], pa.float64()), ([None], pa.float64()), ([True, False], pa.bool_())]
-
-
-@pytest.mark.parametrize(("values", "kind"), TYPED)
-def test_a_field_may_be_set_to_anything(values, kind):
-    runs = [
-        SweepRun(number=k, key=str(k), repetition=0, seed=2**63 - 1, overrides={"f": value})
-        for k, value in enumerate(values)
-    ]
-    columns = SweepColumns(("f",), runs)
-    assert columns.schema(RUNS).field("f").type == kind
-    for name in (RUNS, ESTIMATES):
-        rows = [row for run in runs for row in columns.rows(name, run, None)]
-        table = pa.Table.from_pylist(rows, schema=columns.schema(name))
-        assert table.num_rows == (len(values) if name == RUNS else 0)
-    assert (table["f"].null_count == 0) or None in values
 
 
 WRITES = 300

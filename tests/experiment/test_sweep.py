@@ -46,22 +46,6 @@ def test_what_is_done_is_not_done_again_unless_forced(folder, undisturbed):
     assert tables_of(folder / "one") == undisturbed
 
 
-@pytest.mark.usefixtures("undisturbed")
-def test_the_tables_say_what_was_set_and_found(folder):
-    store = ResultStore(folder / "one")
-    runs, estimates = store.table(RUNS), store.table(ESTIMATES)
-    assert runs["plant.encoder.noise"].to_pylist() == [0.0] * 3 + [1e-4] * 3
-    assert runs["status"].to_pylist() == [OK] * 6
-    assert estimates.num_rows == 6 * 6
-    for row in estimates.to_pylist():
-        assert row["estimator"] == "weak-form"
-        if row["parameter"] in {"p1", "p3", "p4"}:
-            assert abs(row["deviation"]) < 0.02
-    record = store.read(runs["key"][0].as_py())
-    assert record.versions["butterfly"]
-    assert record.seconds["total"] >= record.seconds["simulate"]
-
-
 PROC = Path("/proc")
 MARK = "BUTTERFLY_TEST_OF_STOPPING"
 

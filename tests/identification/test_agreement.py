@@ -8,7 +8,6 @@ import pytest
 from butterfly.identification.agreement import (
     Condition,
     Conditions,
-    Contrast,
     differing_values,
     disagreements_of,
     weighed_within,
@@ -16,12 +15,7 @@ from butterfly.identification.agreement import (
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Fit
-from butterfly.identification.infer import (
-    Basis,
-    agreement_of,
-    infer,
-    without_each_mass,
-)
+from butterfly.identification.infer import Basis, agreement_of, infer, without_each_mass
 from butterfly.identification.linearisation import Linearisation, compressed
 from butterfly.identification.scatter import Likelihood
 from butterfly.model.parameters import AddedMass
@@ -241,22 +235,6 @@ def likelihood_of(logs, names=FOUR, values=VALUES, prior=None):
     told |= {"ends": np.cumsum([each.size for each in residuals]), "log": np.arange(len(rows))}
     at = Linearisation(rows=np.concatenate(rows), residuals=np.concatenate(residuals), **told)
     return Likelihood(at, values, prior=prior)
-
-
-@pytest.mark.parametrize(
-    ("name", "condition", "last", "first", "absent"),
-    [
-        ("p4", Condition.FREQUENCY, 1.1, "an elastic joint", "drive lag"),
-        ("p4", Condition.FREQUENCY, 0.9, "drive lag", "backlash"),
-        ("delay", Condition.SPEED, 1.1, "backlash", "drive lag"),
-        ("delay", Condition.SPEED, 0.9, "a friction term missing in the model", "backlash"),
-    ],
-)
-def test_causes_depend_on_whether_a_parameter_grows(name, condition, last, first, absent):
-    ends = {"least": 1.0, "largest": 2.0, "first": 1.0, "last": last}
-    named = causes(Contrast(parameter=name, condition=condition, **ends, share=0.5, chance=0.0))
-    assert named[0] == first
-    assert absent not in named
 
 
 def test_logs_that_no_parameter_moves_scatter_as_usual():

@@ -2,21 +2,23 @@
 
 import math
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 
 from butterfly.experiment.schema import PlantSpec
 from butterfly.identification.estimators import Linear
 from butterfly.logs.log import Sine
-from butterfly.model.energy import Orbit
-from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
+from butterfly.model.energy import Orbit, energy
+from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.orbit.controller import EnergyShaping, gain_for
-from butterfly.orbit.loop import OrbitSchedule
+from butterfly.orbit.loop import OrbitSchedule, study_orbit
+from butterfly.orbit.recalibration import RecalibrationOptions
 from butterfly.plant.rig import Simulator
 from butterfly.plant.rollout import simulate_runs
 from butterfly.signals.frequency_response import response_point
 
+THESIS = LumpedParameters(p1=0.00325, p2=0.001, p3=0.04905, p4=10)
 SIXTY = math.radians(60)
 KNOWN = AddedMass(mass=0.05, arm=0.1)
 STARTS = (0.6, 0.9, 1.2, 1.5)
@@ -106,3 +108,25 @@ EFFECTS = {
     ),
 }
 """Plant, torques of the small sines, and what the re-calibration is told, for each effect."""
+
+
+def invariant(parameters, orbit, angle, velocity):
+    """(n,) values of I = E - E* (107) in J along a motion."""
+    return energy(parameters, angle, velocity) - orbit.energy
+
+
+ROUGH = plant({"coulomb": 1e-4}, step=5e-3)
+
+
+@cache
+def hanging_study():
+    """A study of an orbit, on a rig that cannot hold the hand at an angle."""
+    rng = np.random.default_rng(0)
+    held = grey_rig(ROUGH, rng)
+
+    def rig(law, start, duration, added):  # noqa: ARG001 - all runs begin where the hand hangs
+        return held(law, 0.0, duration, added)
+
+    options = RecalibrationOptions(candidates=("coulomb",))
+    plan = sixty_degrees(starts=(0.0, 0.0), kick=2e-3, dither=0.3, rounds=2, recalibration=options)
+    return study_orbit(rig, wrong(ROUGH.robot.lumped, rng), 0.0, plan, rng=rng)

@@ -181,12 +181,3 @@ def test_on_line_what_changed_is_forgotten():
             online.observe(Reading(time + offset, angle, math.nan), command)
         found = online.parameters(TRUE.p1)
         assert found.p2 == pytest.approx(spec.robot.lumped.p2, rel=0.05)
-
-
-def test_the_swing_of_a_log_is_its_amplitude_or_says_that_there_is_none():
-    rng = np.random.default_rng(0)
-    log = setting.runs(ROUGH, rng, starts=(0.9,), duration=3.0)[0]
-    sine = replace(log, angle=0.1 + 0.7 * np.cos(4 * log.time))
-    assert swing(sine, 0.1, 0.0) == pytest.approx(0.7, rel=1e-4)
-    assert math.isnan(swing(replace(log, angle=4 * log.time), 0.0, 0.0))
-    assert swing(replace(log, angle=0.1 + 0 * log.time), 0.0, 0.0) == 0.0

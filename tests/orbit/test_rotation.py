@@ -187,16 +187,6 @@ def test_the_invariant_decays_as_the_closed_form_says():
     np.testing.assert_allclose(values[after:], expected[after:], atol=0.03 * values[after])
 
 
-def test_the_mean_speed_of_a_log_is_that_of_its_whole_turns_or_there_is_none():
-    spec = setting.plant()
-    log = setting.runs(spec, np.random.default_rng(0), starts=(0.9,), duration=3.0)[0]
-    ripple = 0.3 * np.sin(-7.0 * log.time)
-    turning = replace(log, angle=0.2 - 7.0 * log.time + ripple)
-    assert mean_speed(turning, 0.2, 0.5) == pytest.approx(-7.0, rel=1e-5)
-    assert math.isnan(mean_speed(log, 0.0, 0.5))
-    assert math.isnan(mean_speed(replace(log, angle=0 * log.time), 0.0, 0.5))
-
-
 @pytest.fixture(scope="module")
 def turning():
     """Logs of a badly informed controller that turns a hand over."""

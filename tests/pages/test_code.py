@@ -29,7 +29,7 @@ NOT_RUN = {
     "butterfly run experiments/orbit-recalibration.yaml": "20 s; tests/cli/test_experiments",
     "butterfly run experiments/orbit-rotation.yaml": "40 s; tests/orbit/test_rotation",
     "butterfly run experiments/orbit-change.yaml": "15 s; tests/orbit/test_watch",
-    "butterfly identify real-logs": "the real logs are not shipped; test_saved_estimate",
+    "butterfly identify real-logs": "the real logs are not shipped; tests/cli/test_verbs",
     "butterfly identify run7.csv": "a file of somebody; test_refusals has its like",
     "butterfly fetch": "asks the network",
     "butterfly compare result.json next-year.json": "next year; test_change",

@@ -2,17 +2,12 @@
 
 import re
 from dataclasses import replace
-from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from butterfly.identification.agreement import Condition, Contrast
-from butterfly.identification.estimators import HarmonicBalance, OutputError
 from butterfly.identification.findings import Ending, Finding, FindingKind
-from butterfly.identification.fit import MissingTerms
-from butterfly.identification.unit_errors import UnitError, unit_error
 from butterfly.report.finding_texts import (
     estimate_notes,
     estimate_sentences,
@@ -20,10 +15,8 @@ from butterfly.report.finding_texts import (
     finding_text,
     grave_notes,
 )
-from butterfly.report.inspection import conditions_text
-from butterfly.report.summary import next_step
 from butterfly.verdict import Level
-from tests.identification.simulated import estimate_of
+from tests.report.setting import estimate_with
 
 NUMBERS = {
     FindingKind.UNREPEATED: (-0.112, "11 % smaller in second"),
@@ -88,15 +81,6 @@ PLAIN = [kind for kind in FindingKind if kind not in SLIPS]
 VALUES = {"p2": 1e-3, "p4": -0.5, "tilt": 0.2}
 
 
-def _estimate(*findings, ending=Ending.CONVERGED, reach=0.05, **more):
-    """Return an estimate whose limits lie some share of its values off."""
-    values = np.array([2e-3, 1e-3, 0.5, 1e-4])
-    shares = np.broadcast_to(reach, values.shape)
-    plain = estimate_of(values, np.diag((shares * values / 2) ** 2), reach=2)
-    names = ("p1", "p2", "p4", "coulomb")
-    return replace(plain, names=names, findings=findings, ending=ending, **more)
-
-
 def _logs_of(kind):
     return ("first", "second") if kind is FindingKind.UNREPEATED else ("first",)
 
@@ -150,13 +134,13 @@ def test_what_the_program_assumed_is_not_called_given():
     ],
 )  # fmt: skip
 def test_values_are_good_if_the_limits_of_the_scale_are_within_a_tenth(reach, level, text):
-    verdict = estimate_verdict(_estimate(reach=reach))
+    verdict = estimate_verdict(estimate_with(reach=reach))
     assert verdict.level is level
     assert text in verdict.reasons[0]
 
 
 def test_an_asymmetric_interval_reaches_as_far_as_its_farther_limit():
-    estimate = _estimate()
+    estimate = estimate_with()
     estimate = replace(estimate, upper=estimate.values * 1.2)
     assert estimate.relative_half_widths["p1"] == pytest.approx(0.2)
     assert estimate.level is Level.CARE
@@ -164,11 +148,11 @@ def test_an_asymmetric_interval_reaches_as_far_as_its_farther_limit():
 
 def test_of_ratios_that_of_the_gain_counts_and_of_what_is_known_the_rest():
     names = ("p2", "p3", "p4", "delay")
-    ratios = replace(_estimate(reach=(0.5, 0.5, 0.01, 0.5)), names=names)
+    ratios = replace(estimate_with(reach=(0.5, 0.5, 0.01, 0.5)), names=names)
     verdict = estimate_verdict(ratios)
     assert verdict.level is Level.GOOD
     assert "p4/p1 ±1 %; p2/p1 ±50 %, p3/p1 ±50 %, delay ±50 %" in (verdict.reasons[0])
-    known = replace(_estimate(reach=0.5), names=("p2", "p3", "delay", "coulomb"))
+    known = replace(estimate_with(reach=0.5), names=("p2", "p3", "delay", "coulomb"))
     assert known.level is Level.GOOD
 
 
@@ -212,7 +196,7 @@ _SCATTER = "Scatter between logs: p2, coulomb by 21 %; p4 by 1.2 %."
 def test_the_second_line_is_the_model_s_and_what_differs_between_logs_comes_next(
     findings, agreement, line, sentences
 ):
-    estimate = _estimate(*findings, agreement=agreement)
+    estimate = estimate_with(*findings, agreement=agreement)
     verdict = estimate_verdict(estimate)
     assert verdict.level is Level.GOOD
     assert verdict.reasons[1] == line
@@ -221,16 +205,16 @@ def test_the_second_line_is_the_model_s_and_what_differs_between_logs_comes_next
 
 def test_terms_that_the_free_runs_lack_are_not_said_to_be_of_no_help():
     idle = Finding(FindingKind.NOT_HELPING, ("drag", "stribeck"))
-    said = estimate_sentences(_estimate(FOLLOWED, MISFIT, idle))
+    said = estimate_sentences(estimate_with(FOLLOWED, MISFIT, idle))
     assert any("Tested and left out" in each for each in said)
-    said = estimate_sentences(_estimate(FOLLOWED, MISFIT, idle, LACKS))
+    said = estimate_sentences(estimate_with(FOLLOWED, MISFIT, idle, LACKS))
     assert not any("Tested and left out" in each for each in said)
 
 
 def test_what_forbids_is_the_first_line_and_nothing_is_called_known():
     reason = Finding(FindingKind.POOR_FIT, number=31.3)
     note = Finding(FindingKind.ABSOLUTE)
-    verdict, *others = estimate_sentences(_estimate(reason, note))
+    verdict, *others = estimate_sentences(estimate_with(reason, note))
     assert verdict.startswith("Do not use: ")
     assert "31.3 %" in verdict
     assert "±" not in verdict
@@ -238,7 +222,7 @@ def test_what_forbids_is_the_first_line_and_nothing_is_called_known():
 
 
 def test_what_did_not_settle_is_not_to_be_used_and_says_why():
-    verdict, *others = estimate_sentences(_estimate(ending=Ending.STOPPED))
+    verdict, *others = estimate_sentences(estimate_with(ending=Ending.STOPPED))
     assert verdict == "Do not use: The fit did not converge."
     assert others == []
 
@@ -258,47 +242,6 @@ def test_a_sentence_depends_on_the_number(kind, number, text):
 
 
 @pytest.mark.parametrize(
-    ("counts", "text"),
-    [
-        ((24, 0, 0, 0), "24 logs: all ok."),
-        ((1, 0, 0, 0), "1 log: ok."),
-        ((10, 31, 0, 0), "41 logs, all usable (31 with a note)."),
-        ((1, 1, 1, 0), "3 logs: 1 ok, 1 with a note, 1 to check."),
-        ((0, 0, 0, 1), "1 log: 1 unusable."),
-    ],
-)
-def test_health_is_told_by_severity(counts, text):
-    conditions = [each for each, n in zip(Level, counts, strict=True) for _ in range(n)]
-    assert conditions_text(conditions) == text
-
-
-_CALL = "identify --units=time=ms,angle=rad a.csv"
-
-
-@pytest.mark.parametrize(
-    ("findings", "missing", "saved", "command"),
-    [
-        ((), (), None, f"{_CALL} --terms '' --save joint.json"),
-        ((), ("drag",), None, f"{_CALL} --terms drag"),
-        ((), ("spring",), None, "identify a.csv --terms spring"),
-        ((), (), "my joint.json", "validate 'my joint.json'"),
-        ((Finding(FindingKind.POOR_FIT, number=3.0),), (), None, "inspect a.csv"),
-        ((Finding(FindingKind.POOR_FIT, ("weak-form",), number=3.0),), (), None,
-         "identify a.csv --method weak-form"),
-        ((unit_error(UnitError.DEGREES, 0.0175),), ("drag",), None,
-         "identify --units time=ms,angle=deg a.csv --terms ''"),
-    ],
-)  # fmt: skip
-def test_the_next_step_is_a_command_to_paste(findings, missing, saved, command):
-    residuals = SimpleNamespace(missing=MissingTerms(terms=missing))
-    made_by = HarmonicBalance(terms=()) if missing == ("spring",) else OutputError(terms=())
-    found = SimpleNamespace(estimate=_estimate(*findings), residuals=residuals, made_by=made_by)
-    words = ("identify", "--units=time=ms,angle=rad", "a.csv", "--terms", "")
-    step = next_step(found, words, [Path("a.csv")], saved and Path(saved))
-    assert step == f"butterfly {command}"
-
-
-@pytest.mark.parametrize(
     ("finding", "begins"),
     [
         (Finding(FindingKind.ASKED, ("grams",), number=60.0), "Is an added mass of 60 kg right?"),
@@ -309,7 +252,7 @@ def test_the_next_step_is_a_command_to_paste(findings, missing, saved, command):
 def test_what_makes_values_doubtful_is_in_the_first_line_of_the_verdict_and_said_once(
     finding, begins
 ):
-    estimate = _estimate(finding)
+    estimate = estimate_with(finding)
     verdict = estimate_verdict(estimate)
     assert estimate.level is Level.CARE
     assert verdict.lines[0].startswith(f"Use with care: {begins}")

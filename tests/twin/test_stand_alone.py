@@ -7,37 +7,17 @@ import mujoco
 import numpy as np
 import pytest
 
-from butterfly.api.identification import IdentifiedModel
-from butterfly.api.inspected import robot_of
-from butterfly.identification.free_run import Setting
 from butterfly.identification.simulation import Simulation
-from butterfly.logs.log import InputKind, Intersample, Log
-from butterfly.logs.reading import read_entry
+from butterfly.logs.log import Intersample
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters, TorqueDrive
-from butterfly.model.servo import ServoLoop
 from butterfly.plant.mjcf import text_of
 from butterfly.plant.robot import HAND_MASS, Clutch, Robot
 from butterfly.signals import hold
-from butterfly.twin.forms import FORMS, Options, write_as
+from butterfly.twin.forms import Options, write_as
 from butterfly.twin.stand_alone import models, stand_alone
 from butterfly.twin.twin import Twin
 from tests.plant.setting import ADDED, MOTOR, grey_box, mujoco_alone, robot
-
-PLAIN = LumpedParameters(p1=0.003, p2=1e-3, p3=0.05, p4=1)
-
-
-def _log(inputs, intersample=Intersample.ZERO_ORDER_HOLD):
-    time, how = 1e-3 * np.arange(inputs.size), {"added_mass": ADDED, "intersample": intersample}
-    return Log(time, input=inputs, angle=0 * time, input_kind="torque", name="log", **how)
-
-
-BRIEF = _log(0.01 * np.sin(4e-3 * np.arange(300)))
-
-
-def _twin(parameters, log=None, **more):
-    """A twin that is measured on one log from rest, or on the two sines that it makes itself."""
-    recorded = [(log, Setting(parameters=parameters, zero=0.0))] if log else []
-    return Twin(parameters=parameters, added=ADDED, recorded=lambda: recorded, **more)
+from tests.twin.alone import PLAIN, log_of, twin_of
 
 
 def _moved(text, log):
@@ -69,13 +49,12 @@ def _drawn(seed, kind):
     most = p3 / parameters.p4 * (0.05 + 4 * parameters.holding / p3)
     inputs = most * (np.sin(0.9 * omega * time) + 0.5 * np.sin(1.4 * omega * time))
     if seed % 2:
-        return parameters, _log(inputs, Intersample.FIRST_ORDER_HOLD)
+        return parameters, log_of(inputs, Intersample.FIRST_ORDER_HOLD)
     inputs = most * np.round(inputs / most, 1)  # steps, and a stretch without any
     inputs[600:750] = 0
-    return parameters, _log(inputs)
+    return parameters, log_of(inputs)
 
 
-STICKS = {"coulomb": 8e-4, "stribeck": 4e-4, "stribeck_velocity": 0.2}
 WORST = {"smooth": (1e-6, 1e-2), "dry": (2e-4, 1e-2), "pulled": (2e-4, 1e-2)}
 WORST |= {"sticking": (1e-3, 2e-2), "bristles": (1e-3, 1e-1)}
 """In rad, over 1.2 s, at steps of 0.5 and 5 ms."""
@@ -89,7 +68,7 @@ def test_the_file_moves_alone_as_far_from_our_free_run_as_it_says(kind, seed, in
     assert np.ptp(ours.at(log.time)) > 0.1
     for step, most in zip((5e-4, 5e-3), WORST[kind], strict=True):
         asked = Options(timestep=step, integrator=integrator)
-        written = write_as("mjcf", _twin(parameters, log), asked)
+        written = write_as("mjcf", twin_of(parameters, log), asked)
         moved, instants = _moved(written.text, log)
         error = np.abs(moved - ours.at(instants)).max()
         assert written.accuracy.worst == pytest.approx(error, rel=1e-3, abs=1e-7)
@@ -106,9 +85,9 @@ def test_a_delay_is_written_in_the_way_that_is_nearest(delay, step, most, gained
     parameters, log = _drawn(0, "smooth")
     parameters = replace(parameters, delay=delay)
     asked = Options(timestep=step)
-    error = write_as("mjcf", _twin(parameters, log), asked).accuracy.worst
+    error = write_as("mjcf", twin_of(parameters, log), asked).accuracy.worst
     assert error < most
-    without = text_of(stand_alone(_twin(replace(parameters, delay=0.0), log), asked).root)
+    without = text_of(stand_alone(twin_of(replace(parameters, delay=0.0), log), asked).root)
     moved, instants = _moved(without, log)
     ours = Simulation(log, parameters, longest=1e-3).run(parameters, 0.0, 0.0)
     assert np.abs(moved - ours.at(instants)).max() > gained * error
@@ -120,7 +99,7 @@ def test_a_delay_is_written_in_the_way_that_is_nearest(delay, step, most, gained
 )
 def test_a_delay_that_is_written_as_another_is_explained_in_the_file(delay, step, written):
     parameters, log = _drawn(0, "smooth")
-    made = write_as("mjcf", _twin(replace(parameters, delay=delay), log), Options(timestep=step))
+    made = write_as("mjcf", twin_of(replace(parameters, delay=delay), log), Options(timestep=step))
     late = 1e3 * float(re.search(' delay="(.*?)"', made.text)[1])
     said = re.search("The delay of (.*) is written as (.*) ms,", made.text)
     assert (said is None) == (late == pytest.approx(1e3 * delay))
@@ -128,53 +107,19 @@ def test_a_delay_that_is_written_as_another_is_explained_in_the_file(delay, step
     assert re.search(written, made.text)
 
 
-@pytest.mark.parametrize("form", FORMS)
-def test_every_form_says_how_the_encoder_s_angle_follows_from_its_own(form):
-    zeros = (0.25, 0.26) if form == "c" else (0.25,)
-    twin, asked = _twin(PLAIN, BRIEF, kind=InputKind.VOLTAGE), Options(actuator="mx64")
-    said = "Encoder's angle = angle here + zero; zero = 0.25 rad in the logs"
-    if form == "compensation":  # has the encoder's angle itself
-        said = "Angles are the encoder's; its zero was 0.25 rad in the logs: set yours (zero)."
-    told, silent = (write_as(form, replace(twin, zeros=each), asked).text for each in (zeros, ()))
-    assert said.replace("0.25", "0.25 to 0.26" if form == "c" else "0.25") in told
-    assert "ncoder's" not in silent
-    assert form != "compensation" or "0.25, /* zero */" in told
-
-
 @pytest.mark.parametrize("drive", [MOTOR, replace(MOTOR, inductance=2e-3), TorqueDrive(gain=0.025)])
 def test_any_drive_is_delayed_without_help(drive):
     driven = robot(drive, viscous=1e-3, coulomb=3e-4)
-    log = replace(_log(0.5 * np.sin(4e-3 * np.arange(700))), input_kind=driven.input_kind)
-    twin = _twin(replace(driven.lumped, delay=0.00213), log, robot=driven)
+    log = replace(log_of(0.5 * np.sin(4e-3 * np.arange(700))), input_kind=driven.input_kind)
+    twin = twin_of(replace(driven.lumped, delay=0.00213), log, robot=driven)
     written = write_as("mjcf", twin, Options(timestep=2.5e-4))
     assert written.left_out == ()
     assert written.accuracy.worst < 3e-4
 
 
-def test_the_twin_of_an_experiment_is_measured_on_its_runs(quick):
-    twin = robot_of(quick, hand_mass=None, added_mass=0.05, arm=None).twin
-    recorded = twin.recorded()
-    some = recorded[:: len(recorded) - 1]
-    twin = replace(twin, recorded=lambda: some)
-    accuracy = write_as("mjcf", twin).accuracy
-    assert [*accuracy.errors] == [log.name for log, _ in some]
-    assert accuracy.worst < 1e-4
-
-
-def test_the_twin_of_a_real_log_moves_alone(real_manifest):
-    """It sticks harder than it slides, and its stamps are its own."""
-    whole = read_entry(real_manifest, real_manifest.logs[20])
-    log = whole.piece(0, int(np.searchsorted(whole.time, whole.time[0] + 0.8)))
-    parameters = LumpedParameters(p1=0.0034, p2=1e-3, p3=0.04, p4=1.0, delay=0.004, **STICKS)
-    recorded = [(log, Setting(parameters=parameters, zero=log.angle[0], velocity=0.0))]
-    twin = replace(_twin(parameters), added=log.added_mass, recorded=lambda: recorded)
-    for step, most in ((2e-4, 2e-4), (2e-3, 2e-3)):
-        assert write_as("mjcf", twin, Options(timestep=step)).accuracy.worst < most
-
-
 def test_friction_that_sticks_harder_is_that_of_the_equation_at_every_velocity():
     parameters = replace(PLAIN, p2=0, coulomb=2e-3, stribeck=3e-3, stribeck_velocity=0.2)
-    model = _model(_twin(parameters))
+    model = _model(twin_of(parameters))
     data = mujoco.MjData(model)
     for velocity in (-3.0, -0.5, -0.2, -0.05, 0.01, 0.1, 0.3, 0.55, 0.7, 5.0):
         data.qvel[0] = velocity
@@ -190,7 +135,7 @@ def _model(twin, **asked):
 
 def test_dry_friction_grips_alike_whatever_the_flags_of_the_model_are():
     """A file that is attached to another model has the flags of that one."""
-    text = text_of(stand_alone(_twin(replace(PLAIN, coulomb=2e-3))).root)
+    text = text_of(stand_alone(twin_of(replace(PLAIN, coulomb=2e-3))).root)
     assert "refsafe" not in text
     loose = text.replace("<flag ", '<flag refsafe="disable" ')
     commands = 0.03 * np.sin(0.012 * np.arange(1000))
@@ -198,50 +143,19 @@ def test_dry_friction_grips_alike_whatever_the_flags_of_the_model_are():
     np.testing.assert_array_equal(*states)
 
 
-@pytest.mark.parametrize(
-    ("more", "said"),
-    [
-        ({"delay": -2e-4}, r"The delay of -0\.2 ms is not included: a delay is not"),
-        ({"delay": 2e-5}, r"The delay of 0\.02 ms is not included: it is shorter than a step"),
-        ({"compression": 0.05}, r"set ctrl to u/\(1 \+ 0\.05 \|u\|\) yourself"),
-        ({"dead_zone": 0.02}, r"move ctrl by up to 0\.02 towards 0 yourself"),
-        ({"slow_delay": 9e-4, "slow_interval": 1e-3}, r"fast sampling; in slow .* is 0\.9 ms"),
-        ({"motor_friction": 0.1, "load_stribeck": 0.2}, "Not .*: motor_friction, load_stribeck"),
-    ],
-)
-def test_what_mujoco_cannot_do_is_said_to_the_user_and_in_the_file(more, said, tmp_path):
-    parameters = replace(PLAIN, **more)
-    written = write_as("mjcf", _twin(parameters, BRIEF))
-    (sentence,) = written.left_out
-    assert re.search(said, sentence)
-    assert f"<!-- {sentence} -->" in written.text
-    with pytest.warns(UserWarning, match=said):
-        IdentifiedModel(parameters).export(tmp_path / "twin.xml")
-
-
-def test_rounding_and_a_servo_s_loop_are_left_out_and_named_and_a_limit_is_a_range():
-    servo = ServoLoop.of({"law": "dynamixel-x", "kp": 400})
-    made = stand_alone(_twin(PLAIN, resolution=0.01, servo=servo, limit=3.5))
-    rounding, loop = made.left_out
-    assert "set ctrl to multiples of 0.01" in rounding
-    assert "The servo's loop (dynamixel-x) is not included" in loop
-    model = mujoco.MjModel.from_xml_string(text_of(made.root))
-    assert [*model.actuator("motor").ctrlrange] == [-3.5, 3.5]
-
-
 def test_a_clutch_is_a_joint_with_play():
     clutch = Clutch(backlash=0.01, rotor_inertia=3e-4)
     loose = robot(TorqueDrive(gain=1), clutch=clutch, coulomb=1e-3)
-    assert _model(_twin(loose.lumped, robot=loose)).njnt == 2
+    assert _model(twin_of(loose.lumped, robot=loose)).njnt == 2
 
 
 def test_a_plain_joint_is_a_bar_by_the_name_of_its_data():
-    model = _model(_twin(PLAIN, name="My joint, 2nd try"))
+    model = _model(twin_of(PLAIN, name="My joint, 2nd try"))
     assert model.names.split(b"\0")[0] == b"my_joint_2nd_try"
     assert model.body("my_joint_2nd_try").id == 1
     assert model.joint("hinge").type == mujoco.mjtJoint.mjJNT_HINGE
-    assert "mesh" not in write_as("mjcf", _twin(PLAIN)).text
-    assert _twin(PLAIN, name="42").identifier == "joint_42"
+    assert "mesh" not in write_as("mjcf", twin_of(PLAIN)).text
+    assert twin_of(PLAIN, name="42").identifier == "joint_42"
 
 
 def test_a_slide_is_a_slide_of_its_own_mass():
@@ -256,14 +170,6 @@ def test_a_slide_is_a_slide_of_its_own_mass():
     assert written.accuracy.worst < 1e-3
 
 
-def test_a_twin_takes_numbers_of_any_kind():
-    plain = replace(PLAIN, coulomb=0.003, delay=0.004)
-    drawn = LumpedParameters(**{name: np.float64(each) for name, each in vars(plain).items()})
-    texts = [write_as("mjcf", _twin(each, BRIEF)).text for each in (plain, drawn)]
-    assert texts[0] == texts[1]
-    assert mujoco.MjModel.from_xml_string(texts[0]).nhistory
-
-
 def _drawn_about(seed, **more):
     factor = 1 + 0.1 * np.random.default_rng(seed).standard_normal(6)
     values = factor * np.array([0.003, 1e-3, 0.04, 0.5, 8e-4, 0.004])
@@ -275,7 +181,7 @@ def test_each_model_moves_as_the_grey_box_with_its_draw_delay_and_stribeck_inclu
     drawn = [_drawn_about(seed, drag=1e-5, bias=1e-3, stribeck=2e-4) for seed in range(4)]
     commands = 0.02 * np.sin(5e-3 * np.arange(1000))
     ends = []
-    texts = models(drawn, _twin(drawn[0]), Options(timestep=1e-3))
+    texts = models(drawn, twin_of(drawn[0]), Options(timestep=1e-3))
     for parameters, text in zip(drawn, texts, strict=True):
         states, step = mujoco_alone(text, commands)
         time = step * np.arange(commands.size + 1)
@@ -285,18 +191,3 @@ def test_each_model_moves_as_the_grey_box_with_its_draw_delay_and_stribeck_inclu
         ends.append(expected[-1])
     assert np.ptp(ends) > 1e-3
     assert Robot.of_lumped(drawn[0]).hand.mass == HAND_MASS
-
-
-@pytest.mark.parametrize("form", sorted({*FORMS} - {"bam", "compensation", "wpilib"}))
-def test_a_joint_that_nothing_drives_is_exported_too(form):
-    written = write_as(form, _twin(replace(PLAIN, p4=0.0)))
-    assert written.text
-    assert written.accuracy is None or written.accuracy.worst < 1e-4
-    says_so = "p4 is unknown" in " ".join(written.left_out)
-    assert says_so or form not in {"snippet", "urdf", "actuator"}
-
-
-@pytest.mark.parametrize("form", ["mjcf", "snippet", "urdf"])
-def test_hyphens_of_a_name_end_no_comment(form):
-    text = write_as(form, replace(_twin(PLAIN), name="a--b---c")).text
-    assert not any("--" in each for each in re.findall(r"<!--(.*?)-->", text, re.DOTALL))

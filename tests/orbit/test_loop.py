@@ -1,4 +1,4 @@
-"""A study of an orbit, on a rig that cannot hold the hand at an angle."""
+"""A study of an orbit, from runs that begin hanging; what a log of one says of swing and speed."""
 
 import math
 from dataclasses import replace
@@ -6,29 +6,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from butterfly.identification.findings import Ending, FindingKind
+from butterfly.identification.findings import FindingKind
 from butterfly.model.terms import lower_bounds
-from butterfly.orbit.loop import PERIODS, beside_orbit, calibrate, study_orbit
-from butterfly.orbit.recalibration import RecalibrationOptions
+from butterfly.orbit.loop import PERIODS, beside_orbit, calibrate, mean_speed, swing
 from butterfly.plant.rig import Simulator
-from butterfly.report.orbit_page import orbit_document
-from tests.orbit.setting import grey_rig, plant, sixty_degrees, wrong
+from tests.orbit.setting import ROUGH, hanging_study, plant, runs, sixty_degrees
 
-ROUGH = plant({"coulomb": 1e-4}, step=5e-3)
 TRUE = ROUGH.robot.lumped
 
 
 @pytest.fixture(scope="module")
 def study():
-    rng = np.random.default_rng(0)
-    held = grey_rig(ROUGH, rng)
-
-    def rig(law, start, duration, added):  # noqa: ARG001 - all runs begin where the hand hangs
-        return held(law, 0.0, duration, added)
-
-    options = RecalibrationOptions(candidates=("coulomb",))
-    plan = sixty_degrees(starts=(0.0, 0.0), kick=2e-3, dither=0.3, rounds=2, recalibration=options)
-    return study_orbit(rig, wrong(TRUE, rng), 0.0, plan, rng=rng)
+    return hanging_study()
 
 
 def test_an_orbit_is_studied_from_runs_that_begin_hanging(study):
@@ -40,12 +29,6 @@ def test_a_free_run_from_hanging_lasts_some_periods_of_small_swings(study):
     run = beside_orbit(study.held_out, TRUE, 0.0)
     period = 2 * math.pi * math.sqrt(TRUE.p1 / TRUE.p3)
     assert np.ptp(run.log.time) == pytest.approx(PERIODS * period, rel=1e-3)
-
-
-def test_why_the_rounds_ended_is_told_beside_how_the_estimate_did(study):
-    told = orbit_document(study, None)
-    assert told["rounds_ending"] == study.calibration.ending
-    assert told["ending"] == Ending.CONVERGED
 
 
 def test_intervals_include_the_simulator_s_own_error_and_without_it_miss_the_truth():
@@ -86,3 +69,22 @@ def test_a_simulator_s_error_adds_to_each_interval_in_quadrature(study, share):
 
 def test_the_grey_box_has_no_error_of_its_own():
     assert replace(ROUGH.rig, simulator=Simulator.GREY_BOX).rough_and_fine(0) is None
+
+
+def test_the_swing_of_a_log_is_its_amplitude_or_says_that_there_is_none():
+    rng = np.random.default_rng(0)
+    log = runs(plant({"coulomb": 4e-4}), rng, starts=(0.9,), duration=3.0)[0]
+    sine = replace(log, angle=0.1 + 0.7 * np.cos(4 * log.time))
+    assert swing(sine, 0.1, 0.0) == pytest.approx(0.7, rel=1e-4)
+    assert math.isnan(swing(replace(log, angle=4 * log.time), 0.0, 0.0))
+    assert swing(replace(log, angle=0.1 + 0 * log.time), 0.0, 0.0) == 0.0
+
+
+def test_the_mean_speed_of_a_log_is_that_of_its_whole_turns_or_there_is_none():
+    spec = plant()
+    log = runs(spec, np.random.default_rng(0), starts=(0.9,), duration=3.0)[0]
+    ripple = 0.3 * np.sin(-7.0 * log.time)
+    turning = replace(log, angle=0.2 - 7.0 * log.time + ripple)
+    assert mean_speed(turning, 0.2, 0.5) == pytest.approx(-7.0, rel=1e-5)
+    assert math.isnan(mean_speed(log, 0.0, 0.5))
+    assert math.isnan(mean_speed(replace(log, angle=0 * log.time), 0.0, 0.5))

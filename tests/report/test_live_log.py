@@ -1,8 +1,6 @@
 """The page's JavaScript simulates a log as the compiled kernel does, on the same grid."""
 
-import html
 import json
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,24 +10,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import butterfly.report
-from butterfly.api.verbs import identify
-from butterfly.identification.data import DataSet
 from butterfly.identification.free_run import Setting
 from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
 from butterfly.report.live_log import Column, LiveLog
 from butterfly.twin import c
-from tests.orbit.setting import plant, two_sines
 from tests.programs import said
-from tests.report.browser import needs_chromium, seen_by_chromium
 from tests.twin.compiled import GEAR, KINDS, drawn, needs_node
 
 MODEL = Path(butterfly.report.__file__).parent / "templates/live_model.js"
-READER = Path(__file__).parent / "reader.js"
-HEARD = """window.errors = [];
-addEventListener("error", (event) => window.errors.push(event.message));
-addEventListener("unhandledrejection", (event) => window.errors.push(String(event.reason)));"""
 DRIVER = """
 (async () => {{
   const log = {log}, runs = [];
@@ -144,61 +134,3 @@ def test_a_column_is_rounded_to_its_range_and_no_more(values):
     column = Column.of(np.array(values))
     assert np.abs(column.values - values).max() <= np.ptp(values) / 20_000
     assert column.values[0] == values[0]
-
-
-@pytest.fixture(scope="module")
-def seen(tmp_path_factory):
-    """What a reader of the page of a small data set sees in Chromium."""
-    folder = tmp_path_factory.mktemp("live")
-    logs = two_sines(plant({"coulomb": 1e-4}, step=0.004), (0.0, 0.05), 20.0)
-    data = DataSet.of(logs, name="four sines")
-    page = folder / "r.html"
-    identify(data).report(page)
-    text, reader = page.read_text(encoding="utf-8"), READER.read_text(encoding="utf-8")
-    text = text.replace("<head>", f"<head><script>{HEARD}</script>", 1)
-    page.write_text(text.replace("</body>", f"<script>{reader}</script></body>", 1), "utf-8")
-    (found,) = re.findall('<pre id="seen">(.*?)</pre>', seen_by_chromium(page, folder), re.DOTALL)
-    return json.loads(html.unescape(found))
-
-
-@needs_chromium
-@pytest.mark.slow
-def test_a_page_simulates_without_error_or_request(seen):
-    assert seen["errors"] == seen["requests"] == []
-    assert float(seen["first"]["fit"].removesuffix(" %")) > 90
-
-
-@needs_chromium
-@pytest.mark.slow
-def test_a_slider_changes_the_fit_and_as_identified_restores_it(seen):
-    first, moved, reset = (seen[name] for name in ("first", "moved", "reset"))
-    assert first["fit"] in first["identified"]
-    assert moved["fit"] != first["fit"]
-    assert moved["residual"] != first["residual"]
-    assert moved["pictures"][0] != first["pictures"][0]
-    assert moved["fit"] in moved["plot"]
-    assert reset == first
-
-
-@needs_chromium
-@pytest.mark.slow
-def test_a_screen_reader_names_every_slider_and_its_value(seen):
-    assert len({each["name"] for each in seen["controls"]}) == len(seen["controls"]) > 4
-    assert all(each["name"] and each["text"] for each in seen["controls"])
-    texts = {each["id"]: each["text"] for each in seen["controls"]}
-    moved = {each["id"]: each["text"] for each in seen["moved_controls"]}
-    assert {name for name, text in moved.items() if text != texts[name]} == {"live-p1"}
-    assert texts["live-p1"].endswith("as identified")
-
-
-@needs_chromium
-@pytest.mark.slow
-def test_the_joint_plays_and_another_log_is_shown(seen):
-    reset, played, whole, other = (seen[name] for name in ("reset", "played", "whole", "other"))
-    assert played["clock"] != reset["clock"]
-    assert played["pictures"][1] != reset["pictures"][1]
-    assert float(seen["scrubbed"]["clock"].removesuffix(" s")) == pytest.approx(20.0, abs=0.011)
-    assert whole["clock"] == "0.00 s"
-    assert whole["pictures"][0] != reset["pictures"][0]
-    assert whole["fit"] == reset["fit"] != other["fit"]
-    assert other["plot"] != whole["plot"]

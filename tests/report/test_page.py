@@ -1,16 +1,30 @@
-"""A saved page is a file: it offers no upload, names no address, and opens no connection."""
+"""A page: the answer stands first, texts are no markup; saved, it opens no connection."""
 
 import base64
 import gzip
+import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from plotly.graph_objects import Figure, Scatter
 
 import butterfly.report
-from butterfly.report.page import Page, Section, Series, write_page
+from butterfly.report.page import (
+    Marked,
+    Page,
+    PageTable,
+    Section,
+    Series,
+    packable,
+    rendered,
+    write_page,
+)
+from butterfly.verdict import Level, Verdict
 from tests.report.browser import HASTE, needs_chromium, opened, seen_by_chromium
+from tests.report.setting import ODD, assert_seen, unpacked
 
 SOURCES = Path(butterfly.report.__file__).parent
 ADDRESS = re.compile(r"(?<![\w:+/])(?:[a-z]+:)?//[\w-]+\.[\w.-]+[^\s\"'`)<>,;]*")
@@ -114,3 +128,40 @@ def test_a_browser_notices_what_a_page_asks_for_and_a_page_of_ours_may_not(page,
     seen, asked = opened(other, tmp_path, HASTE)
     assert asked == []
     assert seen.stderr.count("Content Security Policy") >= len(hosts)
+
+
+def test_a_page_runs_no_text(tmp_path):
+    script = ODD[-1]
+    figure = Figure([Scatter(x=[script], y=[1], name=f"</script>{script}")])
+    rows = [(script,), (Marked(script, "runs/x.json"),)]
+    parts = {"text": script, "tables": (PageTable(headers=(script,), rows=rows, caption=script),)}
+    section = Section(title=script, figures={"f": figure}, **parts)
+    about = {"name": script, "description": script, "kind": "sweep", "numbers": {script: 1}}
+    write_page(Page(**about, summary=[script], sections=[section]), tmp_path / "page.html")
+    assert "<script>alert" not in (tmp_path / "page.html").read_text()
+
+
+def _page(kind, verdict):
+    about = {"name": "n", "description": "", "kind": kind, "numbers": {}, "verdict": verdict}
+    return Page(**about, summary=["Said."], lead=Section(title="Lead"), sections=[])
+
+
+def test_the_answer_stands_first_be_it_a_verdict_or_words():
+    judged = rendered(_page("comparison", Verdict(Level.GOOD, ("p1 within 1 %.",))))
+    assert judged.index("Parameters: good") < judged.index("Lead") < judged.index("Said.")
+    plain = rendered(_page("change", None))
+    assert plain.index("Said.") < plain.index("Lead")
+
+
+def test_long_words_in_tables_may_be_broken_and_numbers_may_not():
+    table = PageTable(headers=("log", "FIT"), rows=[("x" * 50, "99.6")])
+    page = _page("identification", None)
+    text = rendered(replace(page, sections=[Section(title="Logs", tables=(table,))]))
+    assert f'<td class="long">{"x" * 50}</td><td>99.6</td>' in text
+
+
+def test_what_is_no_number_is_packed_as_none():
+    for values in ([0.5, np.nan, -0.25, np.inf], [np.nan], [], [0.0, 0.0]):
+        array = np.array(values, dtype=np.float32)
+        packed = json.loads(json.dumps(packable(array)))
+        assert_seen(unpacked(packed), np.where(np.isfinite(array), array, np.nan))
