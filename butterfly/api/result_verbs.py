@@ -26,9 +26,9 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import Setting
 from butterfly.identification.identified import given_estimate
-from butterfly.identification.levels import BAND_DRAWS
 from butterfly.identification.physical import judge_fit
 from butterfly.identification.predict import (
+    BAND_DRAWS,
     LEAST,
     ExpectedErrors,
     ParameterDraws,

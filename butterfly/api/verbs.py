@@ -24,7 +24,7 @@ from butterfly.identification.estimators import Estimator
 from butterfly.identification.identified import read_parameters
 from butterfly.identification.identify import identify as identify_data
 from butterfly.identification.identify import judged
-from butterfly.identification.levels import DRAWS
+from butterfly.identification.parameter import DRAWS
 from butterfly.identification.residuals import residuals_of
 from butterfly.identification.validate import (
     Split,

@@ -2,7 +2,7 @@
 
 The band of the parameters includes the motion of the model with parameters drawn from the
 estimate; that of a new log includes a recording: to each draw are added the errors of a held-out
-log. Both are pointwise, at `levels.CONFIDENCE`.
+log. Both are pointwise, at `parameter.CONFIDENCE`.
 
 Parameters are drawn from a normal distribution about the estimate. Its covariance is that of the
 scatter of the data, widened as the intervals are: along the differences of the leave-one-mass-out
@@ -33,8 +33,8 @@ from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FreeRun, Setting
-from butterfly.identification.levels import BAND_DRAWS, CONFIDENCE, DRAWS, SPREADS
 from butterfly.identification.limits import length_of, widened
+from butterfly.identification.parameter import CONFIDENCE, DRAWS, SPREADS
 from butterfly.identification.sensor_errors import SensorErrors
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
@@ -47,6 +47,9 @@ OF_NEW_LOG = "new log"
 
 _STEP = 0.02  # s, between the samples at which a band is computed
 _TAILS = ((1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2)
+
+BAND_DRAWS = 10 * DRAWS
+"""Default number of draws of a band: five are expected beyond either edge."""
 
 LEAST = 2 * DRAWS
 """Fewest draws: one is expected beyond either edge of a band."""

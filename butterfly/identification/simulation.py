@@ -21,9 +21,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.arrays import Samples, joined
-from butterfly.identification.levels import MOST, ROUNDING, SHOWS
+from butterfly.arrays import ROUNDING, Samples, joined
+from butterfly.identification.fit import MOST
 from butterfly.identification.limits import edges_of
+from butterfly.identification.parameter import SHOWS
 from butterfly.identification.segments import LONGEST_STEP, Segments, Starts, needs_loop
 from butterfly.logs.log import InitialState, Log
 from butterfly.model.greybox import Columns
