@@ -2,17 +2,12 @@
 
 import re
 from dataclasses import replace
-from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from butterfly.identification.agreement import Condition, Contrast
-from butterfly.identification.estimators import HarmonicBalance, OutputError
 from butterfly.identification.findings import Ending, Finding, FindingKind
-from butterfly.identification.fit import MissingTerms
-from butterfly.identification.unit_errors import UnitError, unit_error
 from butterfly.report.finding_texts import (
     estimate_notes,
     estimate_sentences,
@@ -21,7 +16,6 @@ from butterfly.report.finding_texts import (
     grave_notes,
 )
 from butterfly.report.inspection import conditions_text
-from butterfly.report.summary import next_step
 from butterfly.verdict import Level
 from tests.identification.simulated import estimate_of
 
@@ -270,32 +264,6 @@ def test_a_sentence_depends_on_the_number(kind, number, text):
 def test_health_is_told_by_severity(counts, text):
     conditions = [each for each, n in zip(Level, counts, strict=True) for _ in range(n)]
     assert conditions_text(conditions) == text
-
-
-_CALL = "identify --units=time=ms,angle=rad a.csv"
-
-
-@pytest.mark.parametrize(
-    ("findings", "missing", "saved", "command"),
-    [
-        ((), (), None, f"{_CALL} --terms '' --save joint.json"),
-        ((), ("drag",), None, f"{_CALL} --terms drag"),
-        ((), ("spring",), None, "identify a.csv --terms spring"),
-        ((), (), "my joint.json", "validate 'my joint.json'"),
-        ((Finding(FindingKind.POOR_FIT, number=3.0),), (), None, "inspect a.csv"),
-        ((Finding(FindingKind.POOR_FIT, ("weak-form",), number=3.0),), (), None,
-         "identify a.csv --method weak-form"),
-        ((unit_error(UnitError.DEGREES, 0.0175),), ("drag",), None,
-         "identify --units time=ms,angle=deg a.csv --terms ''"),
-    ],
-)  # fmt: skip
-def test_the_next_step_is_a_command_to_paste(findings, missing, saved, command):
-    residuals = SimpleNamespace(missing=MissingTerms(terms=missing))
-    made_by = HarmonicBalance(terms=()) if missing == ("spring",) else OutputError(terms=())
-    found = SimpleNamespace(estimate=_estimate(*findings), residuals=residuals, made_by=made_by)
-    words = ("identify", "--units=time=ms,angle=rad", "a.csv", "--terms", "")
-    step = next_step(found, words, [Path("a.csv")], saved and Path(saved))
-    assert step == f"butterfly {command}"
 
 
 @pytest.mark.parametrize(
