@@ -48,9 +48,6 @@ OF_NEW_LOG = "new log"
 _STEP = 0.02  # s, between the samples at which a band is computed
 _TAILS = ((1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2)
 
-BAND_DRAWS = 10 * DRAWS
-"""Default number of draws of a band: five are expected beyond either edge."""
-
 LEAST = 2 * DRAWS
 """Fewest draws: one is expected beyond either edge of a band."""
 
@@ -84,7 +81,7 @@ def require_draws(count: int, seed: int) -> None:
 
 
 def draw_parameters(
-    estimate: Estimate, count: int = BAND_DRAWS, *, masses: Iterable[AddedMass] = (), seed: int = 0
+    estimate: Estimate, count: int, *, masses: Iterable[AddedMass] = (), seed: int = 0
 ) -> ParameterDraws:
     """Draw parameters within their bounds, with equal weights.
 

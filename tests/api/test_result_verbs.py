@@ -11,11 +11,17 @@ from mujoco import rollout
 from pyarrow import parquet
 
 import butterfly as bf
+from butterfly.api.result_verbs import BAND_DRAWS
+from butterfly.identification.parameter import CONFIDENCE
 from butterfly.identification.predict import LEAST, OF_NEW_LOG, OF_PARAMETERS
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.prior import Known
 from butterfly.progress import budget
 from butterfly.report.page import rendered
+
+
+def test_of_the_draws_of_a_band_five_are_expected_beyond_either_edge():
+    assert pytest.approx(5.0) == BAND_DRAWS * (1 - CONFIDENCE) / 2
 
 
 def test_a_prediction_has_rows_the_verdict_and_bands_in_time(predicted, data, result):
