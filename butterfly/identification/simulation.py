@@ -26,7 +26,8 @@ from butterfly.identification.fit import MOST
 from butterfly.identification.limits import edges_of
 from butterfly.identification.parameter import SHOWS
 from butterfly.identification.segments import LONGEST_STEP, Segments, Starts, needs_loop
-from butterfly.logs.log import InitialState, Log
+from butterfly.logs.initial_state import InitialState
+from butterfly.logs.log import Log
 from butterfly.model.greybox import Columns
 from butterfly.model.parameters import LumpedParameters
 from butterfly.progress import current_search
