@@ -10,13 +10,13 @@ import butterfly as bf
 from butterfly.campaigns import folder
 from butterfly.campaigns.bench import Bench
 from butterfly.campaigns.callbacks import CampaignCallbacks
-from butterfly.campaigns.campaign import OF_GOAL
 from butterfly.campaigns.contact import Contact
 from butterfly.campaigns.drive import SafetyStop
 from butterfly.campaigns.folder import Journal, Step
 from butterfly.campaigns.guard import Limits
 from butterfly.campaigns.laws import Relay, Signal
 from butterfly.errors import InputError
+from butterfly.identification.design import OF_GOAL
 from butterfly.model.parameters import NO_ADDED_MASS, LumpedParameters
 from butterfly.plant.motor import CommandPath, Reading
 from butterfly.plant.rig import Rig, SimulatedMotor, Simulator
