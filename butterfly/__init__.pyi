@@ -8,6 +8,7 @@ from .api.experiments import Sweep as Sweep
 from .api.experiments import run as run
 from .api.experiments import simulate as simulate
 from .api.identification import Identification as Identification
+from .api.inspected import Inspection as Inspection
 from .api.inspected import RobotModel as RobotModel
 from .api.inspected import inspect as inspect
 from .api.predicted import Drawn as Drawn
@@ -40,7 +41,6 @@ from .logs.log import Log as Log
 from .logs.log import Sine as Sine
 from .model.parameters import AddedMass as AddedMass
 from .model.parameters import LumpedParameters as LumpedParameters
-from .report.inspection import Inspection as Inspection
 from .result import Result as Result
 
 __version__: str

@@ -1,8 +1,9 @@
-"""Types of arrays, and scaling."""
+"""Types of arrays, scaling, and rounding."""
 
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Iterator, Sequence
 from typing import TypeVar
 
@@ -15,6 +16,9 @@ Samples = NDArray[np.float64]
 _Number = TypeVar("_Number", bound=np.generic)
 
 BLOCK = 2**12  # rows that are worked on at a time
+
+ROUNDING: float = sys.float_info.epsilon**0.5
+"""Share below which a difference is none: half the digits are left to conditioning."""
 
 
 def unit_columns(rows: Samples) -> tuple[Samples, Samples]:

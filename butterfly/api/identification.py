@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from butterfly.api.results import Separated
 from butterfly.arguments import checked
 from butterfly.errors import InputError, visible
 from butterfly.files import write_document
@@ -42,7 +43,6 @@ from butterfly.report.numbers import (
 )
 from butterfly.report.page import Fact, Page, PageTable, Section
 from butterfly.report.parameter_table import (
-    Separated,
     parameter_texts,
     physical_numbers,
     physical_sentences,

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, fields, replace
-from pathlib import Path
+from pathlib import Path, PurePath
 from types import MappingProxyType
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+from pydantic import TypeAdapter
 
 from butterfly.api.sources import Named, is_data, manifest_of, names_result, read, require_said
 from butterfly.api.verbs import identify, numbers_of_logs, saved_identification
@@ -18,10 +20,11 @@ from butterfly.experiment.simulate import planned_logs
 from butterfly.experiment.source import read_experiment
 from butterfly.files import locate
 from butterfly.identification.estimators import OutputError
-from butterfly.identification.forecast import forecast
+from butterfly.identification.forecast import Forecast, forecast
 from butterfly.identification.free_run import Setting
 from butterfly.identification.parameter import lumped_numbers
 from butterfly.logs.health import examine
+from butterfly.logs.manifest import Manifest
 from butterfly.logs.reading import numbers_named, read_pieces, with_parts
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass
@@ -30,15 +33,187 @@ from butterfly.plant.robot import HAND_MASS, PARTS
 from butterfly.progress import Track, tracked, untracked
 from butterfly.report.finding_texts import require_possible
 from butterfly.report.format import field_unit
-from butterfly.report.inspection import Inspection, inspect_logs
+from butterfly.report.inspection import (
+    STATES,
+    Inspected,
+    conditions_text,
+    health_rows,
+    hints,
+    inspect_logs,
+    log_row,
+    taken_sentences,
+)
 from butterfly.report.numbers import estimate_numbers
-from butterfly.report.page import PageTable
+from butterfly.report.page import Badge, Page, PageTable, Section, tabulated
+from butterfly.report.parameter_table import FORECAST_HEADERS, forecast_rows, forecast_sentences
 from butterfly.report.summary import zero_sentences
-from butterfly.result import Answer, text
+from butterfly.result import Answer, cell_text, text
 from butterfly.twin.twin import Twin
-from butterfly.verdict import Verdict
+from butterfly.verdict import Level, Verdict
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
 
 ARM = 0.104  # m
+
+_ADVICE = {
+    Level.GOOD: "No check found a problem with this log.",
+    Level.NOTE: "Nothing needs to be done.",
+    Level.CARE: "Check the findings before you use this log.",
+}
+_FORECAST = "What these logs can tell"
+_FORECASTS = TypeAdapter(tuple[Forecast, ...])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Inspection(Answer):
+    """The condition of logs, worst first, and which parameters they can tell."""
+
+    kind: ClassVar[str] = "inspection"
+    table: ClassVar[str] = "logs"
+
+    logs: tuple[Inspected, ...] = ()
+    """The findings of each log; none if loaded."""
+
+    @classmethod
+    def of(
+        cls,
+        part: Manifest,
+        seen: Sequence[Inspected],
+        forecasts: Sequence[Forecast],
+        more: Sequence[str],
+    ) -> Inspection:
+        """Tabulate findings on logs of a manifest, and forecasts; ``more`` ends the summary."""
+        way = part.joint.way
+        single = len(seen) == 1
+        return cls(
+            title=f"Logs of {part.name!r}",
+            summary=(
+                conditions_text([inspected.condition for inspected in seen]),
+                *forecast_sentences(forecasts),
+                *hints(seen),
+                *taken_sentences(seen),
+                *more,
+            ),
+            content={
+                "data": {
+                    "name": part.name,
+                    "description": part.description,
+                    "input": str(part.input),
+                    "logs": len(seen),
+                    "joint": str(part.joint),
+                },
+                "logs": [log_row(inspected) for inspected in seen],
+                "before_fit": [
+                    {**asdict(forecast), "word": str(forecast.word)} for forecast in forecasts
+                ],
+                "source": seen[0].name if single else part.name,
+                "single": [
+                    pair
+                    for inspected in seen[: int(single)]
+                    if inspected.log is not None and inspected.health is not None
+                    for pair in health_rows(inspected.log, inspected.health)
+                ],
+            },
+            units={
+                **{f"logs.{name}": "s" for name in ("duration", "step", "jitter", "longest_gap")},
+                "logs.angle": way,
+                "logs.velocity": f"{way}/s",
+                "logs.turns": "turns",
+                "logs.middle": way,
+                "before_fit.half_width": "the row's unit",
+                "before_fit.expected": "1",
+            },
+            logs=tuple(seen),
+        )
+
+    @property
+    def before_fit(self) -> tuple[Forecast, ...]:
+        """What can be expected of each parameter's identification."""
+        return _FORECASTS.validate_python(self.content["before_fit"])
+
+    @property
+    def source(self) -> str:
+        """Name of the data, or of a single log."""
+        return text(self.content["source"])
+
+    @property
+    def unusable(self) -> int:
+        """Number of unusable logs."""
+        return sum(row["condition"] == STATES[Level.WARNING] for row in self.rows())
+
+    @property
+    def _single(self) -> list[tuple[str, str]]:
+        """All that is known of a single log; nothing if there are others."""
+        return [(name, value) for name, value in self.content["single"]]
+
+    def require_usable(self) -> None:
+        """Raise InputError if some logs are unusable."""
+        if self.unusable:
+            expected = "usable logs; repair or exclude these (see the findings)"
+            raise InputError(self.source, "logs", f"{self.unusable} unusable", expected)
+
+    def shown_rows(self) -> list[dict[str, str]]:
+        """Return a row for each log, formatted for reading."""
+        return [
+            {
+                "log": text(row["log"]),
+                "state": text(row["condition"]),
+                "samples": cell_text(row.get("samples")),
+                "s": f"{row['duration']:.3f}" if "duration" in row else "–",
+                "ms": f"{1e3 * row['step']:.3f}" if "step" in row else "–",
+                "findings": "; ".join(finding["text"] for finding in row["findings"]),
+            }
+            for row in self.rows()
+        ]
+
+    def tables(self) -> list[PageTable]:
+        """Return logs with findings, all of a single one, the forecasts, and the other logs."""
+        rows, forecasts = self.shown_rows(), forecast_rows(self.before_fit)
+        lines, ok = [tuple(row.values()) for row in rows], STATES[Level.GOOD]
+        findings, others = (
+            [line for line in lines if (line[1] == ok) is fine] for fine in (False, True)
+        )
+        tables = [
+            PageTable(self.source, (*rows[0],), findings),
+            PageTable(_FORECAST, FORECAST_HEADERS, forecasts),
+            PageTable("Without findings", (*rows[0],), others, detail=True),
+        ]
+        if self._single:
+            state = ("state", rows[0]["state"]), ("findings", rows[0]["findings"] or "none")
+            tables = [PageTable(self.source, (), [*state, *self._single]), tables[1]]
+        return [table for table in tables if table.rows]
+
+    def figures(self) -> dict[str, Figure]:
+        """Return the recording of the first, and worst, log that can be read."""
+        from butterfly.report.log_figures import recorded_figure  # noqa: PLC0415 - slow to import
+
+        drawn = [inspected.log for inspected in self.logs if inspected.log is not None]
+        return {"log": recorded_figure(drawn[0])} if drawn else {}
+
+    def page(self) -> Page:
+        """Return the page of `report`: of a single log all that is known of it."""
+        page, forecasts = super().page(), forecast_rows(self.before_fit)
+        table = PageTable(headers=FORECAST_HEADERS, rows=forecasts, words=(1, 2, 4))
+        forecast = tabulated(_FORECAST, table)
+        if not self._single:
+            return replace(page, sections=[*forecast, *page.sections])
+        lead, *sections = [*forecast, *self._of_single(page).parts]
+        return replace(self._of_single(page), lead=lead, sections=sections)
+
+    def _of_single(self, page: Page) -> Page:
+        """Return the page with the condition of a single log on top, and its numbers."""
+        (row,) = self.rows()
+        state = next(level for level, word in STATES.items() if word == row["condition"])
+        findings = [f"{finding['text']}." for finding in row["findings"]]
+        table = PageTable(headers=(), rows=self._single, words=(1,))
+        return replace(
+            page,
+            name=PurePath(self.source).name,
+            badge=Badge(state, row["condition"].capitalize(), [_ADVICE[state], *findings]),
+            lead=Section(title="In numbers", tables=(table,)),
+            sections=[] if page.lead is None else [replace(page.lead, title="The log")],
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

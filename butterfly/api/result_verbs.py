@@ -26,7 +26,6 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import Setting
 from butterfly.identification.identified import given_estimate
-from butterfly.identification.levels import BAND_DRAWS
 from butterfly.identification.physical import judge_fit
 from butterfly.identification.predict import (
     LEAST,
@@ -42,6 +41,9 @@ from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Known
 from butterfly.progress import Track, untracked
 from butterfly.report.finding_texts import require_possible, require_values
+
+BAND_DRAWS = 200
+"""Default number of draws of a band: five are expected beyond either edge."""
 
 _NO_ERRORS = "The band of a new log is missing: it needs the errors of these logs."
 

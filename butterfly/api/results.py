@@ -1,4 +1,4 @@
-"""Results of validate, design, select and residual."""
+"""Results of validate, design, select and residual, and the physical parameters."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identify import held_out_fits
 from butterfly.identification.parameter import or_nan, unit_of
+from butterfly.identification.physical import PhysicalParameters
 from butterfly.identification.residuals import residual_units, residuals_of
 from butterfly.identification.validate import Bootstrap, CrossValidation, Structure
 from butterfly.logs.log import InputKind, Log
@@ -26,6 +27,7 @@ from butterfly.report.finding_texts import estimate_verdict
 from butterfly.report.format import counted, fit_text, label_of, with_error
 from butterfly.report.numbers import RESIDUAL_CAPTION, residual_numbers, residual_row, rests_on
 from butterfly.report.page import Fact, PageTable
+from butterfly.report.parameter_table import PHYSICAL_TITLE, physical_numbers, physical_sentences
 from butterfly.report.summary import (
     held_out_sentences,
     medians_of,
@@ -33,6 +35,7 @@ from butterfly.report.summary import (
     selection_texts,
 )
 from butterfly.result import Answer, cell_text
+from butterfly.verdict import Verdict
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -371,3 +374,23 @@ class Residual(Tabulated):
             Fact("over sensor noise", f"{times} ×", "encoder resolution and noise"),
             Fact("correlations", "outside" if worst["outside its bands"] else "inside", "bands"),
         ]
+
+
+class Separated(Answer):
+    """Physical parameters, and what is left open of them."""
+
+    kind: ClassVar[str] = "physical"
+    short: ClassVar[bool] = True
+
+    @classmethod
+    def of(cls, parameters: PhysicalParameters, name: str, judged: Verdict) -> Separated:
+        """Tabulate what is known of the robot of some data."""
+        numbers = physical_numbers(parameters)
+        return cls(
+            title=f"{PHYSICAL_TITLE} of {name!r}",
+            summary=(*judged.lines, *physical_sentences(parameters)),
+            content={
+                "rows": [{"parameter": parameter} | row for parameter, row in numbers.items()]
+            },
+            judged=judged,
+        )

@@ -31,8 +31,8 @@ _KINDS = {
     "butterfly.residual": ("api.results", "Residual"),
     "butterfly.selection": ("api.results", "Selection"),
     "butterfly.validation": ("api.results", "Validated"),
-    "butterfly.inspection": ("report.inspection", "Inspection"),
-    "butterfly.physical": ("report.parameter_table", "Separated"),
+    "butterfly.inspection": ("api.inspected", "Inspection"),
+    "butterfly.physical": ("api.results", "Separated"),
 }
 """Module and class of results that can be saved, by schema; one is imported when it is loaded."""
 

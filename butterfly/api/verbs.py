@@ -16,15 +16,15 @@ from butterfly.api.saved import load
 from butterfly.api.sources import Data, names_result, read
 from butterfly.arguments import checked
 from butterfly.errors import InputError
-from butterfly.experiment.methods import DEFAULT_METHOD, make_estimator
+from butterfly.experiment.methods import make_estimator
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import next_experiments, wanted
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.estimators import Estimator
+from butterfly.identification.estimators import DEFAULT_METHOD, Estimator
 from butterfly.identification.identified import read_parameters
 from butterfly.identification.identify import identify as identify_data
 from butterfly.identification.identify import judged
-from butterfly.identification.levels import DRAWS
+from butterfly.identification.parameter import DRAWS
 from butterfly.identification.residuals import residuals_of
 from butterfly.identification.validate import (
     Split,

@@ -9,41 +9,36 @@ configurations, whose errors add. At the end a run that was not fitted is predic
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from butterfly.arrays import Samples
 from butterfly.campaigns.bench import Bench, Recording
 from butterfly.campaigns.callbacks import CampaignCallbacks, announcement, time_left
 from butterfly.campaigns.contact import make_contact
 from butterfly.campaigns.drive import DriveFault, SafetyStop, TimeUsed, signals_wait
 from butterfly.campaigns.folder import Folder, Journal, Step, log_name
-from butterfly.campaigns.guard import Expected, Limits
-from butterfly.campaigns.laws import LAG
+from butterfly.campaigns.guard import Limits
+from butterfly.campaigns.knowledge import Knowledge
 from butterfly.campaigns.plan import (
     PROBE,
     Recipe,
     candidates,
     duration_of,
-    least_friction,
     played,
     probe,
     validation,
 )
 from butterfly.campaigns.soundness import Rests, require_changed, require_repeated
-from butterfly.errors import ButterflyError, IdentifiabilityError, InputError, require_number
-from butterfly.identification.consistency import with_scale
-from butterfly.identification.design import OF_GOAL, Plan, plans, wanted
+from butterfly.errors import InputError, require_number
+from butterfly.identification.design import Plan, plans
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.findings import FindingKind
 from butterfly.identification.identified import Identified
-from butterfly.identification.identify import identify
 from butterfly.identification.physical import judge_fit
 from butterfly.identification.repeatability import Repeatability, contradicting_runs
-from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 from butterfly.model.prior import Prior
 from butterfly.plant.motor import Motor
@@ -55,11 +50,8 @@ GOAL = 0.01
 MountMass = Callable[[AddedMass], None]
 """Mounts a mass, and returns when it is mounted."""
 
-_BRAKES = 0.5  # of the deceleration that the model gives a brake, which is certain
 _OVER = 2.5  # command of the first relay, over what moves the joint: friction never holds it
 _SPEED_OVER = 0.1  # s, over which the speed of a run is measured
-_LEAST = 1e-9  # of a half-width, that counts as wanted of a value that is 0
-_ZERO = 0.5  # rad from where a joint rests, within which it may hang
 _IN_VAIN = 5  # runs in a row that may bring too little
 _REACHED = "the goal is reached"
 _RATIOS = "ratios are known so well, and without another mass, or a known value, nothing more is"
@@ -140,7 +132,7 @@ class _Campaign:
         self._callbacks = callbacks
         self._mounted = wish.masses[0]
         self._is_certain = True  # what is mounted; after a pause somebody may have changed it
-        self._found: Identified | None = None
+        self._knowledge: Knowledge  # begins with what is known, by the journal too
         self._last_sound: Identified | None = None
         self._size = 0.0  # of a relay's command, so far
         self._rests, self._repeatability = Rests(), Repeatability()
@@ -159,7 +151,7 @@ class _Campaign:
                 except TimeUsed as error:
                     ending = str(error)
         self._callbacks.phase(f"The campaign ends: {ending}.")
-        model = self._sound
+        model = self._knowledge.sound
         if model is not None and self._folder.journal.steps[-1].held_out is False:
             least = self._folder.journal.contact.breakaway
             kind, mass = self._bench.input_kind, self._mounted
@@ -168,12 +160,12 @@ class _Campaign:
                 self._play(_Next("to be predicted, not fitted", unseen), held_out=True)
             except TimeUsed as error:
                 ending = f"{error}, before a run that is predicted, not fitted"
-        seen = {} if self._sound is None else self._sound.held_out
+        seen = {} if self._knowledge.sound is None else self._knowledge.sound.held_out
         if any(judge_fit(np.array([fit])) for fit in seen.values()):
             ending = f"the last run, which was not fitted, is not predicted; {_TOUCHED}"
         journal, reached = self._folder.journal, ending == _REACHED and bool(seen)
         return CampaignResult(
-            journal=journal, identified=self._found, reached=reached, ending=ending
+            journal=journal, identified=self._knowledge.model, reached=reached, ending=ending
         )
 
     def _begin(self) -> None:
@@ -201,6 +193,7 @@ class _Campaign:
             journal = Journal(input_kind=kind, contact=contact, known=self._wish.known)
         self._folder.begin(journal)  # whose manifest a kill may have left ahead of it
         self._wish = replace(self._wish, known=journal.known)
+        self._knowledge = Knowledge(self._bench, self._folder, wish.goal, masses, journal.known)
         contact, steps = journal.contact, journal.steps
         bench = self._bench
         bench.polarity, bench.guard.breakaway = contact.polarity, contact.breakaway
@@ -209,8 +202,8 @@ class _Campaign:
             bench.used = steps[-1].seconds
             self._mounted = steps[-1].added_mass
             self._require_last_run_sound()
-            self._found = self._identified()
-            zeros = {} if self._sound is None else self._sound.zeros
+            self._knowledge.identify()
+            zeros = {} if self._knowledge.sound is None else self._knowledge.sound.zeros
             for number, step in enumerate(steps):
                 if (zero := zeros.get(log_name(number))) is not None:
                     self._rests.take(step.added_mass, zero)
@@ -229,7 +222,7 @@ class _Campaign:
         *earlier, last = self._folder.journal.steps
         if earlier and not last.is_sound:
             runs = slice(0, len(earlier))
-            before = self._identified(runs)
+            before = self._knowledge.identified(runs)
             used = before is not None and before.estimate.level is not Level.WARNING
             self._require_mass_changed(before if used else None)
 
@@ -242,7 +235,7 @@ class _Campaign:
 
     def _play(self, following: _Next, *, held_out: bool = False) -> None:
         """Play a recipe, keep its log if it is sound, and identify."""
-        recipe, bench, before = following.recipe, self._bench, self._sound
+        recipe, bench, before = following.recipe, self._bench, self._knowledge.sound
         assert recipe is not None  # noqa: S101 - see `run`
         number = len(self._folder.journal.steps)
         self._mount(recipe.added_mass)
@@ -260,14 +253,15 @@ class _Campaign:
             self._folder.withdraw()
             raise
         bench.guard.sound_run()
-        self._found = self._identified()
+        self._knowledge.identify()
         step = replace(self._folder.journal.steps[-1], is_sound=True)
-        if self._found is not None:
-            estimate = self._found.estimate
-            shares = {} if held_out else self._shares
+        model = self._knowledge.model
+        if model is not None:
+            estimate = model.estimate
+            shares = {} if held_out else self._knowledge.shares
             verdict, misses = estimate.level.verdict, _missed(estimate)
             self._folder.conclude(replace(step, verdict=verdict, misses=misses, shares=shares))
-            fits = [f"predicted with a FIT of {fit:.3g} %" for fit in self._found.held_out.values()]
+            fits = [f"predicted with a FIT of {fit:.3g} %" for fit in model.held_out.values()]
             came = [_widest(shares)] if shares else fits
             self._callbacks.phase(f"Run {number}: {'; '.join([verdict, *came])}.")
         else:
@@ -303,15 +297,15 @@ class _Campaign:
 
     def _played(self, recipe: Recipe) -> Recording:
         """Return a run from rest; learn from it how to brake, and how large relays are."""
-        bench, mass, before = self._bench, recipe.added_mass, self._sound
+        bench, mass, before = self._bench, recipe.added_mass, self._knowledge.sound
         self._last_sound = before or self._last_sound
-        bench.expect(self._expected(mass))
-        if before is not None and self._is_known(mass):
-            bench.braked_with(self._size, *self._damping(before, mass))
+        bench.expect(self._knowledge.expected(mass))
+        if before is not None and self._knowledge.is_known(mass):
+            bench.braked_with(self._size, *self._knowledge.damping(before, mass, self._size))
         if bench.is_loaded_anew:
             bench.settle()
             self._rests.require_no_slip(bench.rest, mass, self._last_sound)
-            bench.expect(self._expected(mass))
+            bench.expect(self._knowledge.expected(mass))
         law = recipe.law(bench.home)
         run = bench.run(law, recipe.duration, recipe.reach)
         size = getattr(law, "size", 0.0)
@@ -342,118 +336,11 @@ class _Campaign:
         steps = self._folder.journal.steps
         old, new = ([*([steps[-1]] * 2), *steps])[-2:]
         last = slice(len(steps) - 1, None)
-        require_changed(before, old, new, lambda: self._identified(last))
-
-    def _expected(self, mass: AddedMass) -> Expected | None:
-        """Return what the model says of the joint with a mass; None while there is none."""
-        if self._sound is None:
-            return None
-        loaded, stiffness = self._sound.parameters.with_added_mass(mass), None
-        is_known = self._is_known(mass)
-        brake = self._bench.braking * loaded.p4 / loaded.p1 if is_known else 0.0
-        if is_known and not self._bench.is_loaded_anew:
-            stiffness = max(loaded.p3, 0.0) / loaded.p1
-        runs = self._folder.journal.steps
-        names = [log_name(k) for k, step in enumerate(runs) if step.added_mass == mass]
-        home = self._bench.home
-        zeros = [self._sound.zeros[name] for name in names if name in self._sound.zeros]
-        near = [zero for zero in zeros if abs(zero - home) < _ZERO]  # of this start of the encoder
-        return Expected(
-            resonance=self._resonance(mass),
-            friction=least_friction(self._sound.estimate, mass),
-            brake=_BRAKES * brake,
-            stiffness=stiffness,
-            hanging=near[-1] if near else home,
-            delay=max(loaded.delay, 0.0),
-        )
-
-    def _damping(self, model: Identified, mass: AddedMass) -> tuple[float, float]:
-        """Return speed in rad/s and angle in rad from which a critically damped brake is full."""
-        loaded, near = model.parameters.with_added_mass(mass), self._bench.near
-        torque = self._size * loaded.p4
-        damping = 2 * math.sqrt(loaded.p1 * max(loaded.p3 + torque / near, 0.0))
-        return torque / (damping + LAG * torque / near), near
-
-    def _is_known(self, mass: AddedMass) -> bool:
-        """Whether the model is of the joint with this mass, too."""
-        return not self._open or any(e.added_mass == mass for e in self._folder.journal.steps)
-
-    def _resonance(self, mass: AddedMass) -> float:
-        """Return the least resonance in rad/s with a mass; with one not used yet an upper bound.
-
-        It lies between that with the last mass and that of what is added, by itself.
-        """
-        assert self._sound is not None  # noqa: S101 - see `_expected`
-        last = self._folder.journal.steps[-1].added_mass
-        more = np.subtract(mass.inertia_and_moment, last.inertia_and_moment)
-        alone = math.sqrt(max(more[1] / more[0], 0.0)) if more[0] > 0 else math.inf
-        known = self._is_known(mass)
-        estimate, p3 = self._sound.estimate, self._sound.parameters.p3
-        lower, _ = estimate.limits_of("p3", p3)
-        least = replace(estimate.parameters, p3=max(lower, p3 / 2))  # as little as holds it back
-        resonance = resonance_frequency(least.with_added_mass(mass if known else last))
-        return resonance if known else max(resonance, alone)
-
-    def _identified(self, runs: slice | None = None) -> Identified | None:
-        """Identify from all logs so far, or some; None if they do not determine the parameters.
-
-        While the scale is open, p1 is held at 1: all others are ratios to it.
-        """
-        data, steps = self._folder.data(runs), self._folder.journal.steps
-        if self._leaves_open(steps if runs is None else steps[runs]):
-            data = data.knowing(Prior.of({"p1": 1.0}))
-        try:
-            identified = identify(data)
-        except ButterflyError:
-            return None
-        return identified if min(identified.parameters.p1, identified.parameters.p4) > 0 else None
-
-    @property
-    def _sound(self) -> Identified | None:
-        """What was identified, if it may be used."""
-        model = self._found
-        used = model is not None and model.estimate.level is not Level.WARNING
-        return model if used else None
-
-    @property
-    def _open(self) -> bool:
-        """Whether the runs so far leave the scale open."""
-        return self._leaves_open(self._folder.journal.steps)
-
-    def _leaves_open(self, steps: Sequence[Step]) -> bool:
-        """Whether some runs leave the scale open."""
-        try:
-            with_scale({step.added_mass for step in steps}, Prior.of(self._wish.known))
-        except IdentifiabilityError:
-            return True
-        return False
-
-    def _wanted(self, model: Identified) -> Samples:
-        """Return (n,) half-widths that the goal asks for."""
-        open_ = self._open and len(self._wish.masses) > 1
-        return wanted(model.estimate, model.data.logs, self._wish.goal, scale_open=open_)
-
-    @property
-    def _shares(self) -> dict[str, float]:
-        """Half-widths over those that are wanted, by name."""
-        model = self._found
-        if model is None:
-            return {}
-        widths = np.minimum(model.estimate.farther, 1e300)
-        shares = widths / np.maximum(self._wanted(model), _LEAST * widths)
-        pairs = zip(model.estimate.names, shares.tolist(), strict=True)
-        return {name: share for name, share in pairs if name in OF_GOAL}
-
-    @property
-    def _reached(self) -> bool:
-        """Whether all half-widths are as wanted, under a verdict *good*."""
-        model = self._found
-        good = model is not None and model.estimate.level is Level.GOOD
-        return good and max(self._shares.values(), default=0.0) <= 1
+        require_changed(before, old, new, lambda: self._knowledge.identified(last))
 
     def _next(self) -> _Next:
         """Return what to play next, or why nothing."""
-        wish, limits, model = self._wish, self._wish.limits, self._sound
+        wish, limits, model = self._wish, self._wish.limits, self._knowledge.sound
         vain = self._folder.journal.in_vain
         given_up = len(vain) >= _IN_VAIN
         if model is None:
@@ -461,18 +348,18 @@ class _Campaign:
             failed = f"the model does not follow these runs; {_TOUCHED}"
             return _Next(failed) if given_up else _Next("to see how it moves", first)
         others = [mass for mass in wish.masses if mass != self._mounted]
-        changes = self._open and others  # without another mass no scale
-        if self._reached and not changes:
-            return _Next(_RATIOS if self._open else _REACHED)
+        changes = self._knowledge.is_open and others  # without another mass no scale
+        if self._knowledge.is_reached and not changes:
+            return _Next(_RATIOS if self._knowledge.is_open else _REACHED)
         plan = None
-        if not (self._reached or given_up):
-            plan = self._plan(model, [] if self._open else others, vain)
+        if not (self._knowledge.is_reached or given_up):
+            plan = self._plan(model, [] if self._knowledge.is_open else others, vain)
         if changes and (plan is None or plan.cost > (limits.seconds - self._bench.used) / 2):
             heaviest = max(others, key=lambda mass: mass.inertia_and_moment)
             seconds = max(PROBE, duration_of(model.parameters, self._mounted, limits))
             mount = probe(heaviest, self._size, limits, seconds)
             return _Next("another mass gives the scale", mount)
-        stays = _widest(self._shares)
+        stays = _widest(self._knowledge.shares)
         if given_up:
             return _Next(f"{stays}, and {len(vain)} runs brought too little")
         if plan is None:  # by a model that hardly knows
@@ -495,12 +382,12 @@ class _Campaign:
         logs = [
             (recipe, log)
             for mass in [self._mounted, *others]
-            if (expected := self._expected(mass))
+            if (expected := self._knowledge.expected(mass))
             for recipe in candidates(estimate, mass, limits, kind, least)
             if (recipe.kind, mass) not in unlike
             and (log := played(model.data, estimate, recipe, limits, expected))
         ]
-        aim, mounted, price = self._wanted(model), self._mounted, self._wish.price
+        aim, mounted, price = self._knowledge.wanted(model), self._mounted, self._wish.price
         every = plans(model.data, estimate, logs, aim, mounted=mounted, price=price)
         budget = limits.seconds - self._bench.used
 

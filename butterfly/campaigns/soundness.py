@@ -13,7 +13,7 @@ from butterfly.campaigns.contact import ENOUGH
 from butterfly.campaigns.drive import SafetyStop
 from butterfly.campaigns.folder import Step
 from butterfly.identification.identified import Identified
-from butterfly.identification.levels import MATTERS
+from butterfly.identification.parameter import MATTERS
 from butterfly.identification.repeatability import Contradiction, contradiction_text
 from butterfly.model.parameters import AddedMass
 

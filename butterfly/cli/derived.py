@@ -72,14 +72,14 @@ def verb_named(name: str) -> Callable[..., Any]:
     if "method" in {node.arg for node in ast.walk(verb.args) if isinstance(node, ast.arg)}:
         return cast(Callable[..., Any], getattr(bf, name))
     defaults = {default.id for default in verb.args.kw_defaults if isinstance(default, ast.Name)}
-    imports = [node for node in source if isinstance(node, ast.ImportFrom)]
-    imports = [node for node in imports if defaults & {one.name for one in node.names}]
+    values = [node for node in source if isinstance(node, ast.Assign)]
+    values = [node for node in values if defaults & {ast.unparse(one) for one in node.targets}]
     verb.body, verb.returns, verb.decorator_list = verb.body[:1], None, []
     types = {node.id for node in ast.walk(verb.args) if isinstance(node, ast.Name)}
     space: dict[str, Any] = dict.fromkeys(types - vars(builtins).keys(), PathLike[str])
     space |= {**vars(abc), "Any": Any, "Literal": Literal}
     flags = __future__.annotations.compiler_flag
-    exec(compile(ast.Module([*imports, verb], []), name, "exec", flags), space)  # noqa: S102 - our own source
+    exec(compile(ast.Module([*values, verb], []), name, "exec", flags), space)  # noqa: S102 - our own source
     return cast(Callable[..., Any], space[name])
 
 

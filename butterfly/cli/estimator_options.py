@@ -11,15 +11,8 @@ from cyclopts import Parameter
 from docstring_parser import parse
 
 from butterfly.cli.options import FIT_IN_DETAIL, THE_FIT, parse_names
-from butterfly.experiment.methods import (
-    DEFAULT_METHOD,
-    ESTIMATORS,
-    METHODS,
-    kind_of,
-    make_estimator,
-    options_of,
-)
-from butterfly.identification.estimators import Estimator
+from butterfly.experiment.methods import ESTIMATORS, METHODS, kind_of, make_estimator, options_of
+from butterfly.identification.estimators import DEFAULT_METHOD, Estimator
 from butterfly.model.terms import offered
 
 _FEW = 2  # methods that are named beside an option of theirs

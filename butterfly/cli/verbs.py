@@ -82,7 +82,7 @@ def _identify(
     page: Report = NO_REPORT,
     facts: DataOptions = SILENT,
 ) -> ExitCode:
-    from butterfly.report.summary import next_step  # noqa: PLC0415 - slow to import
+    from butterfly.cli.next_command import next_command  # noqa: PLC0415 - slow to import
 
     others = {text: parse_pairs(text, "--against") for text in against}
     paths = [data, *more]
@@ -90,7 +90,7 @@ def _identify(
     answer = ask(data=logs, against=others)
     ended = show(answer, **vars(page), save=save)
     if not asked.silent:  # whole, however long: to be pasted
-        put(f"Next: {next_step(answer, asked.words, [*paths, *facts.words()], save)}")
+        put(f"Next: {next_command(answer, asked.words, [*paths, *facts.words()], save)}")
     return ended
 
 

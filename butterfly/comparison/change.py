@@ -12,8 +12,8 @@ from scipy.special import chdtrc, fdtrc, ndtri, stdtr, stdtrit
 from butterfly.arrays import Samples
 from butterfly.errors import InputError
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.levels import CONFIDENCE
 from butterfly.identification.limits import widened
+from butterfly.identification.parameter import CONFIDENCE
 from butterfly.model.terms import GROWING, PARAMETERS, TERMS
 
 LEVEL = 1 - CONFIDENCE

@@ -11,14 +11,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError
 
 from butterfly.errors import InputError, nearest
-from butterfly.identification.estimators import Estimator, OutputError
+from butterfly.identification.estimators import DEFAULT_ESTIMATOR, DEFAULT_METHOD, Estimator
 from butterfly.thesis.method import Thesis  # noqa: F401 - its being read makes it one of them
 
 ESTIMATORS: dict[str, type[Estimator]] = {kind.method: kind for kind in Estimator.__subclasses__()}
 """All estimators by the name of their method."""
-
-DEFAULT_METHOD = "auto"
-"""Another name of output error, the default."""
 
 METHODS = (*ESTIMATORS, DEFAULT_METHOD)
 """Names of methods."""
@@ -38,7 +35,7 @@ def kind_of(
     """
     if method not in METHODS:
         raise InputError("estimator", written("method"), method, nearest(method, METHODS))
-    kind = OutputError if method == DEFAULT_METHOD else ESTIMATORS[method]
+    kind = DEFAULT_ESTIMATOR if method == DEFAULT_METHOD else ESTIMATORS[method]
     names = [written(name) for name in options_of(kind)]
     for name in map(written, options):
         if name not in names:

@@ -11,10 +11,10 @@ import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from butterfly.errors import InputError
-from butterfly.experiment.methods import DEFAULT_METHOD, AnyEstimator, MethodName, kind_of
+from butterfly.experiment.methods import AnyEstimator, MethodName, kind_of
 from butterfly.experiment.sweep_spec import SEEDS, SweepSpec
 from butterfly.files import LONGEST_NAME, is_name
-from butterfly.identification.estimators import Estimator
+from butterfly.identification.estimators import DEFAULT_METHOD, Estimator
 from butterfly.identification.segments import drive_kind
 from butterfly.identification.validate import Split
 from butterfly.logs.log import MIN_SAMPLES, InputKind, Sine

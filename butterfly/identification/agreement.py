@@ -28,19 +28,18 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import fdtrc, stdtr
 
-from butterfly.arrays import Samples, unit_diagonal
-from butterfly.identification.levels import (
+from butterfly.arrays import ROUNDING, Samples, unit_diagonal
+from butterfly.identification.limits import Rival, cluster_covariance, half_widths
+from butterfly.identification.linearisation import Linearisation
+from butterfly.identification.parameter import (
     ACCUSED,
     CLEARLY,
     CONFIDENCE,
     FEW,
     MATERIAL,
     MATTERS,
-    ROUNDING,
     SHOWS,
 )
-from butterfly.identification.limits import Rival, cluster_covariance, half_widths
-from butterfly.identification.linearisation import Linearisation
 from butterfly.logs.log import Log, slow_interval
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import CHANGING, DISSIPATIVE, OF_SCALE, PARAMETERS

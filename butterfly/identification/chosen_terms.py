@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.fit import Fit, LackedTerm
-from butterfly.identification.levels import FEW, MATTERS, MOST, PASSES, SHOWS
+from butterfly.identification.fit import MOST, PASSES, Fit, LackedTerm
 from butterfly.identification.limits import Rival, independent_cells_of
 from butterfly.identification.linearisation import Linearisation
+from butterfly.identification.parameter import FEW, MATTERS, SHOWS
 from butterfly.identification.problem import Problem
 from butterfly.identification.stagewise import (
     PROMISED,

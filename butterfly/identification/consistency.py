@@ -17,7 +17,6 @@ from scipy.special import stdtrit
 from butterfly.arrays import Samples, unit_columns
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.levels import ACCUSED, CLEARLY, MATTERS, SHOWS
 from butterfly.identification.limits import (
     SINGULAR_CONDITION,
     Rival,
@@ -25,6 +24,7 @@ from butterfly.identification.limits import (
     half_widths,
 )
 from butterfly.identification.linearisation import Linearisation, scaled_least_squares
+from butterfly.identification.parameter import ACCUSED, CLEARLY, MATTERS, SHOWS
 from butterfly.identification.stagewise import as_good
 from butterfly.logs.log import Log
 from butterfly.model.parameters import (

@@ -15,7 +15,7 @@ from butterfly.identification.consistency import is_driven
 from butterfly.identification.derived_quantities import implied, relaxed_for_masses
 from butterfly.identification.findings import Finding
 from butterfly.identification.free_run import Simulations, turns_over
-from butterfly.identification.levels import LOST
+from butterfly.identification.parameter import LOST
 from butterfly.identification.segments import driven
 from butterfly.identification.unit_errors import (
     unit_errors_of_refused,

@@ -17,9 +17,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.arrays import Samples
+from butterfly.arrays import ROUNDING, Samples
 from butterfly.errors import InputError
-from butterfly.identification.levels import ROUNDING, SHOWS
+from butterfly.identification.parameter import SHOWS
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.model.prior import Known, Prior

@@ -21,13 +21,12 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from butterfly.arrays import Samples
+from butterfly.arrays import ROUNDING, Samples
 from butterfly.errors import IdentifiabilityError, require_number, require_room
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.forecast import IntervalForecast
 from butterfly.identification.free_run import Setting
-from butterfly.identification.levels import ROUNDING
 from butterfly.identification.segments import LONGEST_STEP, driven
 from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import InputKind, Intersample, Log, Sine

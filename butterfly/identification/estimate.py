@@ -16,9 +16,9 @@ from butterfly.files import finite
 from butterfly.identification.agreement import Contrast
 from butterfly.identification.findings import KINDS, Ending, Finding, FindingKind
 from butterfly.identification.fit import MissingTerms
-from butterfly.identification.levels import SPREADS
 from butterfly.identification.limits import Evidence, Rival, half_widths
 from butterfly.identification.parameter import (
+    SPREADS,
     Parameter,
     Trust,
     meaning_of,

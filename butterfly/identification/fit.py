@@ -15,17 +15,23 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from butterfly.arrays import Samples
+from butterfly.arrays import ROUNDING, Samples
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.findings import Ending, Finding, FindingKind
-from butterfly.identification.levels import MOST, ROUNDING, SHOWS
 from butterfly.identification.linearisation import Linearisation
+from butterfly.identification.parameter import SHOWS
 from butterfly.identification.scatter import Scatter
 from butterfly.identification.stagewise import is_near
 from butterfly.logs.log import Log
 from butterfly.model.parameters import value_if_absent
 from butterfly.model.terms import PARAMETERS
 from butterfly.progress import current_search
+
+MOST = 60
+"""Largest number of iterations; one that goes on has not converged."""
+
+PASSES = 12
+"""The same of an iteration that begins near its solution."""
 
 CONVERGED = 0.01
 """Share of the cost that no further step of a fit that converged is predicted to take off."""

@@ -28,7 +28,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from butterfly.arrays import Samples, unit_diagonal
+from butterfly.arrays import ROUNDING, Samples, unit_diagonal
 from butterfly.errors import ButterflyError, InputError
 from butterfly.identification.agreement import pace_of
 from butterfly.identification.consistency import is_driven, prior_of_fit
@@ -36,7 +36,7 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import OutputError
 from butterfly.identification.estimators.start import starts
-from butterfly.identification.levels import MATTERS, PASSES, ROUNDING, SHOWS, SPREADS
+from butterfly.identification.fit import PASSES
 from butterfly.identification.limits import (
     OTHER_LOGS,
     expected_covariance,
@@ -44,7 +44,15 @@ from butterfly.identification.limits import (
     independent_cells_of,
 )
 from butterfly.identification.linearisation import compressed
-from butterfly.identification.parameter import GOOD_WITHIN, meaning_of, or_none, unit_of
+from butterfly.identification.parameter import (
+    GOOD_WITHIN,
+    MATTERS,
+    SHOWS,
+    SPREADS,
+    meaning_of,
+    or_none,
+    unit_of,
+)
 from butterfly.logs.log import Log
 from butterfly.logs.thinning import GLANCE, thinned
 from butterfly.model.prior import Prior

@@ -17,9 +17,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from butterfly.arrays import Samples
+from butterfly.arrays import ROUNDING, Samples
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.levels import LOST, ROUNDING
+from butterfly.identification.parameter import LOST
 from butterfly.identification.segments import grid_step
 from butterfly.identification.simulation import Simulation, segment_length
 from butterfly.identification.test_functions import HALF_WIDTH, VELOCITY_SHARE, half_width_of

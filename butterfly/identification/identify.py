@@ -19,7 +19,7 @@ from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.estimators import Estimator, OutputError, WeakForm
+from butterfly.identification.estimators import DEFAULT_ESTIMATOR, Estimator, WeakForm
 from butterfly.identification.estimators.assumptions import as_taken
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.free_run import FreeRun, WholeRuns
@@ -65,7 +65,7 @@ def identify(
     the logs with, by name; a p4 that is NaN is fitted. Raises InputError if the estimator cannot
     use the logs; IdentifiabilityError if the logs cannot determine the parameters.
     """
-    estimator = estimator or OutputError()
+    estimator = estimator or DEFAULT_ESTIMATOR()
     with counted():
         with _explained(data, estimator):
             data, other = in_true_time(data, estimator)

@@ -30,7 +30,6 @@ from butterfly.identification.consistency import (
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.findings import Ending, Finding, FindingKind
 from butterfly.identification.fit import Fit
-from butterfly.identification.levels import CLEARLY, FEW, LOST
 from butterfly.identification.limits import (
     Evidence,
     Rival,
@@ -40,6 +39,7 @@ from butterfly.identification.limits import (
     robust,
 )
 from butterfly.identification.linearisation import Linearisation, scaled_least_squares
+from butterfly.identification.parameter import CLEARLY, FEW, LOST
 from butterfly.identification.submodels import without_logs
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR, Penalty, Prior

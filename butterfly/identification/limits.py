@@ -28,16 +28,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from butterfly.arrays import Samples, unit_columns, unit_diagonal
+from butterfly.arrays import ROUNDING, Samples, unit_columns, unit_diagonal
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.levels import CONFIDENCE, FEW, ROUNDING, SPREADS
+from butterfly.identification.parameter import CONFIDENCE, FEW, SPREADS
 from butterfly.logs.log import MIN_SAMPLES, Log
 from butterfly.model.prior import Penalty
 from butterfly.model.terms import TERMS
 
 CELLS = 10
 """Blocks into which a log is cut: enough to estimate their scatter within a quarter."""
+
+WEIGHED = 0.2
+"""Relative tolerance of a variance, and of weights by it: scatter estimates none better."""
 
 
 SINGULAR_CONDITION = 1 / ROUNDING

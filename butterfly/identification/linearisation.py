@@ -16,16 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from butterfly.arrays import BLOCK, Samples, joined, unit_columns, unit_diagonal
+from butterfly.arrays import BLOCK, ROUNDING, Samples, joined, unit_columns, unit_diagonal
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.levels import FEW, ROUNDING, WEIGHED
 from butterfly.identification.limits import (
     CELLS,
+    WEIGHED,
     Conditioning,
     cluster_covariance,
     half_widths,
 )
 from butterfly.identification.loss import Loss, outlying
+from butterfly.identification.parameter import FEW
 from butterfly.model.prior import Penalty
 from butterfly.model.terms import TERMS, lower_bounds
 from butterfly.signals.spectrum import white_variance

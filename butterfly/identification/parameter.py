@@ -17,7 +17,8 @@ if half-widths were standard errors. The rows, the first that holds:
 | CARE | rough | care | 3.3 h <= the value |
 | POOR | rough | poor | else |
 
-One parameter of an estimate: a row of the one table that every view formats.
+One parameter of an estimate is a row of the one table that every view formats. The levels of
+significance, precision and relevance that all of identification shares stand before the scale.
 """
 
 from __future__ import annotations
@@ -25,13 +26,43 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields
 from enum import Enum
+from statistics import NormalDist
 from typing import Any
 
-from butterfly.identification.levels import CLEARLY
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import JointKind, LumpedParameters
 from butterfly.model.terms import PARAMETERS, TERMS
 from butterfly.verdict import Level
+
+CONFIDENCE = 0.95
+"""Level of all intervals; tests have a false-alarm rate of 1 less it."""
+
+SPREADS = NormalDist().inv_cdf(0.5 + CONFIDENCE / 2)
+"""Half width of an interval, in standard deviations of a normal distribution."""
+
+ACCUSED = 1e-3
+"""False-alarm rate of tests of given values, and of the homogeneity of logs."""
+
+CLEARLY = -NormalDist().inv_cdf(ACCUSED / 2)
+"""Standard errors above which two values contradict each other."""
+
+MATTERS = 0.01
+"""Share of a value below which a change is negligible."""
+
+SHOWS = 1e-3
+"""The same where errors are known, as those of steady responses are."""
+
+MATERIAL = 0.05
+"""Share of the squared errors that a missing term or a contrast explains if it is one."""
+
+LOST = 0.5
+"""Largest unexplained share of a motion, or of an effect, of a model that follows."""
+
+FEW = 3
+"""Logs, masses or parts of data: so many allow to leave one out, but no estimate of scatter."""
+
+DRAWS = round(1 / (1 - CONFIDENCE))
+"""Random draws of which one is expected outside an interval."""
 
 GOOD_WITHIN = 0.1
 """Relative half-width within which a value is good."""

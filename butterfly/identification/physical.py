@@ -32,7 +32,7 @@ from butterfly.identification.derived_quantities import (
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.free_run import LEAST_FIT
-from butterfly.identification.levels import CLEARLY, CONFIDENCE, MATTERS, SPREADS
+from butterfly.identification.parameter import CLEARLY, CONFIDENCE, MATTERS, SPREADS
 from butterfly.identification.segments import assumes_clock
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import AddedMass, JointKind

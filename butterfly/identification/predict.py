@@ -2,7 +2,7 @@
 
 The band of the parameters includes the motion of the model with parameters drawn from the
 estimate; that of a new log includes a recording: to each draw are added the errors of a held-out
-log. Both are pointwise, at `levels.CONFIDENCE`.
+log. Both are pointwise, at `parameter.CONFIDENCE`.
 
 Parameters are drawn from a normal distribution about the estimate. Its covariance is that of the
 scatter of the data, widened as the intervals are: along the differences of the leave-one-mass-out
@@ -33,8 +33,8 @@ from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FreeRun, Setting
-from butterfly.identification.levels import BAND_DRAWS, CONFIDENCE, DRAWS, SPREADS
 from butterfly.identification.limits import length_of, widened
+from butterfly.identification.parameter import CONFIDENCE, DRAWS, SPREADS
 from butterfly.identification.sensor_errors import SensorErrors
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
@@ -81,7 +81,7 @@ def require_draws(count: int, seed: int) -> None:
 
 
 def draw_parameters(
-    estimate: Estimate, count: int = BAND_DRAWS, *, masses: Iterable[AddedMass] = (), seed: int = 0
+    estimate: Estimate, count: int, *, masses: Iterable[AddedMass] = (), seed: int = 0
 ) -> ParameterDraws:
     """Draw parameters within their bounds, with equal weights.
 

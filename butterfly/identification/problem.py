@@ -13,13 +13,12 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.arrays import Samples
+from butterfly.arrays import ROUNDING, Samples
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.findings import Ending
-from butterfly.identification.fit import CONVERGED, Box, Fit, minimise
-from butterfly.identification.levels import MOST, PASSES, ROUNDING
+from butterfly.identification.fit import CONVERGED, MOST, PASSES, Box, Fit, minimise
 from butterfly.identification.limits import cells_of, independent_cells_of
 from butterfly.identification.linearisation import Linearisation, scaled_least_squares
 from butterfly.identification.loss import Loss

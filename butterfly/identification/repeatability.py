@@ -32,7 +32,7 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.output_error import OutputError
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.levels import MATTERS
+from butterfly.identification.parameter import MATTERS
 from butterfly.identification.problem import Start
 from butterfly.logs.log import Log
 from butterfly.model.prior import Prior

@@ -23,8 +23,8 @@ from butterfly.identification.estimate import Estimate
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import MissingTerms
 from butterfly.identification.free_run import FreeRun, Setting
-from butterfly.identification.levels import DRAWS, SHOWS, SPREADS
 from butterfly.identification.linearisation import Linearisation
+from butterfly.identification.parameter import DRAWS, SHOWS, SPREADS
 from butterfly.identification.predict import covariance_root, honest_covariance
 from butterfly.identification.problem import Key, columns_of, labels_of, relative
 from butterfly.identification.sensor_errors import (

@@ -27,9 +27,9 @@ from scipy.optimize import minimize
 
 from butterfly.arrays import Samples, unit_columns
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.levels import CLEARLY, MATTERS
 from butterfly.identification.limits import CELLS
 from butterfly.identification.linearisation import Linearisation
+from butterfly.identification.parameter import CLEARLY, MATTERS
 from butterfly.identification.submodels import NEGLIGIBLE
 from butterfly.model.prior import Penalty
 from butterfly.model.terms import DISSIPATIVE, GROWING

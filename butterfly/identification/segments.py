@@ -23,9 +23,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from butterfly.arrays import Samples, joined
+from butterfly.arrays import ROUNDING, Samples, joined
 from butterfly.errors import InputError
-from butterfly.identification.levels import ROUNDING
 from butterfly.identification.test_functions import HALF_WIDTH, VELOCITY_SHARE
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.model.greybox import (

@@ -26,10 +26,9 @@ from scipy import fft
 from scipy.optimize import brentq
 from scipy.special import fdtrc, ndtr, ndtri
 
-from butterfly.arrays import Samples, blocks, standard_error
+from butterfly.arrays import ROUNDING, Samples, blocks, standard_error
 from butterfly.compiled import compiled
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.levels import CONFIDENCE, ROUNDING
 from butterfly.identification.limits import (
     Rival,
     cluster_covariance,
@@ -37,6 +36,7 @@ from butterfly.identification.limits import (
     independent_cells_of,
 )
 from butterfly.identification.linearisation import Linearisation
+from butterfly.identification.parameter import CONFIDENCE
 from butterfly.identification.submodels import submodels_of
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import lower_bounds

@@ -14,18 +14,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.arrays import Samples, joined
-from butterfly.identification.levels import MOST, ROUNDING, SHOWS
+from butterfly.arrays import ROUNDING, Samples, joined
+from butterfly.identification.fit import MOST
 from butterfly.identification.limits import edges_of
+from butterfly.identification.parameter import SHOWS
 from butterfly.identification.segments import LONGEST_STEP, Segments, Starts, needs_loop
-from butterfly.logs.log import InitialState, Log
+from butterfly.logs.initial_state import InitialState
+from butterfly.logs.log import Log
 from butterfly.model.greybox import Columns
 from butterfly.model.parameters import LumpedParameters
 from butterfly.progress import current_search

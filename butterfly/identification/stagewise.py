@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from butterfly.arrays import Samples, standard_error
 from butterfly.identification.agreement import score_of
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.levels import CONFIDENCE, FEW, MATERIAL
+from butterfly.identification.parameter import CONFIDENCE, FEW, MATERIAL
 from butterfly.identification.submodels import Submodels
 from butterfly.model.parameters import AddedMass, friction_brakes, value_if_absent
 from butterfly.model.prior import NO_PRIOR, Prior

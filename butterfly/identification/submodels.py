@@ -13,9 +13,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.arrays import Samples, unit_diagonal
-from butterfly.identification.levels import FEW, ROUNDING
+from butterfly.arrays import ROUNDING, Samples, unit_diagonal
 from butterfly.identification.linearisation import Linearisation
+from butterfly.identification.parameter import FEW
 from butterfly.model.parameters import value_if_absent
 from butterfly.model.terms import FOLLOWERS
 

@@ -24,9 +24,8 @@ import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
-from butterfly.arrays import Samples
+from butterfly.arrays import ROUNDING, Samples
 from butterfly.errors import InputError
-from butterfly.identification.levels import ROUNDING
 from butterfly.identification.limits import CELLS
 from butterfly.logs.log import Log
 from butterfly.model.linear import resonance_frequency

@@ -26,8 +26,8 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator, OutputError, WeakForm
 from butterfly.identification.findings import Finding
-from butterfly.identification.levels import CLEARLY, FEW
 from butterfly.identification.linearisation import Linearisation, Solution
+from butterfly.identification.parameter import CLEARLY, FEW
 from butterfly.identification.physical import is_possible
 from butterfly.identification.problem import Start
 from butterfly.identification.residuals import residuals_of

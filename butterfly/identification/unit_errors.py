@@ -17,7 +17,7 @@ from scipy.special import stdtrit
 from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError, InputError, listed
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.levels import CONFIDENCE, MATTERS, SHOWS
+from butterfly.identification.parameter import CONFIDENCE, MATTERS, SHOWS
 from butterfly.identification.segments import driven
 from butterfly.logs.log import InputKind, Log
 from butterfly.logs.units import UNITS

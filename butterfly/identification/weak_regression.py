@@ -29,10 +29,15 @@ from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.consistency import is_driven
 from butterfly.identification.findings import Ending
-from butterfly.identification.fit import Fit
-from butterfly.identification.levels import CLEARLY, CONFIDENCE, MOST, SHOWS, SPREADS, WEIGHED
-from butterfly.identification.limits import Conditioning, cluster_covariance, independent_cells_of
+from butterfly.identification.fit import MOST, Fit
+from butterfly.identification.limits import (
+    WEIGHED,
+    Conditioning,
+    cluster_covariance,
+    independent_cells_of,
+)
 from butterfly.identification.linearisation import Linearisation, Regression
+from butterfly.identification.parameter import CLEARLY, CONFIDENCE, SHOWS, SPREADS
 from butterfly.identification.segments import LONGEST_STEP
 from butterfly.identification.stagewise import STRIBECK, stribeck_velocity
 from butterfly.identification.test_functions import (

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property
 from pathlib import PurePath
 from types import NoneType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.polynomial import polynomial
 from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, nearest, require_number
 from butterfly.logs.clock import clock_reading, interval_reading, with_clock
-from butterfly.logs.free_swing import sine_at_start
+from butterfly.logs.initial_state import InitialState, initial_state_of
 from butterfly.logs.regimes import Regime, between_regimes
 from butterfly.logs.units import AS_IS, ColumnReading, Heading, Units, apportioned, read_unit
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, JointKind
@@ -29,19 +27,6 @@ MIN_SAMPLES = 16
 """Fewest samples that make a log."""
 
 _SPAN = 0.05  # s in which an angle changes by more than noise
-_REACH = 0.7  # rad of the motion's phase that a cubic can follow
-_WIDE = 1.0  # rad, beyond which a wider motion is no slower
-_FEWEST = 12  # samples that a cubic is fitted to
-_FEW, _SAME = 4, 2.0  # samples whose mean is compared with the next; standard errors that are none
-_SURE = 6.0  # standard errors from 0 at which a velocity counts
-_SETTLED = 0.3  # by which the velocity may change for half the samples
-_NOTABLE = 0.1  # of the rms velocity, above which a log begins in motion
-
-_PERIODS = 3  # of a sine that are fitted to find it steady
-_HARMONICS = 7  # of it: friction makes many in small swings
-_CALM = 0.003  # rms of other motion there, beyond white noise, relative to the swing
-_TURNING = 0.02  # of its largest velocity, below which it begins where it turns, at rest
-_OVER = 2.0  # rms of it at the very beginning, relative to the whole
 
 _NO_NUMBERS = "mMc"  # kinds of NumPy's: spans of time, dates, complex numbers
 
@@ -102,13 +87,6 @@ class Lead:
     time: Samples  # (n,) increasing timestamps in s, before the log's first one
     input: Samples  # the command at each
     setpoint: Samples | None = None  # of a servo in its loop
-
-
-class InitialState(NamedTuple):
-    """Angle in rad, from the encoder's zero, and velocity in rad/s at the first sample of a log."""
-
-    angle: float
-    velocity: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -545,31 +523,16 @@ class Log:
 
     @cached_property
     def initial_state(self) -> InitialState:
-        """Initial state: of a steady sine, by samples at rest, or a cubic of what moves at once.
-
-        Of a free swing with too few samples for a cubic it is that of a sine, at rest or not.
-        """
-        time, angle = self.time, self.angle
-        if not self.rms_speed > 0:
-            return InitialState(float(angle[0]), 0.0)
-        steady = self.excitation and _in_steady_swing(time, angle, self.excitation.omega)
-        if steady:
-            return steady
-        span = _REACH * min(self.rms_motion, _WIDE) / self.rms_speed
-        seen = int(np.searchsorted(time, time[0] + span, "right"))
-        count = max(seen, _FEWEST)
-        time, angle = time[:count], angle[:count]
-        free = not self.input.any()
-        if free and seen < _FEWEST:
-            return InitialState(*sine_at_start(time, angle))
-        begun, error = _fitted(time, angle, 3)
-        if self.lead is not None:
-            return begun
-        if free:  # no input sets it going, so that it moves as it did before
-            moves = abs(begun.velocity) > max(_SAME * error, _NOTABLE * self.rms_speed)
-        else:
-            moves = _moves(time, angle, self.rms_speed)
-        return begun if moves else InitialState(_rest(angle), 0.0)
+        """Initial state (see `initial_state_of`)."""
+        return initial_state_of(
+            self.time,
+            self.angle,
+            motion=self.rms_motion,
+            speed=self.rms_speed,
+            omega=self.excitation.omega if self.excitation else None,
+            free=not self.input.any(),
+            cut=self.lead is not None,
+        )
 
     @property
     def mean_step(self) -> float:
@@ -599,77 +562,3 @@ def slow_interval(logs: Sequence[Log]) -> float:
     """Return the sampling interval in s above which clocks are slow; 0 if none switches."""
     ends = [float(log.time[-1]) for log in logs]
     return between_regimes([log.clock_regimes for log in logs], ends)
-
-
-def _in_steady_swing(time: Samples, angle: Samples, omega: float) -> InitialState | None:
-    """Return the initial state of a steady sine; None if the first periods hold other motion.
-
-    After a start from rest it is as large as the swing, or largest at the very beginning.
-    """
-    period = 2 * np.pi / omega
-    count, few = np.searchsorted(time, time[0] + period * np.array([_PERIODS, 1 / _PERIODS**2]))
-    if count == time.size or few < _FEWEST:
-        return None
-    harmonics = omega * np.arange(1, 1 + _HARMONICS)
-    turns = np.exp(1j * omega * (time[:count] - time[0]))
-    turned = np.multiply.accumulate([turns] * _HARMONICS).T
-    columns = np.column_stack([np.ones(count), turned.real, turned.imag])
-    coefficients = np.linalg.solve(columns.T @ columns, columns.T @ angle[:count])
-    mean, cosines, sines = np.split(coefficients, [1, 1 + _HARMONICS])
-    other = angle[:count] - columns @ coefficients
-    squares, noise = np.square(other), np.square(np.diff(other)).mean() / 2
-    swing, velocity = math.hypot(cosines[0], sines[0]), float(harmonics @ sines)
-    calm = (
-        squares.mean() - noise < (_CALM * swing) ** 2
-        and squares[:few].mean() < _OVER**2 * squares.mean()
-    )
-    if not calm or abs(velocity) < _TURNING * omega * swing:
-        return None
-    return InitialState(float(mean[0] + cosines.sum()), velocity)
-
-
-def _moves(time: Samples, angle: Samples, speed: float) -> bool:
-    """Whether (n,) first samples are in motion: ever fewer of them give the same velocity."""
-    steps = np.abs(np.diff(angle))
-    finest = float(np.min(steps, where=steps > 0, initial=np.ptp(angle)))  # an encoder's step
-    before, moves = abs(_fitted(time, angle, 2)[0].velocity), False
-    while time.size > _FEWEST or not moves:
-        count = max(time.size // 2, _FEWEST)
-        time, angle = time[:count], angle[:count]
-        state, error = _fitted(time, angle, 2, finest)
-        if _SURE * error >= before:
-            break
-        velocity = abs(state.velocity)  # from rest, in the end a quarter to a half of that before
-        if velocity < _NOTABLE * speed or abs(velocity - before) > _SETTLED * velocity:
-            return False
-        before, moves = velocity, True
-    return moves
-
-
-def _rest(angle: Samples) -> float:
-    """Return the angle at which (n,) first samples begin: the mean while the joint rests.
-
-    It rests while the mean of as many samples that follow is the same, within its noise.
-    """
-    count = 0
-    while 2 * (half := max(2 * count, _FEW)) <= angle.size:
-        before, after = angle[:half], angle[half : 2 * half]
-        error = math.sqrt((before.var() + after.var()) / half)
-        if abs(after.mean() - before.mean()) > _SAME * error:
-            break
-        count = half
-    return float(angle[:count].mean() if count else angle[0])
-
-
-def _fitted(
-    time: Samples, angle: Samples, order: int, finest: float = 0.0
-) -> tuple[InitialState, float]:
-    """Fit a polynomial to first samples; return initial state and error of velocity."""
-    span = float(time[-1] - time[0])
-    columns = polynomial.polyvander((time - time[0]) / span, order)
-    coefficients, *_ = np.linalg.lstsq(columns, angle, rcond=None)
-    residuals = angle - columns @ coefficients
-    variance = max(float(residuals @ residuals) / max(angle.size - order - 1, 1), finest**2 / 12)
-    spread = np.linalg.inv(columns.T @ columns)[1, 1]
-    value, slope = coefficients[:2].tolist()
-    return InitialState(value, slope / span), float(np.sqrt(variance * spread)) / span

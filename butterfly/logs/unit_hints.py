@@ -6,7 +6,6 @@ Each format hands over the texts that it finds, and `UnitHints` tells which colu
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from collections import defaultdict
@@ -18,6 +17,18 @@ from pathlib import PurePath
 from typing import Any
 
 from butterfly.errors import InputError
+from butterfly.logs.keyed_text import (
+    DIVIDED,
+    OWN_NAMES,
+    UNIT_KEYS,
+    cells_of,
+    decoded,
+    halves,
+    nested_keys,
+    opened,
+    record_in,
+    segments,
+)
 from butterfly.logs.known_names import USUAL, parts_of
 from butterfly.logs.unit_words import (
     Mention,
@@ -39,8 +50,7 @@ from butterfly.logs.units import (
 Way = tuple[str | int, ...]
 """What something is said of: keys down to a column, a column's number, or () for the file."""
 
-_UNITS = {"unit", "units", "uom"}
-_ASIDE = _UNITS | {
+_ASIDE = UNIT_KEYS | {
     *("of", "measure", "measurement", "measured", "astropy", "engineering", "physical", "base"),
     *("string", "str", "text", "symbol", "label", "the", "all", "is", "are", "in", "as", "column"),
     *("columns", "col", "channel", "signal", "joint", "motor", "commanded", "recorded", "value"),
@@ -51,7 +61,6 @@ _HOLDERS = {
     *("headers", "column", "columns", "field", "fields", "channel", "channels", "signals"),
     *("variables", "schema", "pandas"),
 }  # keys that hold others and name no column
-_OWN_NAMES = ("name", "column", "field", "field_name", "id")
 _SCALES = {"scale_factor": 0, "add_offset": 1}  # of the conventions for netCDF
 _LETTERS = frozenset("VANsmhg")  # that are units
 
@@ -61,13 +70,8 @@ _OF_OTHERS = {
 }  # words of what a unit may be of besides a column
 _BRACKETED = re.compile(r"([^\[\](){},;|\t]*?)[\[({]([^\[\](){}]*)(?:[\])}]|$)")
 _IN_BRACKETS = re.compile(r"[\[({]([^\[\](){}]*)[\])}]")
-_DIVIDED = re.compile(r"[,;|\t]")
 _MARKS, _ENDS = " #%/\t,;", " #/\t,;"  # of comments
 _WIDE = re.compile(r"\s{2,}")
-_SECTION = re.compile(r"\[([^\[\]:=]+)\]")
-_PAIR = re.compile(
-    r"""([\w-]+)["']?\s*[:=]\s*("[^"]*"|'[^']*'|[^\s,;{}<>][^,;{}<>]*?(?=\s+\w+=|[,;{}<>/]|$))"""
-)
 _BETWEEN = _ASIDE - {"y"} | {"for", "given", "was", "were", "be", "stored", "logged", "expressed"}
 _WORDS = 6  # of a column's name in a text, and cells in a row about a column
 _SHOWN = 40  # characters of a text
@@ -96,7 +100,7 @@ class UnitHints:
         if place.count(".") > _DEEPEST or first.isdecimal():  # an index of pandas
             return
         for name, given in entries.items():
-            key, value = _text(name), _opened(given)
+            key, value = decoded(name), opened(given)
             mark = "." if place and not place.endswith(("metadata", "attribute")) else " "
             where = f"{place}{mark}{key}".strip(" .")
             below = way if key.lower() in _HOLDERS else (*way, key)
@@ -127,7 +131,7 @@ class UnitHints:
         for entry in entries:
             if not isinstance(entry, Mapping):
                 continue
-            names = [entry[key] for key in _OWN_NAMES if isinstance(entry.get(key), str)]
+            names = [entry[key] for key in OWN_NAMES if isinstance(entry.get(key), str)]
             if names:
                 self.metadata(entry, place, (*way, names[0]))
             else:
@@ -164,37 +168,37 @@ class UnitHints:
         """Collect lines: keys and values of any depth, rows of units, tables of columns, prose."""
         texts = [plain_text(line[:_LONGEST]) for line in [*dict.fromkeys(lines)][: self._left]]
         self._left -= len(texts)
-        self.metadata(nested(texts), place)
+        self.metadata(nested_keys(texts), place)
         for line in texts:
-            if pairs := record(line):
+            if pairs := record_in(line):
                 self.metadata([pairs], place)
                 continue
             plain = re.sub(r"[,;]\s+(in\s)", r" \1", line.lstrip(_MARKS).rstrip(_ENDS))
             self._hear(plain, place)
-            if self._row_in(plain, place, split or _cells):
+            if self._row_in(plain, place, split or cells_of):
                 continue
-            head, mark, rest = _halves(plain)
+            head, mark, rest = halves(plain)
             first, _, after = plain.partition(" ")
-            if mark and head.lower() in _UNITS:
+            if mark and head.lower() in UNIT_KEYS:
                 self._units(rest, (), place)
-            elif first.lower() in _UNITS and is_unit(after):
+            elif first.lower() in UNIT_KEYS and is_unit(after):
                 self._units(after, (), place)
-            for segment in _segments(plain):
+            for segment in segments(plain):
                 self._segment(segment, place)
 
     def _row_in(self, line: str, place: str, split: Callable[[str], list[str]]) -> bool:
         """Collect a row of units, or the unit in a row about one column; tell whether it is one."""
         first, *rest = split(line)
-        ways = [[first, *rest], _cells(line), _WIDE.split(line), _IN_BRACKETS.findall(line)]
+        ways = [[first, *rest], cells_of(line), _WIDE.split(line), _IN_BRACKETS.findall(line)]
         after = [line.partition(mark)[2] for mark in ":= "]
-        ways += [*map(_cells, after), *(text.split("/") for text in (line, *after))]
+        ways += [*map(cells_of, after), *(text.split("/") for text in (line, *after))]
         if _besides_unit(first) == ():
             ways += [rest, ["", *rest]]
         row = next((cells for cells in ways if self._is_row(cells)), None)
         if row is not None:
             self.row(row, place)
             return True
-        for cells in (_DIVIDED.split(line), _WIDE.split(line)):
+        for cells in (DIVIDED.split(line), _WIDE.split(line)):
             if len(cells) > _WORDS:
                 continue
             columns = [cell for cell in cells if len(self._columns((cell,))) == 1]
@@ -313,13 +317,13 @@ class UnitHints:
         """Collect the units found under a key of units."""
         if isinstance(value, Mapping):
             for key, below in value.items():
-                keys = () if key in _OWN_NAMES else _text(key).split(".")
-                self._units(_opened(below), (*way, *keys), place)
+                keys = () if key in OWN_NAMES else decoded(key).split(".")
+                self._units(opened(below), (*way, *keys), place)
         elif isinstance(value, list | tuple) and len(value) == len(self._names):
-            self.row([_text(cell) for cell in value], place)
+            self.row([decoded(cell) for cell in value], place)
         elif isinstance(value, list | tuple):
             for unit in value:
-                self._add(way, _text(unit), place, Said.AS_UNIT)
+                self._add(way, decoded(unit), place, Said.AS_UNIT)
         elif isinstance(value, str) and (way or is_unit(value)):
             self._add(way, value, place, Said.AS_UNIT)
         elif isinstance(value, str):
@@ -327,11 +331,11 @@ class UnitHints:
 
     def _units_of_all(self, text: str, place: str) -> None:
         """Collect ``s, mV, rad``, ``time: s, input: mV``, ``time s input mV``, or else a word."""
-        cells = _cells(text)
+        cells = cells_of(text)
         if self._is_row(cells):
             self.row(cells, place)
         elif any(mark in text for mark in ":=[({"):
-            for segment in _segments(text):
+            for segment in segments(text):
                 self._segment(segment, place, Said.AS_UNIT)
         elif is_unit(text) or not mentions(text):
             self._add((), text, place, Said.AS_UNIT)
@@ -347,7 +351,7 @@ class UnitHints:
 
     def _segment(self, text: str, place: str, how: Said | None = None) -> None:
         """Collect ``input unit: mV``, or any ``input: word`` and ``input [word]`` if told how."""
-        head, mark, rest = _halves(text)
+        head, mark, rest = halves(text)
         if mark and rest:
             besides = _besides_unit(head)
             if besides or how:
@@ -393,51 +397,13 @@ def _is_between(token: str) -> bool:
 
 def _is_of_list(token: str) -> bool:
     """Whether a token may stand in a list of units, one for each column."""
-    listed = {*_UNITS, "column", "col", "channel"}
+    listed = {*UNIT_KEYS, "column", "col", "channel"}
     return not _is_word(token) or is_value(token) or is_unit(token) or token.lower() in listed
 
 
 def _is_word(token: str) -> bool:
+    """Whether a token has a letter or a digit."""
     return any(map(str.isalnum, token))
-
-
-def nested(lines: Iterable[str]) -> dict[str, Any]:
-    """Return the keys with keys below them in lines as of YAML, JSON, TOML or INI."""
-    root: dict[str, Any] = {}
-    stack: list[tuple[float, dict[str, Any]]] = [(-1.0, root)]
-    for line in lines:
-        bare = line.strip("#%/\t ")
-        depth = float(len(line.rstrip()) - len(line.strip("#%/").lstrip()))
-        item = bare.startswith("- ")
-        bare = bare.removeprefix("- ").strip()
-        if section := _SECTION.fullmatch(bare):
-            stack = [(-1.0, root), (-0.5, root.setdefault(section[1], {}))]
-            continue
-        key, mark, value = _halves(bare)
-        key, value = key.strip(" \"'"), value.strip(" ,\"'")
-        while len(stack) > 1 and depth <= stack[-1][0]:
-            stack.pop()
-        if not mark or not key:
-            continue
-        mapping = stack[-1][1]
-        if item:
-            record: dict[str, Any] = {}
-            mapping.setdefault("", []).append(record)
-            stack.append((depth, record))
-            mapping = record
-            depth += 1
-        if value in {"", "{", "["}:
-            mapping[key] = {}
-            stack.append((depth, mapping[key]))
-        else:
-            mapping[key] = value
-    return {key: below for key, below in root.items() if not isinstance(below, str) and below}
-
-
-def record(line: str) -> dict[str, str]:
-    """Return the pairs of keys and values in a line that has a name and a unit; else none."""
-    pairs = {key: value.strip("\"'") for key, value in _PAIR.findall(line)}
-    return pairs if {*pairs} & {*_OWN_NAMES} and {*pairs} & _UNITS else {}
 
 
 def _units_within(row: Mapping[str, Any]) -> dict[str, Any]:
@@ -448,10 +414,12 @@ def _units_within(row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _key(name: object) -> str:
+    """Return a name as it is compared: plain, in lower case, without blanks."""
     return "".join(plain_text(str(name)).lower().split()).replace("_", "")
 
 
 def _words(text: str) -> list[str]:
+    """Return the words of a name in lower case."""
     return [word.lower() for word in parts_of(text)]
 
 
@@ -459,52 +427,11 @@ def _words(text: str) -> list[str]:
 def _besides_unit(key: str) -> tuple[str, ...] | None:
     """Return what else a key of units names, as a way; None if it is none."""
     words = _words(key)
-    if not _UNITS & {*words}:
+    if not UNIT_KEYS & {*words}:
         return None
-    named = [word for word in words if word not in _UNITS]
+    named = [word for word in words if word not in UNIT_KEYS]
     rest = [word for word in named if word not in _ASIDE]
     usual = set().union(*USUAL.values())
-    if rest and not ({*rest} & usual or (len(rest) == 1 and words[-1] in _UNITS)):
+    if rest and not ({*rest} & usual or (len(rest) == 1 and words[-1] in UNIT_KEYS)):
         return None  # unitsPerRotation
     return ("_".join(named),) if rest else ()
-
-
-def _halves(text: str) -> tuple[str, str, str]:
-    """Return a text before and after its first colon or equals sign, and which it is."""
-    place = re.search(r"[:=]", text)
-    if place is None:
-        return text, "", ""
-    return text[: place.start()].strip(), place[0], text[place.end() :].strip(" :=")
-
-
-def _segments(text: str) -> list[str]:
-    return [segment.strip() for segment in re.split(r"[,;|\t]|\s{3,}", text)]
-
-
-def _cells(text: str) -> list[str]:
-    parts = _DIVIDED.split(text)
-    parts = parts if len(parts) > 1 else text.split()
-    return [cell.strip() for cell in (parts if len(parts) > 1 else text.split("/"))]
-
-
-def _text(value: Any) -> str:  # noqa: ANN401 - whatever a file holds
-    if isinstance(value, bytes):
-        return value.decode("utf-8", "replace")
-    return str(value)
-
-
-def _opened(value: Any) -> Any:  # noqa: ANN401 - whatever a file holds
-    """Return bytes as text, arrays of texts as lists, and JSON in a text as what it holds."""
-    if hasattr(value, "tolist") and value.dtype.kind in "OSU":
-        value = value.tolist()
-    if isinstance(value, list | tuple) and value and isinstance(_opened(value[0]), str):
-        texts = [_text(_opened(cell)) for cell in value]
-        return texts[0] if len(texts) == 1 else texts
-    if isinstance(value, bytes):
-        value = _text(value)
-    if isinstance(value, str) and value.lstrip()[:1] in {"{", "["}:
-        try:
-            return json.loads(value)
-        except (ValueError, RecursionError):
-            return value
-    return value

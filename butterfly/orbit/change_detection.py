@@ -19,7 +19,7 @@ from scipy.special import fdtrc, ndtr, stdtrit
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, require_number
-from butterfly.identification.levels import CONFIDENCE
+from butterfly.identification.parameter import CONFIDENCE
 from butterfly.identification.test_functions import HALF_WIDTH, SPACING
 from butterfly.orbit.recalibration import SEGMENT
 

@@ -15,7 +15,7 @@ from scipy import fft
 from scipy.special import digamma
 
 from butterfly.identification.free_run import FreeRun
-from butterfly.identification.levels import CONFIDENCE
+from butterfly.identification.parameter import CONFIDENCE
 from butterfly.identification.predict import OF_NEW_LOG, OF_PARAMETERS, Prediction
 from butterfly.identification.residuals import ErrorBand, LogResiduals
 from butterfly.identification.sensor_errors import Curve

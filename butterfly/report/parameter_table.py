@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar
+from typing import Any
 
 from butterfly.identification.derived_quantities import SYMBOLS
 from butterfly.identification.forecast import Forecast, Identifiability
@@ -12,13 +12,12 @@ from butterfly.identification.physical import Missing, PhysicalParameters
 from butterfly.model.prior import plain
 from butterfly.report.format import interval, limit_text, upwards, with_error
 from butterfly.report.page import Marked, PageTable
-from butterfly.result import Answer
-from butterfly.verdict import Verdict
 
 FORECAST_HEADERS = ("parameter", "meaning", "before the fit", "expected", "what would mend it")
 """Headers of `forecast_rows`."""
 
-_TITLE = "Physical parameters and derived quantities"
+PHYSICAL_TITLE = "Physical parameters and derived quantities"
+"""Title of `physical_table`."""
 
 
 def parameter_texts(row: Parameter) -> dict[str, str]:
@@ -132,7 +131,7 @@ def physical_table(parameters: PhysicalParameters, zeros: Mapping[str, float]) -
         rows.append(("zero", " to ".join(ends), "", "rad", "encoder's angle less the model's"))
     caption = "Derived from the parameters, and from what is known of motor and joint."
     headers = ("", "value ± 95 %", "given", "unit", "meaning")
-    return PageTable(_TITLE, headers, rows, caption=caption, name="physical")
+    return PageTable(PHYSICAL_TITLE, headers, rows, caption=caption, name="physical")
 
 
 def physical_numbers(parameters: PhysicalParameters) -> dict[str, dict[str, Any]]:
@@ -160,26 +159,6 @@ def physical_sentences(parameters: PhysicalParameters) -> list[str]:
         )
         for gap in parameters.unidentified
     ]
-
-
-class Separated(Answer):
-    """Physical parameters, and what is left open of them."""
-
-    kind: ClassVar[str] = "physical"
-    short: ClassVar[bool] = True
-
-    @classmethod
-    def of(cls, parameters: PhysicalParameters, name: str, judged: Verdict) -> Separated:
-        """Tabulate what is known of the robot of some data."""
-        numbers = physical_numbers(parameters)
-        return cls(
-            title=f"{_TITLE} of {name!r}",
-            summary=(*judged.lines, *physical_sentences(parameters)),
-            content={
-                "rows": [{"parameter": parameter} | row for parameter, row in numbers.items()]
-            },
-            judged=judged,
-        )
 
 
 _SENTENCES = {

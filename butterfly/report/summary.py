@@ -1,12 +1,9 @@
-"""The summary of an identification, its tables, and the next step in words."""
+"""The summary of an identification, and its tables."""
 
 from __future__ import annotations
 
 import math
-import re
-import shlex
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from statistics import median
 from typing import Any
 
@@ -16,7 +13,6 @@ from butterfly.errors import InputError, listed
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import MOST_RUNS, OF_GOAL, Candidate, Plan
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.findings import FindingKind
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identified import Identified
 from butterfly.identification.parameter import Parameter
@@ -25,7 +21,6 @@ from butterfly.identification.weak_regression import EncoderOffset, OffsetKind, 
 from butterfly.logs.log import InputKind, Log
 from butterfly.logs.thinning import thinned
 from butterfly.model.prior import Prior
-from butterfly.model.terms import PARAMETERS, TERMS, offered
 from butterfly.report.agreement_texts import agreement_table
 from butterfly.report.finding_texts import REMEDY, estimate_verdict, grave_notes, minor_notes
 from butterfly.report.format import counted, fit_text, times_text, upwards
@@ -40,7 +35,6 @@ _MEASURED = {
     ("velocity",): "velocity (no angle was recorded)",
     ("angle", "velocity"): "angle, or velocity where no angle was recorded,",
 }
-_ADVICE = re.compile(r"Set (--\S+) (\S+?),? ")
 
 _HEADERS = {
     "estimate": "value ± 95 %",
@@ -323,63 +317,3 @@ def medians_of(row: Mapping[str, Any]) -> dict[str, float]:
     """Return the median FITs in % of a set of terms, in sample and by what was held out."""
     held = {f"held out, by {split}": fit["median"] for split, fit in row["left_out"].items()}
     return {"in sample": row["in_sample"]["median"], **held}
-
-
-def next_step(
-    identification: Identified,
-    words: Sequence[str],
-    data: Sequence[Path | str],
-    saved: Path | None = None,
-) -> str:
-    """Return a command to paste: it mends units or the model, or saves the result or uses it.
-
-    ``data``: paths, and options that say what is read, which other commands take too.
-    """
-    verdict, missing = (
-        estimate_verdict(identification.estimate),
-        identification.residuals.missing.terms,
-    )
-    if advice := _ADVICE.search(" ".join(verdict.lines)):
-        return _again(words, advice[1], advice[2], merged=True)
-    read = shlex.join(map(str, data))
-    if verdict.level is Level.WARNING:
-        poor = (
-            finding
-            for finding in identification.estimate.findings
-            if finding.kind is FindingKind.POOR_FIT
-        )
-        better = next((finding.parameters for finding in poor), ())
-        return (
-            f"butterfly identify {read} --method {better[0]}"
-            if better
-            else f"butterfly inspect {read}"
-        )
-    if missing:
-        names = (
-            n for n in identification.estimate.names if n not in PARAMETERS and not TERMS[n].follows
-        )
-        terms = ",".join([*names, *missing])
-        if identification.made_by is None or {*missing} <= {
-            *offered(identification.made_by.method)
-        }:
-            return _again(words, "--terms", terms)
-        return f"butterfly identify {read} --terms {terms}"
-    if saved is None:
-        return _again(words, "--save", "joint.json")
-    done = verdict.level is Level.GOOD and not identification.estimate.open
-    use = "validate" if done else "design"
-    return f"butterfly {use} {shlex.quote(str(saved))}"
-
-
-def _again(words: Sequence[str], option: str, value: str, *, merged: bool = False) -> str:
-    """Return the command anew, with a value of an option, or one more of its pairs."""
-    arguments: list[str] = []
-    for word in words:
-        arguments += word.split("=", maxsplit=1) if word.startswith(f"{option}=") else [word]
-    if option not in arguments:
-        return f"butterfly {shlex.join([*arguments, option, value])}"
-    at = arguments.index(option) + 1
-    column = f"{value.partition('=')[0]}="
-    pairs = [pair for pair in arguments[at].split(",") if merged and not pair.startswith(column)]
-    arguments[at] = ",".join([*pairs, value])
-    return f"butterfly {shlex.join(arguments)}"

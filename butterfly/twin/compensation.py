@@ -20,11 +20,11 @@ from typing import Any
 
 import numpy as np
 
+from butterfly.arrays import ROUNDING
 from butterfly.errors import InputError
 from butterfly.files import json_text
 from butterfly.identification.free_run import FreeRun
-from butterfly.identification.levels import FEW, ROUNDING, SPREADS
-from butterfly.identification.parameter import unit_of
+from butterfly.identification.parameter import FEW, SPREADS, unit_of
 from butterfly.identification.sensor_errors import SensorErrors
 from butterfly.logs.log import InputKind
 from butterfly.model.kernel.equation import friction_level, pull

@@ -6,8 +6,14 @@ import numpy as np
 import pytest
 
 import butterfly as bf
+from butterfly.api.result_verbs import BAND_DRAWS
+from butterfly.identification.parameter import CONFIDENCE
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.prior import Known
+
+
+def test_of_the_draws_of_a_band_five_are_expected_beyond_either_edge():
+    assert pytest.approx(5.0) == BAND_DRAWS * (1 - CONFIDENCE) / 2
 
 
 def test_an_experiment_is_predicted_by_its_inputs_alone(quick, result):

@@ -5,9 +5,10 @@ from pathlib import Path
 
 from butterfly.api.campaigns import Campaign
 from butterfly.campaigns.bench import Limits
-from butterfly.campaigns.campaign import OF_GOAL, CampaignOptions, CampaignResult
+from butterfly.campaigns.campaign import CampaignOptions, CampaignResult
 from butterfly.campaigns.contact import Contact
 from butterfly.campaigns.folder import Journal, Step
+from butterfly.identification.design import OF_GOAL
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 

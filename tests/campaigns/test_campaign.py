@@ -7,10 +7,10 @@ import pytest
 import butterfly as bf
 from butterfly.campaigns import folder
 from butterfly.campaigns.bench import Bench
-from butterfly.campaigns.campaign import OF_GOAL
 from butterfly.campaigns.drive import SafetyStop
 from butterfly.campaigns.laws import Relay, Signal
 from butterfly.errors import InputError
+from butterfly.identification.design import OF_GOAL
 from butterfly.plant.rig import Simulator
 from tests.campaigns.robots import TRUE, Faulty, rig, run
 

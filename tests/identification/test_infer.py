@@ -256,11 +256,11 @@ def test_what_cannot_be_drawn_is_refused():
     found = _estimate_of(VALUES, 0.1 * VALUES, np.eye(VALUES.size))
     unknown = replace(found, covariance=np.full_like(found.covariance, np.nan))
     with pytest.raises(IdentifiabilityError, match="no covariance"):
-        draw_parameters(unknown)
+        draw_parameters(unknown, 200)
     with pytest.raises(InputError, match="at least 40"):
         draw_parameters(found, 3)
     with pytest.raises(InputError, match="seed"):
-        draw_parameters(found, seed=-1)
+        draw_parameters(found, 200, seed=-1)
     light = np.array([-1.0, 0, 0, 0, 0, 0])
     heavy = replace(
         found, values=VALUES + light, lower=found.lower + light, upper=found.upper + light

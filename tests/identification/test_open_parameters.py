@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import butterfly as bf
+from butterfly.cli.next_command import next_command
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.design import next_experiments, wanted
 from butterfly.identification.estimate import Estimate
-from butterfly.report.summary import next_step
 from butterfly.verdict import Level
 from tests.independent.slow_joints import NOTHING_HOLDS, creeping, played, steady
 
@@ -133,8 +133,8 @@ def test_what_needs_the_inertia_says_so(found):
 
 
 def test_the_next_command_plans_the_run_that_closes_it(found):
-    assert next_step(found, ["identify", "my"], ["my"]).endswith("--save joint.json")
-    assert next_step(found, ["identify", "my"], ["my"], "a.json") == "butterfly design a.json"
+    assert next_command(found, ["identify", "my"], ["my"]).endswith("--save joint.json")
+    assert next_command(found, ["identify", "my"], ["my"], "a.json") == "butterfly design a.json"
     plan = bf.design(found.data)
     assert plan.summary[-1].startswith("Run next: ")
 

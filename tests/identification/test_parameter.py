@@ -4,13 +4,24 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 import butterfly as bf
+from butterfly.arrays import ROUNDING
 from butterfly.identification import parameter
 from butterfly.identification.derived_quantities import WAYS
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.levels import CLEARLY
-from butterfly.identification.parameter import GOOD_WITHIN, Parameter, Trust, trust_of
+from butterfly.identification.parameter import (
+    ACCUSED,
+    CLEARLY,
+    CONFIDENCE,
+    DRAWS,
+    GOOD_WITHIN,
+    SPREADS,
+    Parameter,
+    Trust,
+    trust_of,
+)
 from butterfly.report.parameter_table import badge_of
 from butterfly.verdict import Level
 from tests.identification.simulated import estimate_of
@@ -97,3 +108,13 @@ def test_good_within_less_changes_the_verdict_and_its_texts_and_nothing_else(
     assert more <= {way.name for way in WAYS if way.combined}
     after["physical"] = {name: after["physical"][name] for name in numbers["physical"]}
     assert after == numbers
+
+
+def test_spreads_hold_a_value_at_the_confidence_and_clear_contradictions_are_as_rare_as_said():
+    assert norm.cdf(SPREADS) - norm.cdf(-SPREADS) == pytest.approx(CONFIDENCE)
+    assert 2 * norm.sf(CLEARLY) == pytest.approx(ACCUSED)
+
+
+def test_of_its_draws_one_is_outside_an_interval():
+    assert pytest.approx(1.0) == DRAWS * (1 - CONFIDENCE)
+    assert np.finfo(float).eps == ROUNDING**2

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import butterfly as bf
-from butterfly.identification.fit import Box, minimise
-from butterfly.identification.levels import MOST
+from butterfly.identification.fit import MOST, Box, minimise
 from butterfly.identification.segments import FINEST, Segments
 from butterfly.logs.log import Log
 from butterfly.model.greybox import Columns, simulate, steps_of_interval

@@ -8,7 +8,7 @@ import pytest
 
 from butterfly.api.campaigns import Campaign
 from butterfly.campaigns.bench import Limits
-from butterfly.campaigns.campaign import OF_GOAL
+from butterfly.identification.design import OF_GOAL
 from tests.campaigns.ended import MASS, WISH, ended, step, told
 
 WIDE = dict.fromkeys(OF_GOAL, 0.5) | {"p2": 1.5}

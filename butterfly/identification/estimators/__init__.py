@@ -8,3 +8,9 @@ from butterfly.identification.estimators.fast_look import Linear as Linear
 from butterfly.identification.estimators.output_error import OutputError as OutputError
 from butterfly.identification.estimators.weak_form import WeakForm as WeakForm
 from butterfly.identification.loss import Loss as Loss
+
+DEFAULT_ESTIMATOR: type[Estimator] = OutputError
+"""What answers where no method is named."""
+
+DEFAULT_METHOD = "auto"
+"""Another name of its method."""

@@ -30,9 +30,9 @@ from butterfly.identification.estimators.start import refitted, residuals_are_wh
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Fit
 from butterfly.identification.free_run import is_held, own_time
-from butterfly.identification.levels import FEW, MATERIAL, WEIGHED
-from butterfly.identification.limits import CELLS
+from butterfly.identification.limits import CELLS, WEIGHED
 from butterfly.identification.loss import Loss
+from butterfly.identification.parameter import FEW, MATERIAL
 from butterfly.identification.problem import Problem, Start
 from butterfly.identification.scatter import Likelihood
 from butterfly.identification.segments import assumes_clock, driven, undriven

@@ -26,17 +26,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from butterfly.arrays import Samples
+from butterfly.arrays import ROUNDING, Samples
 from butterfly.errors import IdentifiabilityError, require_names
 from butterfly.identification.consistency import with_scale
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator
 from butterfly.identification.findings import Ending, Finding, FindingKind
-from butterfly.identification.fit import Fit
+from butterfly.identification.fit import MOST, Fit
 from butterfly.identification.infer import Basis
-from butterfly.identification.levels import MOST, ROUNDING, SHOWS
 from butterfly.identification.linearisation import Regression
+from butterfly.identification.parameter import SHOWS
 from butterfly.identification.stagewise import STRIBECK, stribeck_velocity
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR, Penalty, Prior, require_usable

@@ -17,7 +17,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from butterfly.arrays import Samples
+from butterfly.arrays import ROUNDING, Samples
 from butterfly.errors import IdentifiabilityError, InputError, require_names, require_number
 from butterfly.identification.agreement import Conditions
 from butterfly.identification.chosen_terms import (
@@ -54,9 +54,9 @@ from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Fit, MissingTerms
 from butterfly.identification.free_run import first_horizon
 from butterfly.identification.infer import Basis, infer
-from butterfly.identification.levels import FEW, ROUNDING, SHOWS
 from butterfly.identification.limits import Rival, cells_of
 from butterfly.identification.loss import Loss
+from butterfly.identification.parameter import FEW, SHOWS
 from butterfly.identification.problem import LOCAL, Key, Problem, ProblemOptions, Start
 from butterfly.identification.stagewise import candidates
 from butterfly.logs.log import Log, slow_interval

@@ -15,23 +15,16 @@ from functools import partial
 
 import numpy as np
 
-from butterfly.arrays import Samples
+from butterfly.arrays import ROUNDING, Samples
 from butterfly.errors import ButterflyError, IdentifiabilityError
 from butterfly.identification.chosen_terms import TRIAL, offered_rows
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators.weak_form import WeakForm
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.fit import Fit
+from butterfly.identification.fit import MOST, PASSES, Fit
 from butterfly.identification.free_run import LEAST_FIT, FreeRun, Setting
-from butterfly.identification.levels import (
-    LOST,
-    MATTERS,
-    MOST,
-    PASSES,
-    ROUNDING,
-    SHOWS,
-)
 from butterfly.identification.linearisation import Linearisation, scaled_least_squares
+from butterfly.identification.parameter import LOST, MATTERS, SHOWS
 from butterfly.identification.problem import Problem, Start
 from butterfly.identification.segments import driven_alone
 from butterfly.identification.stagewise import PROMISED, candidates

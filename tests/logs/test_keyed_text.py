@@ -1,0 +1,47 @@
+"""Keys and values are found in lines of any of the usual notations, and in what files hold."""
+
+import numpy as np
+import pytest
+
+from butterfly.logs.keyed_text import cells_of, halves, nested_keys, opened, record_in, segments
+
+BELOW = {"units": {"time": "s", "input": "mV"}}
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        ["# units:", "#   time: s", "#   input: mV"],
+        ["[units]", "time = s", 'input = "mV"'],
+        ['"units": {', '  "time": "s",', '  "input": "mV"', "}"],
+    ],
+)
+def test_keys_below_a_key_are_found_however_they_are_written(lines):
+    assert nested_keys(lines) == BELOW
+
+
+def test_items_of_a_list_are_records_and_what_stands_alone_is_no_key():
+    lines = ["columns:", "  - name: time", "    unit: s", "  - name: input", "rate: 500"]
+    found = nested_keys(lines)
+    assert found == {"columns": {"": [{"name": "time", "unit": "s"}, {"name": "input"}]}}
+
+
+def test_a_line_is_a_record_if_it_has_a_name_and_a_unit():
+    assert record_in("name=input, unit='mV'") == {"name": "input", "unit": "mV"}
+    assert record_in("name=input, gain=3") == {}
+
+
+def test_a_row_is_divided_at_marks_or_blanks_or_slashes_and_a_text_at_its_first_mark():
+    for row in ("s, mV, rad", "s mV rad", "s|mV|rad", "s/mV/rad"):
+        assert cells_of(row) == ["s", "mV", "rad"]
+    assert segments("time in s; input in mV") == ["time in s", "input in mV"]
+    assert halves("input = mV: peak") == ("input", "=", "mV: peak")
+    assert halves("input") == ("input", "", "")
+
+
+def test_bytes_arrays_of_texts_and_json_are_opened_and_other_values_stay():
+    assert opened(b'{"unit": "mV"}') == {"unit": "mV"}
+    assert opened(np.array(["s", "mV"])) == ["s", "mV"]
+    assert opened(np.array(["mV"])) == "mV"
+    assert opened("{mV}") == "{mV}"
+    assert opened(0.5) == 0.5
