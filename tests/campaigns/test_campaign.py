@@ -119,6 +119,7 @@ def test_readings_that_end_at_a_stop_are_not_followed_and_no_goal_is_claimed(tmp
     assert "no end stop or cable touches the joint" in found.content["ending"]
 
 
+@pytest.mark.slow
 def test_what_the_model_does_not_follow_ends_in_words_after_small_runs(tmp_path):
     found = run(Faulty("fading"), tmp_path / "a", step=None)
     assert not found.reached

@@ -1,7 +1,7 @@
 """Benches with a defect: the answer holds what is true, and what itself says besides."""
 
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 import pytest
@@ -17,6 +17,9 @@ from butterfly.identification.findings import FindingKind
 from butterfly.model.terms import RARE
 from tests.identification.simulated import cells
 from tests.independent.defects import draw
+
+AGAIN = partial(pytest.param, marks=pytest.mark.slow)
+"""The same claim of another robot."""
 
 
 @lru_cache
@@ -41,7 +44,7 @@ def _rival_scales(found):
     return {name for each in alike for name in each.parameters[1:]}
 
 
-@pytest.mark.parametrize("number", [2, 5])  # chirps, on stamps that are short, and long
+@pytest.mark.parametrize("number", [2, AGAIN(5)])  # chirps, on stamps that are short, and long
 def test_stamps_that_are_off_by_a_share_are_a_rival_of_what_masses_show(number):
     truth, found, limits = _found("clock", number)
     assert "time_scale" in _rival_scales(found)
@@ -80,7 +83,7 @@ def test_a_cable_that_pulls_like_a_spring_is_no_bias():
     assert lower <= truth["p3"] <= upper < lower + 0.05 * truth["p3"]
 
 
-@pytest.mark.parametrize("number", [5, 18])
+@pytest.mark.parametrize("number", [5, AGAIN(18)])
 def test_a_cable_of_which_a_bias_alone_is_fitted_is_a_rival_of_the_gravity_moment(number):
     truth, found, limits = _found("spring", number, 1)
     assert "bias" in found.names
@@ -97,7 +100,7 @@ def test_a_spring_is_no_rival_where_no_bias_is_fitted():
     assert FindingKind.LIKE_TERM not in {each.kind for each in found.findings}
 
 
-@pytest.mark.parametrize("number", [0, 3, 4])
+@pytest.mark.parametrize("number", [0, AGAIN(3), AGAIN(4)])
 def test_an_encoder_off_its_centre_is_seen_and_its_scale_is_in_the_gain(number):
     truth, found, limits = _found("eccentric", number, 643)
     (off,) = [each for each in found.findings if each.kind is FindingKind.OFF_CENTRE]
@@ -109,7 +112,7 @@ def test_an_encoder_off_its_centre_is_seen_and_its_scale_is_in_the_gain(number):
     assert upper - lower < 0.02 * truth["p4"]
 
 
-@pytest.mark.parametrize(("row", "number"), [("control", 0), ("backlash", 2), ("spring", 1)])
+@pytest.mark.parametrize(("row", "number"), [("control", 0), AGAIN("backlash", 2), AGAIN("spring", 1)])
 def test_no_other_defect_is_an_encoder_off_its_centre(row, number):
     found = _found(row, number, 643)[1]
     assert FindingKind.OFF_CENTRE not in {each.kind for each in found.findings}
@@ -165,7 +168,7 @@ def test_what_the_logs_cannot_tell_of_each_is_said_to_differ_from_none():
     assert differing_values(equations, "p2") is None
 
 
-@pytest.mark.parametrize("number", [0, 11])
+@pytest.mark.parametrize("number", [0, AGAIN(11)])
 def test_a_base_is_told_from_an_inertia_of_the_masses_by_fits_of_both(number):
     """One step favours the inertia; fitted, it leaves two to three times the noise."""
     robot = draw("base", number, 1017)
