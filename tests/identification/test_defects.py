@@ -112,7 +112,9 @@ def test_an_encoder_off_its_centre_is_seen_and_its_scale_is_in_the_gain(number):
     assert upper - lower < 0.02 * truth["p4"]
 
 
-@pytest.mark.parametrize(("row", "number"), [("control", 0), AGAIN("backlash", 2), AGAIN("spring", 1)])
+@pytest.mark.parametrize(
+    ("row", "number"), [("control", 0), AGAIN("backlash", 2), AGAIN("spring", 1)]
+)
 def test_no_other_defect_is_an_encoder_off_its_centre(row, number):
     found = _found(row, number, 643)[1]
     assert FindingKind.OFF_CENTRE not in {each.kind for each in found.findings}
