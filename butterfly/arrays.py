@@ -49,3 +49,13 @@ def blocks(count: int) -> Iterator[slice]:
 def joined(parts: Sequence[NDArray[_Number]]) -> NDArray[_Number]:
     """Return arrays one after the other; a single one itself."""
     return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+
+def read_only(numbers: Samples) -> Samples:
+    """Return numbers as contiguous ones that nobody may write to.
+
+    Wherever they come from, compiled functions then see one type, and are compiled once.
+    """
+    seen = np.ascontiguousarray(numbers, dtype=np.float64).view()
+    seen.flags.writeable = False
+    return seen

@@ -5,7 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from butterfly.arrays import BLOCK, blocks, joined, standard_error, unit_columns, unit_diagonal
+from butterfly.arrays import (
+    BLOCK,
+    blocks,
+    joined,
+    read_only,
+    standard_error,
+    unit_columns,
+    unit_diagonal,
+)
 
 RNG = np.random.default_rng(0)
 
@@ -51,3 +59,14 @@ def test_a_single_part_is_joined_without_a_copy():
     part = np.arange(3)
     assert joined([part]) is part
     np.testing.assert_array_equal(joined([part, part + 3]), np.arange(6))
+
+
+@pytest.mark.parametrize("numbers", [RNG.normal(size=9), RNG.normal(size=18)[::2], np.arange(9)])
+def test_what_is_read_has_one_layout_the_same_values_and_refuses_to_be_written(numbers):
+    seen = read_only(numbers)
+    np.testing.assert_array_equal(seen, numbers)
+    assert seen.flags.c_contiguous
+    assert seen.dtype == np.float64
+    with pytest.raises(ValueError, match="read-only"):
+        seen[0] = 1.0
+    assert numbers.flags.writeable

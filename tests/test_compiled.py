@@ -2,9 +2,13 @@ import os
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+from numba.core.registry import CPUDispatcher
 
 import butterfly
+from butterfly.logs.log import Intersample
+from butterfly.signals import hold, polynomials
 from tests.conftest import brief_quickstart
 from tests.programs import said
 
@@ -161,3 +165,24 @@ def test_what_only_kernels_call_is_compiled_once_for_all_constants_and_runs_in_p
     (small / "alone.py").write_text(ALONE)
     lines = _start(small, "import small.alone").split("\n")
     assert lines == ["Compiling (once after installation)", "total", "power", "12.0 16.0", ""]
+
+
+def _layouts(numbers):
+    """The same numbers as other programs leave them in memory."""
+    strided, guarded = np.repeat(numbers, 2)[::2], numbers.copy()
+    guarded.flags.writeable = False
+    return numbers, strided, guarded
+
+
+def test_what_is_read_from_anywhere_is_compiled_once():
+    time = np.arange(0.0, 0.2, 0.01)
+    for stamps in _layouts(time):
+        for values in _layouts(np.sin(40 * time)):
+            hold.mean(stamps, values, time, Intersample.ZERO_ORDER_HOLD)
+            hold.parabolas(stamps, values, time, Intersample.ZERO_ORDER_HOLD)
+            hold.for_sums(stamps, values, time, Intersample.ZERO_ORDER_HOLD)
+            polynomials.averages(time, stamps, values, slopes=False)
+            polynomials.interpolate(time, values, values, stamps, slopes=False)
+    kernels = (vars(module).values() for module in (hold, polynomials))
+    for kernel in (each for values in kernels for each in values if type(each) is CPUDispatcher):
+        assert len(kernel.signatures) <= 1, kernel

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from butterfly.arrays import Samples
+from butterfly.arrays import Samples, read_only
 from butterfly.compiled import compiled, inlined, pasted
 from butterfly.logs.log import Intersample
 
@@ -23,6 +23,7 @@ _ASTRAY = 1e-9  # share of an interval by which a stamp may miss its edge by rou
 def mean(time: Samples, inputs: Samples, edges: Samples, hold: Intersample) -> Samples:
     """Return the (m - 1,) means of the input between (m,) increasing edges in s."""
     means = np.empty(edges.size - 1)
+    time, inputs, edges = map(read_only, (time, inputs, edges))
     _means(time, inputs, edges, hold is Intersample.FIRST_ORDER_HOLD, means)
     return means
 
@@ -36,6 +37,7 @@ def parabolas(time: Samples, inputs: Samples, edges: Samples, hold: Intersample)
     timestamp passes an edge; the derivative there is the mean of both sides.
     """
     values = np.empty((2, edges.size - 1, 3))
+    time, inputs, edges = map(read_only, (time, inputs, edges))
     _parabolas(time, inputs, edges, hold is Intersample.FIRST_ORDER_HOLD, values)
     return values
 
@@ -51,7 +53,7 @@ def for_sums(time: Samples, inputs: Samples, grid: Samples, hold: Intersample) -
         return np.interp(grid, time, inputs)
     rate = (grid.size - 1) / (grid[-1] - grid[0])
     rise = np.zeros(grid.size + 5)  # of the samples, two more at either end, and one
-    _spread_steps(time, inputs, grid[0], rate, rise)
+    _spread_steps(read_only(time), read_only(inputs), grid[0], rate, rise)
     return np.cumsum(rise)[2:-3]
 
 

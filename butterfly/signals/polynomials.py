@@ -11,7 +11,7 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
-from butterfly.arrays import Samples
+from butterfly.arrays import Samples, read_only
 from butterfly.compiled import compiled
 
 _BLOCK = 1024  # samples that stay in the fastest cache
@@ -31,6 +31,7 @@ def averages(
     size = grid.size - 1
     into, counts = np.full(size, -1), np.empty(size, dtype=np.int64)
     weights, means = np.empty((8, size)), np.empty(size)
+    grid, instants, values = map(read_only, (grid, instants, values))
     rows = _average(grid, instants, values, slopes, early, into, weights, means, counts)
     return into, weights[:, :rows].copy(), means[:rows], counts[:rows]
 
@@ -76,6 +77,7 @@ def interpolate(
 ) -> Samples:
     """Return the (m,) angles, or ``slopes``, at increasing instants, also beyond the grid."""
     result = np.empty(instants.size)
+    grid, angle, velocity, instants = map(read_only, (grid, angle, velocity, instants))
     _interpolate(grid, angle, velocity, instants, slopes, result)
     return result
 
@@ -109,7 +111,7 @@ def slope(values: Samples, reach: int, order: int, step: float) -> Samples:
     begin = rises[:-1] @ (fit @ (values[:width] - values[0]))  # exactly 0 for equal samples
     end = rises[:-1] @ (fit @ (values[-1] - values[: -width - 1 : -1]))
     inner = np.zeros(values.size - 2 * reach)
-    _antisymmetric(values, (rises[-1] @ fit)[reach + 1 :], inner)
+    _antisymmetric(read_only(values), (rises[-1] @ fit)[reach + 1 :], inner)
     return np.concatenate([begin, inner, end[::-1]]) / step
 
 
