@@ -15,6 +15,10 @@ WITH_KERNELS = NUMBA_CACHE_DIR=$$($(BIN)/python -m tests.kernels) && export NUMB
 # A module is compiled when it is first imported, not by each process anew.
 unexport PYTHONDONTWRITEBYTECODE
 
+# A bench writes its part of docs/benches.md where this is set: WRITE=1.
+WRITE ?=
+export BUTTERFLY_BENCH_WRITE ?= $(WRITE)
+
 .PHONY: constraints demo docs lowest outputs pictures profile test test-slow film lint types bench bench-short campaigns compilation coverage faults sound repeats kinds strangers paces forecasts fuzz readers readback record record-check texts units wheel clean
 
 demo: $(VENV)/.runtime

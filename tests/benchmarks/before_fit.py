@@ -19,6 +19,7 @@ from butterfly.identification.forecast import Identifiability, forecast
 from butterfly.identification.parameter import GOOD_WITHIN
 from butterfly.model.prior import Prior
 from butterfly.model.terms import PARAMETERS
+from tests.benchmarks.kept import command, keep
 from tests.independent import robots
 from tests.independent.bodies import Encoder, Run, dry, hinge, record, with_gain
 from tests.independent.drives import chirp, log_uniform, multisine, sine, steps
@@ -165,7 +166,9 @@ def main(arguments=None):
             rows += scored(kind, number, asked.seed)
             print(f"\r{kind} {number + 1}/{asked.robots}\033[K", end="", file=sys.stderr)
     print(file=sys.stderr)
-    print(report(rows))
+    text = report(rows)
+    print(text)
+    keep("forecasts", text, command())
 
 
 def scored(kind, number, seed):

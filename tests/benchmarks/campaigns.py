@@ -109,7 +109,7 @@ def main(arguments=None):
     parser.add_argument("--kind", nargs="*", choices=KINDS, default=KINDS)
     asked = parser.parse_args(arguments)
     jobs = [(kind, number, asked.seed) for kind in asked.kind for number in range(asked.robots)]
-    write(asked, _score, jobs, report)
+    write("campaigns", asked, _score, jobs, report)
 
 
 def _score(job):

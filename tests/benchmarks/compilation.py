@@ -15,6 +15,8 @@ import sys
 import tempfile
 from pathlib import Path
 
+from tests.benchmarks.kept import keep
+
 ROOT = Path(__file__).parents[2]
 QUICKSTART = ROOT / "experiments" / "quickstart.yaml"
 IMPORTS = "import mujoco, scipy.optimize, numba, control, plotly, pydantic"
@@ -30,6 +32,7 @@ COMMANDS = {
 def main():
     """Print a table for each command, or for those that are named."""
     imports = min(_cpu([sys.executable, "-c", IMPORTS], os.environ) for _ in range(3))
+    lines = []
     with tempfile.TemporaryDirectory() as folder:
         simulated = Path(folder) / "simulated"
         simulated.mkdir()
@@ -42,12 +45,15 @@ def main():
                 shutil.rmtree(place / "results")
             again, _ = _run(COMMANDS[name], place, place / "kernels")
             _print(name, rows)
-            print(
-                f"\n`{' '.join(('butterfly', *COMMANDS[name]))}`: first {first:.1f} s of CPU, "
-                f"{first / imports:.1f} imports; again {again:.1f} s, {again / imports:.1f}; "
-                f"compilation {sum(row['seconds'] for row in rows):.1f} s. "
-                f"An import: {imports:.2f} s."
+            compiled = sum(row["seconds"] for row in rows)
+            lines.append(
+                f"| {name} | {first:.1f} s, {first / imports:.1f} | {compiled:.1f} s, {len(rows)} "
+                f"functions | {again:.1f} s, {again / imports:.1f} | {imports:.2f} s |"
             )
+    heads = "| command | first: CPU, imports | of it compilation | again | an import |"
+    table = "\n".join([heads, "|---" * 5 + "|", *lines])
+    print(f"\n{table}")
+    keep("compilation", table, "make compilation")
 
 
 def _results(_, names):

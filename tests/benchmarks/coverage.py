@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from butterfly.model.terms import PARAMETERS
+from tests.benchmarks.kept import command, keep
 from tests.independent.robots import FAMILIES, draw
 from tests.independent.scores import METHODS, Score, score
 
@@ -37,7 +38,7 @@ def main(arguments=None):
         for family in asked.family
         for number, repeat in robots or [(k, 0) for k in range(asked.robots)]
     ]
-    write(asked, _score_robot, jobs, report)
+    write("coverage", asked, _score_robot, jobs, report)
 
 
 def options(doc, methods, robots):
@@ -61,7 +62,7 @@ def asked_of_kinds(arguments, doc, methods, robots, kinds):
     return asked, [(*job, asked.seed) for job in product(asked.kind, numbers, asked.method)]
 
 
-def write(asked, function, jobs, *reports):
+def write(name, asked, function, jobs, *reports):
     """Score by a function from a job to its scores, print reports, and keep what is asked for."""
     scores = []
     with ProcessPoolExecutor(asked.workers) as pool:
@@ -69,8 +70,9 @@ def write(asked, function, jobs, *reports):
             scores += more
             print(f"\r{done}/{len(jobs)}", end="", file=sys.stderr, flush=True)
     print(file=sys.stderr)
-    for each in reports:
-        print(each(scores))
+    text = "\n".join(each(scores) for each in reports)
+    print(text)
+    keep(name, text, command())
     if asked.json:
         rows = json.dumps([asdict(each) for each in scores], indent=1)
         Path(asked.json).write_text(rows, encoding="utf-8")

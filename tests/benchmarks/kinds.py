@@ -26,7 +26,7 @@ ENOUGH = 0.8
 def main(arguments=None):
     """Score, print, and write what was asked for."""
     asked, jobs = asked_of_kinds(arguments, __doc__, METHODS, 20, KINDS)
-    write(asked, _score_job, jobs, report, counts)
+    write("kinds", asked, _score_job, jobs, report, counts)
 
 
 def _score_job(job):
@@ -55,11 +55,11 @@ def counts(scores: list[Score]) -> str:
             for name in PARAMETERS
         }
         found = [covered for name in PARAMETERS for covered in held[name]]
-        cells = [f"{sum(each)}/{len(each)}" if each else "" for each in held.values()]
+        cells = [f"{sum(each)}/{len(each)}" if each else "–" for each in held.values()]
         refused = sum(bool(each.refused) for each in rows)
         shares = [sum(each) / (len(each) + refused) for each in held.values() if each]
         enough = bool(shares) and min(shares) >= ENOUGH
-        pooled = f"{100 * np.mean(found):.1f}" if found else ""
+        pooled = f"{100 * np.mean(found):.1f}" if found else "–"
         lines.append(f"| {kind} {method} | {' | '.join([*cells, pooled, str(enough)])} |")
     return "\n".join(lines)
 

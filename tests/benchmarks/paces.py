@@ -24,7 +24,7 @@ ANSWERED = {Level.GOOD.verdict, Level.CARE.verdict}
 def main(arguments=None):
     """Score, print, and write what was asked for."""
     asked, jobs = asked_of_kinds(arguments, __doc__, METHODS, 60, KINDS)
-    write(asked, _score_job, jobs, counts)
+    write("paces", asked, _score_job, jobs, counts)
 
 
 def _score_job(job):
@@ -46,14 +46,14 @@ def score(kind, number, method, seed):
 
 def counts(scores: list[Score]) -> str:
     """Return how many robots are answered, and how many answers hold the truth; who is missed."""
-    lines = ["\n| | answered | inside | all inside | median ± % | s |", "|---" * 6 + "|"]
+    lines = ["\n| kind | answered | inside | all inside | median ± % | s |", "|---" * 6 + "|"]
     missed = []
     for (kind, method), rows in grouped(scores).items():
         answered = [each for each in rows if each.verdict in ANSWERED]
         first = [next(iter(each.readings.values())) for each in rows if each.readings]
         whole = [all(reading.covered for reading in each.readings.values()) for each in answered]
         widths = sorted(each.half_width for each in first)
-        half = f"{widths[len(widths) // 2]:.2g}" if widths else ""
+        half = f"{widths[len(widths) // 2]:.2g}" if widths else "–"
         seconds = sum(each.seconds for each in rows) / len(rows)
         lines.append(
             f"| {kind} {method} | {len(answered)}/{len(rows)} | "

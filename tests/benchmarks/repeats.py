@@ -39,7 +39,7 @@ def main(arguments=None):
     parser.add_argument("--kind", nargs="*", choices=KINDS, default=KINDS)
     asked = parser.parse_args(arguments)
     jobs = [(kind, number, asked.seed) for kind in asked.kind for number in range(asked.robots)]
-    write(asked, _pairs, jobs, report)
+    write("repeats", asked, _pairs, jobs, report)
 
 
 def _pairs(job):

@@ -41,7 +41,7 @@ def main(arguments=None):
     told = {} if asked.terms is None else {"terms": asked.terms}
     numbers = asked.of or range(asked.robots)
     jobs = [(*job, asked.seed, told) for job in product(asked.law, numbers, asked.way)]
-    write(asked, _score_job, jobs, report, counts)
+    write("servos", asked, _score_job, jobs, report, counts)
 
 
 def _score_job(job):

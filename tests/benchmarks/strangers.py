@@ -19,6 +19,7 @@ from butterfly.errors import ButterflyError
 from butterfly.model.terms import PARAMETERS
 from butterfly.verdict import Level
 from tests.benchmarks.coverage import options
+from tests.benchmarks.kept import command, keep
 from tests.independent.strangers import KINDS, bound, draw
 
 TOLD = 20.0
@@ -98,7 +99,9 @@ def main(arguments=None):
         for each in pool.map(meet, *zip(*jobs, strict=True)):
             met.append(each)
             print(each, flush=True)
-    print(summary(met))
+    text = summary(met)
+    print(text)
+    keep("strangers", f"```text\n{text.strip()}\n```", command())
     if asked.json:
         Path(asked.json).write_text(json.dumps([*map(asdict, met)], indent=1), encoding="utf-8")
 

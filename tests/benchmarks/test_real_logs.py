@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
+import butterfly as bf
 from butterfly.identification.data import read_data_set
 from butterfly.identification.estimators import HarmonicBalance, OutputError
 from butterfly.identification.free_run import Simulations
@@ -19,6 +20,7 @@ from butterfly.model.greybox import simulate
 from butterfly.signals import hold
 from tests.benchmarks.bars import SHORT, measured
 from tests.benchmarks.cpu_time import compare
+from tests.benchmarks.kept import keep
 
 _STEP = 1e-5
 """Of differences, by what they do to residuals: rounding and curvature then cost about 1e-8."""
@@ -117,6 +119,12 @@ def test_choosing_terms_costs_few_fits(data):
     estimator = OutputError(workers=1)
     choice = {"select by output error, 5 terms": lambda: select_terms(data, estimator, _GIVEN)}
     compare(lambda: estimator(data), choice, repeats=1)
+
+
+@pytest.mark.skipif(SHORT, reason="takes a minute")
+def test_what_the_real_logs_are_predicted_with_is_kept(real_manifest):
+    validated = bf.validate(real_manifest)
+    keep("real-logs", "\n".join(validated.summary[2:4]), "make bench")
 
 
 def _events(problem, values):
