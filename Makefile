@@ -43,13 +43,16 @@ docs: $(VENV)/.development
 	$(BIN)/zensical build --clean --strict
 	$(BIN)/python docs/site/gather.py finish
 
-# What the program prints, between marks on pages, written anew.
+# What the program prints, between marks on pages, written anew: PAGES='servo start' on these two.
+PAGES ?=
 outputs: $(VENV)/.development
-	$(ONE_THREAD) $(BIN)/python docs/site/outputs.py
+	$(ONE_THREAD) $(BIN)/python docs/site/outputs.py $(PAGES)
 
-# The pictures of docs/, drawn anew by the program and by the system's Chromium.
+# The pictures of docs/, drawn anew by the program and by the system's Chromium, and the record beside
+# each of what it shows. PICTURES='cart arm' draws these two.
+PICTURES ?=
 pictures: $(VENV)/.development
-	$(BIN)/python docs/site/pictures.py
+	$(ONE_THREAD) $(BIN)/python docs/site/pictures.py $(PICTURES)
 
 # The films: the hand on its orbit, beside the model from small swings; pushed, with and without its compensation.
 film: $(VENV)/.development

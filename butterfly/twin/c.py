@@ -90,7 +90,7 @@ def as_c(twin: Twin, options: Options) -> Written:
     notes = (*twin.log_lines, *left_out, *accuracy.lines)
     return Written(
         text=header(twin, options.timestep, substeps, notes),
-        about=f"{twin.identifier}.h, a C99 header in steps of {1e3 * options.timestep:g} ms",
+        about=f"a C99 header with {twin.identifier}_step, of {1e3 * options.timestep:g} ms",
         left_out=left_out,
         accuracy=accuracy,
     )

@@ -262,9 +262,13 @@ def as_compensation(twin: Twin, options: Options) -> Written:
         limited=language.call(within, given),
         notes=(*lines, *missing),
     )
-    about = f"{'a Python module' if python else f'{name}.h, a C99 header'}, in {twin.kind.unit}"
+    what = "a Python module" if python else f"a C99 header with {name}_command"
     return Written(
-        text=text, about=about, left_out=tuple(missing), title="Compensation", notes=lines
+        text=text,
+        about=f"{what}, in {twin.kind.unit}",
+        left_out=tuple(missing),
+        title="Compensation",
+        notes=lines,
     )
 
 

@@ -2,7 +2,8 @@
 
 The hand of `orbit-recalibration` on its orbit in MuJoCo, and as a ghost what the model identified
 from small swings makes of the same torques; that of `orbit-rotation` turning over. The hand of
-`quickstart`, pushed, under its exported compensation, and as a ghost without.
+`quickstart`, pushed, under its exported compensation, and as a ghost without. Beside each lies the
+record of what it shows, as of other pictures.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from runpy import run_path
 
 import numpy as np
 from PIL import Image
+from records import PICTURES, recorded, write_record
 
 import butterfly as bf
 from butterfly.arrays import Samples
@@ -25,7 +27,6 @@ from butterfly.plant.mjcf import compile_model, hinge_of
 from butterfly.plant.robot import Robot
 from butterfly.plant.watch.picture import film
 
-PICTURES = Path(__file__).parents[1] / "pictures"
 FILMS = {  # experiment and log
     "orbit.gif": ("orbit-recalibration", "round1_run0.mat"),
     "rotation.gif": ("orbit-rotation", "also_round1_run0.mat"),
@@ -39,13 +40,15 @@ PUSHED, STEP = 0.15, 1e-3  # s, of each; and of MuJoCo
 def main() -> None:
     """Draw all, over those that are there."""
     with call(overwrite=True):
-        for name, told in FILMS.items():
-            _orbit(PICTURES / name, *told)
-        _floating()
+        for name, (experiment, log) in FILMS.items():
+            shown = _orbit(PICTURES / name, experiment, log)
+            write_record(PICTURES / name, recorded(f"butterfly run {experiment}", shown))
+        shown = _floating()
+        write_record(FLOATING, recorded("butterfly run quickstart", shown))
 
 
-def _orbit(path: Path, experiment: str, held: str) -> None:
-    """Hold an orbit, simulate a log of it with the first model, and draw both."""
+def _orbit(path: Path, experiment: str, held: str) -> list[str]:
+    """Hold an orbit, simulate a log of it with the first model, draw both, return their reach."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         ran = bf.run(experiment, out=folder)
@@ -59,10 +62,17 @@ def _orbit(path: Path, experiment: str, held: str) -> None:
     times, measured, simulated = motion
     film(robot, log.added_mass, times, measured, path, fps=FPS, size=SIZE, simulated=simulated)
     _shrink(path)
+    return [f"log {Path(held).stem}", *_reach(measured, simulated)]
 
 
-def _floating() -> None:
-    """Push the hand in MuJoCo with and without what is exported, and draw both."""
+def _reach(hand: Samples, ghost: Samples) -> list[str]:
+    """Return how far both get, and how far apart."""
+    angles = {"hand": hand, "ghost": ghost, "between them": hand - ghost}
+    return [f"{what} at most {np.degrees(abs(x).max()):.0f}°" for what, x in angles.items()]
+
+
+def _floating() -> list[str]:
+    """Push the hand in MuJoCo with and without what is exported, draw both, return their reach."""
     with tempfile.TemporaryDirectory() as name:
         path = Path(name) / "compensation.py"
         (found,) = bf.run("quickstart", out=Path(name)).identifications.values()
@@ -77,6 +87,7 @@ def _floating() -> None:
     )
     film(robot, NO_ADDED_MASS, times, with_it, FLOATING, fps=FPS, size=SIZE, simulated=without)
     _shrink(FLOATING)
+    return [f"{len(PUSHES)} pushes of {PUSHED:g} s", *_reach(with_it, without)]
 
 
 def _pushed(robot: Robot, times: Samples, law: Callable[[float, float], float]) -> Samples:

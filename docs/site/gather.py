@@ -23,7 +23,7 @@ NETWORK = "https://unpkg.com/iframe-worker/shim"
 def gather() -> None:
     """Write build/docs anew."""
     shutil.rmtree(PAGES, ignore_errors=True)
-    shutil.copytree(DOCS, PAGES, ignore=shutil.ignore_patterns("*.py"))
+    shutil.copytree(DOCS, PAGES, ignore=shutil.ignore_patterns("*.py", "*.json"))
     for page in PAGES.glob("*.md"):
         text = page.read_text(encoding="utf-8")
         page.write_text(text.replace("](../", "](").replace(".ipynb)", ".md)"), encoding="utf-8")

@@ -9,7 +9,9 @@ A page marks it so, the lines between as a quotation:
 `head N` keeps the first N sentences, `grep TEXT` those with TEXT, `table TEXT` the table from the
 line with TEXT on. Commands run in a folder with the quick start's results (also as `my-robot`), or
 with the logs needed from BUTTERFLY_STRANGERS and the page's manifests (none if `bare`); without
-these logs the page stays as it was. `needs examples.NAME as FOLDER` runs that program for them.
+these logs the page stays as it was. `needs examples.NAME as FOLDER` runs that program for them, or
+leaves the page as it was where the program's own libraries are not installed. `make outputs
+PAGES=others-logs` writes one page.
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ import subprocess
 import sys
 import tempfile
 from functools import cache
+from importlib.util import find_spec
 from itertools import takewhile
 from pathlib import Path
 
@@ -35,45 +38,56 @@ MARK = re.compile(
 )
 MANIFESTS = ("manifest.yaml", "others.yaml")
 """Files that a page's blocks of YAML are written to, in this order."""
+REHEARSED = "examples.record_sines"
+"""The program whose drive is rehearsed: it writes one folder, and needs python-can."""
 WRONG = "results/quickstart/wrong.yaml"
 
 
 @cache
-def _quickstart() -> tuple[Path, str]:
-    """Run the quick start once: where, and what it printed."""
+def quickstart() -> Path:
+    """Run the quick start once, copy it as `my-robot`, and describe it with a wrong mass too."""
     folder = Path(tempfile.mkdtemp())
-    said = _butterfly("run quickstart", folder)
+    printed("run quickstart --figures", folder)
     results = folder / "results/quickstart"
     text = (results / "manifest.yaml").read_text(encoding="utf-8")
     (folder / WRONG).write_text(text.replace("added_mass: 0.12", "added_mass: 0.13"), "utf-8")
     shutil.copytree(results, folder / "my-robot")
-    return folder, said
+    return folder
 
 
 @cache
-def made(module: str) -> Path:
-    """Let a program of examples/ write its folders of logs."""
+def made(module: str) -> Path | None:
+    """Let a program of examples/ write its folders of logs, if what it needs is installed."""
+    if module == REHEARSED and find_spec("can") is None:
+        return None
     folder = Path(tempfile.mkdtemp())
-    command = [sys.executable, "-m", module, "--out", str(folder)]
+    where = ("--rehearse", "--out", folder / "logs") if module == REHEARSED else ("--out", folder)
+    command = [sys.executable, "-m", module, *map(str, where)]
     subprocess.run(command, cwd=DOCS.parent, check=True, capture_output=True)  # noqa: S603 - our own
     return folder
 
 
 @cache
-def _strangers(logs: str, name: str, manifests: tuple[str, ...]) -> Path | None:
+def strangers(logs: str, name: str, manifests: tuple[str, ...]) -> Path | None:
     """Make the folder of logs that a page describes, if these logs are here."""
-    found = Path(os.environ.get("BUTTERFLY_STRANGERS", "nowhere")) / logs
-    if not found.is_dir():
+    source = Path(os.environ.get("BUTTERFLY_STRANGERS", "nowhere")) / logs
+    if not source.is_dir():
         return None
     folder = Path(tempfile.mkdtemp())
-    shutil.copytree(found, folder / name)
+    shutil.copytree(source, folder / name)
     for file, manifest in zip(MANIFESTS, manifests, strict=False):
         (folder / name / file).write_text(manifest, encoding="utf-8")
     return folder
 
 
+def described(logs: str, name: str, page: str) -> Path | None:
+    """Make the folder of logs that the manifests on a page describe, if these logs are here."""
+    return strangers(logs, name, tuple(re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)))
+
+
 @cache
-def _butterfly(command: str, folder: Path) -> str:
+def printed(command: str, folder: Path) -> str:
+    """Return what a command prints in a folder, and why where it fails."""
     ended = subprocess.run(  # noqa: S603 - our own program
         [PROGRAM, *shlex.split(command)],
         cwd=folder,
@@ -82,8 +96,8 @@ def _butterfly(command: str, folder: Path) -> str:
         text=True,
         check=False,
     )
-    said = ended.stdout + (ended.stderr if ended.returncode else "")
-    return said.replace(f"{folder.resolve()}/", "")
+    text = ended.stdout + (ended.stderr if ended.returncode else "")
+    return text.replace(f"{folder.resolve()}/", "")
 
 
 def quoted(mark: re.Match[str], page: str) -> str:
@@ -91,25 +105,30 @@ def quoted(mark: re.Match[str], page: str) -> str:
     if mark["logs"] and mark["logs"].startswith("examples."):
         folder = made(mark["logs"])
     elif mark["logs"]:
-        manifests = () if mark["bare"] else re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
-        folder = _strangers(mark["logs"], mark["folder"], tuple(manifests))
-        if folder is None:
-            return mark["shown"]
+        folder = described(mark["logs"], mark["folder"], "" if mark["bare"] else page)
     else:
-        folder, _ = _quickstart()
+        folder = quickstart()
+    if folder is None:
+        return mark["shown"]
     command = mark["command"].strip().removeprefix("butterfly ")
-    said = _quickstart()[1] if command == "run quickstart" else _butterfly(command, folder)
-    kept = _kept(said, mark["keep"], mark["what"])
-    if not kept:
+    if command == "run quickstart":
+        command = f"{command} --figures"  # which has run
+    return as_shown(printed(command, folder), mark)
+
+
+def as_shown(text: str, mark: re.Match[str]) -> str:
+    """Return what a mark quotes of what was printed, as it stands on the page."""
+    lines = _asked(text, mark["keep"], mark["what"])
+    if not lines:
         sys.exit(f"{mark['command']} prints nothing with {mark['what']!r}")
     if mark["keep"] == "table":
-        return "\n".join(["", *(f"    {line}".rstrip() for line in kept), "", ""])
-    return "\n>\n".join(f"> {line}" for line in kept) + "\n"
+        return "\n".join(["", *(f"    {line}".rstrip() for line in lines), "", ""])
+    return "\n>\n".join(f"> {line}" for line in lines) + "\n"
 
 
-def _kept(said: str, keep: str, what: str) -> list[str]:
+def _asked(text: str, keep: str, what: str) -> list[str]:
     """Return the lines of what was printed that a mark asks for."""
-    lines = said.splitlines()
+    lines = text.splitlines()
     if keep == "table":
         first = next((k for k, line in enumerate(lines) if what in line), len(lines))
         return list(takewhile(str.strip, lines[first:]))
@@ -125,5 +144,5 @@ def written(page: str) -> str:
 if __name__ == "__main__":
     for path in sorted(DOCS.glob("*.md")):
         before = path.read_text(encoding="utf-8")
-        if MARK.search(before):
+        if MARK.search(before) and path.stem in (sys.argv[1:] or [path.stem]):
             path.write_text(written(before), encoding="utf-8")

@@ -1,29 +1,44 @@
 """All code on the pages runs, or it is said here why not; what is between marks is printed."""
 
-import importlib.util
 import os
 import re
 import shlex
+import shutil
 import subprocess
+from pathlib import Path
 
 import pytest
+import yaml
 
 import butterfly as bf
 from butterfly.cli.app import program
 from butterfly.files import shipped
 from tests.conftest import brief_quickstart
 from tests.pages.blocks import PAGES, QUOTATION, ROOT, blocks_of, commands_of
+from tests.pages.scripts import script
+
+outputs = script("outputs")
+LOGS = ROOT.parent / "shared/data/strangers"
 
 ELSEWHERE = {
-    "docs/campaign.md": "tests/campaigns, with simulated robots",
     "docs/cluster.md": "tests/experiment/test_workers.py, on a cluster of this machine",
     "docs/hardware.md": "tests/plant/test_motor.py, with a drive on loopback",
-    "docs/others-logs.md": "tests/examples/test_example_pages.py, where the logs are",
-    "docs/servo.md": "tests/examples/test_example_pages.py, where the logs are",
     "docs/start.md": "below",
-    "docs/torque-joint.md": "tests/examples/test_example_pages.py; to record takes minutes",
 }
 """Pages whose code is run by tests of their own."""
+
+
+def _of_others(text):
+    return [outputs.described("dfki", "pendulum", text), outputs.made("examples.free_joints")]
+
+
+OF_LOGS = {
+    "docs/campaign.md": lambda _: [],
+    "docs/others-logs.md": _of_others,
+    "docs/servo.md": lambda text: [outputs.described("xl330", "my-servo", text)],
+    "docs/torque-joint.md": lambda _: [outputs.made(outputs.REHEARSED)],
+}
+"""Pages on logs of their own, and what makes the folders that these lie in, from a page's text."""
 
 NOT_RUN = {
     "butterfly run experiments/orbit-recalibration.yaml": "20 s; tests/cli/test_experiments",
@@ -31,11 +46,40 @@ NOT_RUN = {
     "butterfly run experiments/orbit-change.yaml": "15 s; tests/orbit/test_watch",
     "butterfly identify real-logs": "the real logs are not shipped; tests/cli/test_verbs",
     "butterfly identify run7.csv": "a file of somebody; test_refusals has its like",
+    "butterfly identify push.csv": "a file of somebody; tests/identification/test_cases has it",
+    "butterfly identify swing.csv": "a file of somebody; tests/identification/test_cases has it",
+    "butterfly run large-sweep": "hours; tests/experiment/test_workers has a few of its runs",
     "butterfly fetch": "asks the network",
     "butterfly compare result.json next-year.json": "next year; test_change",
     "butterfly compare spring.json autumn.json": "next year; test_change",
 }
 """Beginnings of commands that are not run, and why."""
+
+IN_PLACE = {
+    "butterfly campaign my_robot:motor --command 6 --masses 0,0.1 --arm 0.1 --out campaign": (
+        "butterfly campaign quickstart --out campaign"
+    )
+}
+"""What is run in the place of commands that need a robot."""
+
+OTHER_PROGRAMS = {
+    "pip install": "`make wheel` installs what is built",
+    "make": "the house's own; each is named in the Makefile",
+    "NUMBA_CACHE_DIR=": "how these tests are run",
+    "python -m examples.record_sines --rehearse": "makes the logs of its page, here too",
+    "python -m examples.record_sines --channel": "needs a drive; tests/examples/test_record_sines",
+    "sudo ip": "needs a CAN bus",
+    "candump": "needs a CAN bus",
+    "odrv0.": "needs a drive, inside odrivetool",
+    "dask": "needs a cluster; tests/experiment/test_workers",
+    "srun": "needs a cluster; tests/experiment/test_workers",
+    "kubectl": "needs a cluster; tests/experiment/test_workers",
+}
+"""Beginnings of what blocks tell other programs, and why no test on pages runs it."""
+PROGRAM = re.compile(
+    r"(?:cc|cd|curl|docker|git|jq|npm|npx|pytest|ssh|uv|wget|[A-Z_]+=\S+|"
+    r"pip|make|python3?|sudo|candump|odrv0|dask|srun|kubectl)\b"
+)
 
 SLOW = {
     f"docs/{name}.md"
@@ -44,7 +88,7 @@ SLOW = {
 WITH_CODE = [
     page
     for page in PAGES
-    if page not in ELSEWHERE
+    if page not in {*ELSEWHERE, *OF_LOGS}
     and any(block.commands or block.language == "python" for block in blocks_of(page))
 ]
 
@@ -66,11 +110,17 @@ def _with_answers(page):
         yield block, [line for line in after.text.splitlines() if line] if quoted else []
 
 
+def _is_draft(manifest):
+    """Whether `butterfly manifest` has written it, and nobody has completed it."""
+    return "# To settle:" in manifest.read_text(encoding="utf-8")
+
+
 class _Reader:
     """Somebody who does what a page says, with a brief quick start in the place of the shipped."""
 
-    def __init__(self, butterfly, quickstart):
+    def __init__(self, butterfly, quickstart, quoted=()):
         self._butterfly = butterfly
+        self._quoted = quoted  # commands that are run where their answers are compared
         self._quickstart = str(quickstart)
         self.names = {}
 
@@ -79,12 +129,24 @@ class _Reader:
             if block.language == "python":
                 brief = block.text.replace('"quickstart"', repr(self._quickstart))
                 exec(compile(brief, page, "exec"), self.names)  # noqa: S102 - our own page
+            if block.language == "yaml":
+                self._describe(block.text)
             for command, answer in block.answered:
                 self._do(command, _exit_code(answer or shown))
 
+    @staticmethod
+    def _describe(text):
+        """Write a manifest into the folder that it names, if that is there and has only a draft."""
+        keys = yaml.safe_load(text)
+        name = keys.get("name") if isinstance(keys, dict) else None
+        manifest = Path(str(name)) / "manifest.yaml"
+        if manifest.parent.is_dir() and (not manifest.exists() or _is_draft(manifest)):
+            manifest.write_text(text, encoding="utf-8")
+
     def _do(self, command, wanted):
-        if _not_run(command):
+        if _not_run(command) or command in self._quoted:
             return
+        command = IN_PLACE.get(command, command)
         if command.startswith("sed "):
             subprocess.run(command, shell=True, check=True)  # noqa: S602 - our own page
             return
@@ -131,6 +193,23 @@ def test_start_runs_from_top_to_bottom(butterfly, tmp_path, monkeypatch):
     _Reader(butterfly, quickstart).follow("docs/start.md")
 
 
+@pytest.mark.slow
+@pytest.mark.usefixtures("brief_twins")
+@pytest.mark.parametrize("page", OF_LOGS)
+def test_a_page_on_logs_of_its_own_runs_from_top_to_bottom(page, butterfly, tmp_path, monkeypatch):
+    monkeypatch.setenv("BUTTERFLY_STRANGERS", os.environ.get("BUTTERFLY_STRANGERS") or str(LOGS))
+    text = (ROOT / page).read_text(encoding="utf-8")
+    for folder in OF_LOGS[page](text):
+        if folder is None:
+            pytest.skip(f"what {page} identifies is not here (BUTTERFLY_STRANGERS, python-can)")
+        shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
+    for manifest in tmp_path.glob("*/manifest.yaml"):
+        manifest.unlink()  # which the page lets its reader write
+    monkeypatch.chdir(tmp_path)
+    quoted = {mark["command"].strip() for mark in outputs.MARK.finditer(text)}
+    _Reader(butterfly, "quickstart", quoted).follow(page)
+
+
 def _options_of(words):
     """Return the options of the command that words begin with."""
     app = program(words)
@@ -159,12 +238,30 @@ def test_what_is_not_run_still_stands_on_a_page():
         assert any(command.startswith(beginning) for command in commands), beginning
 
 
-_SPEC = importlib.util.spec_from_file_location("outputs", ROOT / "docs/site/outputs.py")
-outputs = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(outputs)
+def test_every_command_in_a_block_is_run_or_stands_here_with_its_reason():
+    for page in {*ELSEWHERE} - {"docs/start.md"}:
+        commands = [command for block in blocks_of(page) for command in block.commands]
+        assert [command for command in commands if not _not_run(command)] == [], page
+
+
+def test_what_blocks_tell_other_programs_stands_here_with_its_reason():
+    lines = [
+        line
+        for page in PAGES
+        for block in blocks_of(page)
+        if block.language in {"", "sh", "bash"}
+        for line in block.text.replace("\\\n", " ").splitlines()
+        if PROGRAM.match(line)
+    ]
+    for line in lines:
+        assert any(line.startswith(beginning) for beginning in OTHER_PROGRAMS), line
+        if line.startswith("make "):
+            assert f"\n{line.split()[1]}:" in (ROOT / "Makefile").read_text(encoding="utf-8")
+    for beginning in OTHER_PROGRAMS:
+        assert any(line.startswith(beginning) for line in lines), beginning
+
 
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
-LOGS = ROOT.parent / "shared/data/strangers"
 MARKED = [page for page in PAGES if outputs.MARK.search((ROOT / page).read_text(encoding="utf-8"))]
 
 
