@@ -1,4 +1,4 @@
-"""Figures of benches: their day, machine and code are known, and what pages quote is what came out."""
+"""Benches: their day, machine and code are known, and pages quote what came out."""
 
 import re
 
