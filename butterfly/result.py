@@ -120,7 +120,8 @@ class Result(ABC):
     @property
     def headline(self) -> tuple[str, ...]:
         """What leads the summary, above the verdict; nothing where that comes first."""
-        return ()
+        first = self.verdict[:1]
+        return self.summary[: self.summary.index(*first)] if {*first} & {*self.summary} else ()
 
     @property
     def notes(self) -> list[str]:
@@ -225,7 +226,7 @@ class Result(ABC):
             name=self.title,
             description=(numbers.get("data") or {}).get("description", ""),
             kind=self.kind,
-            summary=self.notes,
+            summary=[*self.headline, *self.notes],
             verdict=self.judged,
             facts=self.facts(),
             lead=Section(title="At a glance", figures=figures) if figures else None,

@@ -121,6 +121,7 @@ class Calibration:
 
     rounds: tuple[Round, ...]
     ending: str
+    reached: bool  # whether the last round's orbit is within its bound of the target
 
     @property
     def parameters(self) -> LumpedParameters:
@@ -149,7 +150,7 @@ def calibrate(
     require_number("believed parameters", positive=True, p1=believed.p1, p4=believed.p4)
     loaded = {mass: believed.with_added_mass(mass) for mass in schedule.added_masses}
     rounds: list[Round] = []
-    ending = f"all {schedule.rounds} rounds are done"
+    ending, reached = f"all {schedule.rounds} rounds are done", False
     for _ in track(range(schedule.rounds), "Calibrating"):
         logs = _runs(rig, loaded, zero, schedule, rng)
         before = loaded[schedule.added_masses[0]]
@@ -169,7 +170,8 @@ def calibrate(
         )
         rounds.append(last)
         loaded = {mass: recalibration.loaded(mass, before.p1) for mass in schedule.added_masses}
-        if abs(last.error) <= (schedule.speed_tolerance if turns else schedule.amplitude_tolerance):
+        bound = schedule.speed_tolerance if turns else schedule.amplitude_tolerance
+        if reached := abs(last.error) <= bound:
             ending = f"the {'speed' if turns else 'amplitude'} error is within its bound"
             break
         after = loaded[schedule.added_masses[0]]
@@ -187,7 +189,7 @@ def calibrate(
             recalibration, estimate=recalibration.estimate.resting_on(fine - rough)
         )
         rounds[-1] = replace(rounds[-1], recalibration=recalibration)
-    return Calibration(rounds=tuple(rounds), ending=ending)
+    return Calibration(rounds=tuple(rounds), ending=ending, reached=reached)
 
 
 def _runs(

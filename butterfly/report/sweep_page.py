@@ -15,6 +15,7 @@ from butterfly.identification.findings import Ending
 from butterfly.identification.validate import Gain
 from butterfly.model.terms import TERMS
 from butterfly.report.format import field_label, field_name
+from butterfly.report.orbit_page import degrees_said, size_text
 from butterfly.report.page import Fact, Marked, Page, PageTable, Section, tabulated
 from butterfly.report.sweep_figures import (
     affected,
@@ -262,12 +263,11 @@ def _orbits_table(runs: pa.Table) -> PageTable:
     held = runs.filter(np.isfinite([column(runs, name) for name in names]).any(axis=0))
     rows = []
     for row in held.slice(0, _ORBITS).to_pylist():
-        amplitude = (("target", "amplitude"), "°")
-        speed = (("target_speed", "speed"), "°/s")
-        sizes, unit = amplitude if row["orbit_speed"] is None else speed
+        turns = row["orbit_speed"] is not None
+        sizes = ("target_speed", "speed") if turns else ("target", "amplitude")
+        texts = [size_text(row[f"orbit_{name}"], turns) for name in sizes]
         errors = ("error_generic", "error_recalibrated")
-        angles = {name: math.degrees(row[f"orbit_{name}"]) for name in (*sizes, *errors)}
-        texts = [f"{angle:.4g}{unit if name in sizes else ''}" for name, angle in angles.items()]
+        texts += [degrees_said(row[f"orbit_{name}"]) for name in errors]
         rows.append((str(row["number"]), *texts, str(row["orbit_rounds"])))
     headers = ("run", "target", "reached", "generic, rms in °", "re-calibrated", "rounds")
     return PageTable(headers=headers, rows=rows)

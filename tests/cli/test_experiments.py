@@ -49,7 +49,9 @@ def test_an_orbit_is_calibrated_and_reported(butterfly, tmp_path):
     path.write_text(ORBIT)
     out = done(butterfly("run", path, "--out", tmp_path / "out", "--figures"))
     assert "times less" in out
-    assert out.startswith("Good: ")
+    first, second, *_ = out.splitlines()
+    assert first.startswith("Held: an orbit of 60°. Round ")
+    assert second.startswith("Good: ")
     numbers = json.loads((tmp_path / "out/orbit.json").read_text())
     assert numbers["verdict"] == "good"
     assert numbers["amplitudes_rad"][-1] == pytest.approx(1.0472, abs=3.5e-3)
