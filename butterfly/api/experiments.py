@@ -62,8 +62,8 @@ class _Done(Answer):
     """The written reports."""
 
     def paragraphs(self) -> list[str]:
-        """Return the note, then the summary."""
-        return [*([self.note] if self.note else []), *self.summary]
+        """Return the summary, after its first sentence the note."""
+        return [*self.summary[:1], *([self.note] if self.note else []), *self.summary[1:]]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -71,6 +71,7 @@ class Run(_Done):
     """Results of one run: estimates with the true parameters, and its orbit."""
 
     kind: ClassVar[str] = "run"
+    sets_goal: ClassVar[bool] = True  # of an orbit
     table: ClassVar[str] = "estimates"
 
     identifications: Mapping[str, Identification]

@@ -146,7 +146,7 @@ def show(
     """Print a result, the command ``after`` it, at most so many ``rows``; write what is wanted."""
     verdict = result.judged.lines[:_VERDICT] if result.judged else ()
     answer = (*result.headline, *verdict)
-    _say_answer(answer)
+    _say_answer(verdict if asked.quiet and not result.sets_goal else answer)
     sentences = [sentence for sentence in result.paragraphs() if sentence not in answer]
     shown = len(sentences) if asked.verbose else _FEW + (not verdict)
     for sentence in sentences[:shown]:
