@@ -29,7 +29,7 @@ from butterfly.orbit.recalibration import (
 )
 from butterfly.plant.motor import CommandPath, ControlLaw
 from butterfly.plant.sensors import FilteredDifference
-from butterfly.progress import Track, untracked
+from butterfly.progress import Track, phase, untracked
 
 PERIODS = 5
 """Length of the free runs that are compared, in periods of the orbit."""
@@ -151,8 +151,9 @@ def calibrate(
     loaded = {mass: believed.with_added_mass(mass) for mass in schedule.added_masses}
     rounds: list[Round] = []
     ending, reached = f"all {schedule.rounds} rounds are done", False
-    for _ in track(range(schedule.rounds), "Calibrating"):
-        logs = _runs(rig, loaded, zero, schedule, rng)
+    for number in track(range(schedule.rounds), "Calibrating"):
+        with phase(f"Round {number + 1}: holding the orbit"):
+            logs = _runs(rig, loaded, zero, schedule, rng)
         before = loaded[schedule.added_masses[0]]
         orbit, recalibration = (
             schedule.target(before),
@@ -183,7 +184,8 @@ def calibrate(
     if plants is not None:
         recalibration = rounds[-1].recalibration
         of_plants = (_runs(p, loaded, zero, schedule, np.random.default_rng(0)) for p in plants)
-        equations = [LoopEquations(logs, zero, schedule.recalibration) for logs in of_plants]
+        with phase("Holding it on a rougher and on a finer simulation"):
+            equations = [LoopEquations(logs, zero, schedule.recalibration) for logs in of_plants]
         rough, fine = (loop.fit(recalibration.estimate.names)[0].values for loop in equations)
         recalibration = replace(
             recalibration, estimate=recalibration.estimate.resting_on(fine - rough)

@@ -40,8 +40,8 @@ from butterfly.report.summary import loop_table
 from butterfly.verdict import Level
 
 _RESPONSE = (
-    "Points: measured, with two standard errors. Lines: the model at the measured swing "
-    "(describing functions). Below: the difference between the two."
+    "Points: measured, with two standard errors. Lines: through the simulated logs, treated as the "
+    "measured ones are. Below: the difference between the two."
 )
 _RESPONSE_UNASKED = (
     "Lines: the model at the median rms swing of the logs (describing functions). No log "
