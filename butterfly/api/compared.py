@@ -98,14 +98,14 @@ class Compared(Tabulated):
     def further(self) -> list[PageTable]:
         """Return the errors of both in amplitude and phase, and the residuals of the grey box."""
         shown, columns = super().shown_rows(), ("log", *RESIDUAL_COLUMNS)
-        left = [[row[name] for name in columns] for row in shown]
+        unexplained = [[row[name] for name in columns] for row in shown]
         errors = [
             (cells["log"], *(_signed(row[name]) for name in self._responses))
             for row, cells in zip(self.rows(), shown, strict=True)
         ]
         return [
             PageTable("Amplitude and phase", ("log", *self._responses), errors, detail=True),
-            PageTable("Residuals", columns, left, caption=RESIDUAL_CAPTION),
+            PageTable("Residuals", columns, unexplained, caption=RESIDUAL_CAPTION),
         ]
 
     @property

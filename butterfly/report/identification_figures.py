@@ -231,7 +231,7 @@ class IdentificationPlots:
 
 def _simulated_gain(run: FreeRun | None, point: ResponsePoint) -> complex:
     """Return the gain of a simulated log, got as that of the measured one was; NaN of none."""
-    if run is None or not np.isfinite(run.simulated).all():
+    if run is None or not math.isfinite(run.fit):
         return complex(math.nan, math.nan)
     try:
         return complex(response_point(replace(run.log, angle=run.simulated), pole=point.pole).gain)
