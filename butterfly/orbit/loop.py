@@ -152,7 +152,7 @@ def calibrate(
     rounds: list[Round] = []
     ending, reached = f"all {schedule.rounds} rounds are done", False
     for number in track(range(schedule.rounds), "Calibrating"):
-        with phase(f"Round {number + 1}: holding the orbit"):
+        with phase(f"Round {number}: holding the orbit"):
             logs = _runs(rig, loaded, zero, schedule, rng)
         before = loaded[schedule.added_masses[0]]
         orbit, recalibration = (

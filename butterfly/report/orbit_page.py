@@ -20,7 +20,7 @@ from butterfly.orbit.loop import PERIODS, Calibration, OrbitStudy
 from butterfly.report.figures import PALETTE, panel
 from butterfly.report.finding_texts import estimate_notes, estimate_verdict
 from butterfly.report.forest import forest, forest_caption
-from butterfly.report.format import interval
+from butterfly.report.format import counted, interval
 from butterfly.report.numbers import estimate_numbers
 from butterfly.report.orbit_watch import watch_section, watch_sentences
 from butterfly.report.page import Badge, Fact, Page, PageTable, Section
@@ -165,8 +165,8 @@ def _held_text(record: RoundsRecord) -> str:
     before = f"; before, {', '.join(earlier)}" if earlier else ""
     asked = size_text(or_nan(target), turns) + " mean speed" * turns
     text = (
-        f"{'Held' if record.reached else 'Not held'}: an orbit of {asked}. Round {len(sizes)} "
-        f"came to {last}{before}."
+        f"{'Held' if record.reached else 'Not held'}: an orbit of {asked}. Reached {last} in "
+        f"{counted(len(sizes), 'round')}{before}."
     )
     return text if record.reached else f"{text} Ended as {record.ending}: {_MORE}."
 

@@ -159,7 +159,7 @@ def test_a_run_with_an_orbit_begins_with_whether_it_is_held_and_is_judged_near_i
     more = {"absolute": True, "cross_orbit": {}, "verdict": "good"}
     orbit = OrbitRecord(**sizes, **ended, **more, free_run_rms_rad=errors)
     found = Run.of(RunRecord(status="ok", seed=1, orbit=orbit), "Run")
-    assert found.headline == ("Held: an orbit of 60°. Round 1 came to 59.95°.",)
+    assert found.headline == ("Held: an orbit of 60°. Reached 59.95° in 1 round.",)
     assert found.summary[1] == (
         "Good: error of a free run near the orbit, by its model: 20° generic, 0.02° re-calibrated."
     )

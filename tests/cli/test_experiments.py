@@ -51,7 +51,7 @@ def test_an_orbit_is_calibrated_and_reported(butterfly, tmp_path):
     out = done(butterfly("run", path, "--out", tmp_path / "out", "--figures"))
     assert "times less" in out
     first, second, *_ = out.splitlines()
-    assert first.startswith("Held: an orbit of 60°. Round ")
+    assert first.startswith("Held: an orbit of 60°. Reached ")
     assert second.startswith("Good: ")
     numbers = json.loads((tmp_path / "out/orbit.json").read_text())
     assert numbers["verdict"] == "good"

@@ -252,8 +252,8 @@ def test_its_page_names_what_was_wanted_and_whether_both_agree(both):
     titles = [section.title for section in page.sections]
     assert "Mean speed per round" in titles
     said = " ".join(page.numbers["summary"])
-    assert said.startswith("Held: an orbit of -8 rad/s mean speed. Round ")
-    assert "Held: an orbit of 60°. Round " in said
+    assert said.startswith("Held: an orbit of -8 rad/s mean speed. Reached ")
+    assert "Held: an orbit of 60°. Reached " in said
     assert "Both orbits agree within their 95 % intervals on" in said
     assert page.numbers["also"]["parameters"]["p3"]["value"] == pytest.approx(15.09, rel=1e-3)
     drawn = {name: figure for each in page.sections for name, figure in each.figures.items()}

@@ -33,14 +33,14 @@ def record(**changes):
 
 def test_first_it_is_said_whether_the_orbit_that_was_asked_for_is_held():
     (text,) = orbit_headline(record())
-    assert text == "Held: an orbit of 60°. Round 2 came to 59.95°; before, 97.4°."
+    assert text == "Held: an orbit of 60°. Reached 59.95° in 2 rounds; before, 97.4°."
 
 
 def test_of_an_orbit_that_is_not_held_it_is_said_what_to_do():
     (text,) = orbit_headline(
         record(amplitudes_rad=(None, 1.2), reached=False, ending="all 2 rounds are done")
     )
-    assert text.startswith("Not held: an orbit of 60°. Round 2 came to 68.75°; before, turned over")
+    assert text.startswith("Not held: an orbit of 60°. Reached 68.75° in 2 rounds; before, turned")
     assert text.endswith(
         "Ended as all 2 rounds are done: give it more rounds (control: rounds), or other terms "
         "(recalibration: candidates)."
@@ -52,7 +52,7 @@ def test_another_orbit_is_said_in_its_own_unit_and_whether_both_agree():
     differences = {"p1": (-1.0, 1.0), "p3": (0.1, 0.2)}
     also = AlsoRecord(**speed, absolute=True, differences=differences)
     assert orbit_headline(record(also=also))[1:] == (
-        "Held: an orbit of 8 rad/s mean speed. Round 1 came to 8.01 rad/s.",
+        "Held: an orbit of 8 rad/s mean speed. Reached 8.01 rad/s in 1 round.",
         "Both orbits agree within their 95 % intervals on p1, not on p3.",
     )
 
