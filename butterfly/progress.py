@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -17,6 +18,9 @@ _R = TypeVar("_R")
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Environment of a process whose matrix library uses one thread, beside other workers."""
+
+SILENT = 10.0
+"""Seconds of a phase after which a waiting user is told what is being done."""
 
 SIMULATIONS, STEPS = 400, 400_000_000
 """Most simulations of all logs, and steps of these, of one identification."""
@@ -120,6 +124,18 @@ Track = Callable[[Iterable[Any], str], Iterable[Any]]
 
 def tell(sentence: str) -> None:
     """Tell a waiting user what is being done; here nobody waits."""
+
+
+@contextmanager
+def phase(description: str) -> Iterator[None]:
+    """Tell a waiting user what is being done, if it takes long: nothing long is silent."""
+    waiting = threading.Timer(SILENT, lambda: tell(f"{description} …"))
+    waiting.daemon = True
+    waiting.start()
+    try:
+        yield
+    finally:
+        waiting.cancel()
 
 
 def untracked(items: Iterable[_T], description: str) -> Iterable[_T]:  # noqa: ARG001 - a Track

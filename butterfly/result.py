@@ -95,6 +95,9 @@ class Result(ABC):
     brief: ClassVar[bool] = False
     """Whether a command prints its rows with --verbose alone, below them `further` tables."""
 
+    sets_goal: ClassVar[bool] = False
+    """Whether its headline says if a goal is reached, which a command says with --quiet too."""
+
     caption: ClassVar[str] = ""
     """What a page says of its rows."""
 
@@ -120,7 +123,8 @@ class Result(ABC):
     @property
     def headline(self) -> tuple[str, ...]:
         """What leads the summary, above the verdict; nothing where that comes first."""
-        return ()
+        first = next(iter(self.verdict), None)
+        return self.summary[: self.summary.index(first)] if first in self.summary else ()
 
     @property
     def notes(self) -> list[str]:
@@ -225,7 +229,7 @@ class Result(ABC):
             name=self.title,
             description=(numbers.get("data") or {}).get("description", ""),
             kind=self.kind,
-            summary=self.notes,
+            summary=[*self.headline, *self.notes],
             verdict=self.judged,
             facts=self.facts(),
             lead=Section(title="At a glance", figures=figures) if figures else None,

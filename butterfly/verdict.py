@@ -56,6 +56,10 @@ class Verdict:
         first, *others = self.reasons or ("",)
         return (f"{self.level.verdict.capitalize()}: {first}".removesuffix(": "), *others)
 
+    def after(self, *answer: str) -> tuple[str, ...]:
+        """Return the answer to what was asked, then the lines: these first if not to be used."""
+        return (*answer, *self.lines) if self.level.usable else (*self.lines, *answer)
+
     @classmethod
     def of_several(cls, verdicts: Mapping[str, Verdict]) -> Verdict:
         """Return the worst of several verdicts, by name; a line on each other one follows."""

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import butterfly as bf
+from butterfly import progress
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import HarmonicBalance, Linear, OutputError, WeakForm
 from butterfly.identification.estimators.start import starts
@@ -180,3 +181,16 @@ def test_compiling_takes_nothing_of_the_time_to_search():
         begun = search.begun
         numba.njit(lambda x: x + 1)(1)
     assert search.begun > begun
+
+
+def test_a_long_phase_is_told_once_and_a_short_one_not(monkeypatch):
+    lines = []
+    monkeypatch.setattr(progress, "tell", lines.append)
+    monkeypatch.setattr(progress, "SILENT", 0.02)
+    with progress.phase("Identifying"):
+        time.sleep(0.2)
+    assert lines == ["Identifying …"]
+    monkeypatch.setattr(progress, "SILENT", 10.0)
+    with progress.phase("Simulating"):
+        pass
+    assert lines == ["Identifying …"]

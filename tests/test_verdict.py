@@ -57,3 +57,10 @@ def test_of_several_the_worst_counts_and_all_lines_are_said():
         "one: Good: p1 ±1 %. Model: error 1 % of the motion.",
         "third: Good: p1 ±1 %. Model: error 1 % of the motion.",
     )
+
+
+def test_an_answer_is_said_before_the_verdict_it_rests_on_unless_that_forbids_its_use():
+    good = Verdict(Level.GOOD, ("p1 ±1 %.", "Model: small error."))
+    assert good.after("It holds.") == ("It holds.", "Good: p1 ±1 %.", "Model: small error.")
+    bad = Verdict(Level.WARNING, ("It does not follow.",))
+    assert bad.after("It holds.") == ("Do not use: It does not follow.", "It holds.")

@@ -60,6 +60,7 @@ class Campaign(Answer):
     """Result of a campaign: parameters with intervals against the goal, and its runs."""
 
     kind: ClassVar[str] = "campaign"
+    sets_goal: ClassVar[bool] = True
 
     page_path: Path | None = None
     """The written report; None for a result that was loaded."""

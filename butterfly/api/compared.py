@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -35,6 +36,9 @@ if TYPE_CHECKING:
     from butterfly.comparison.three_way import ThreeWay  # with MuJoCo, which is slow
 
 
+_STEPS = "MuJoCo is stepped as `run` steps it; `export` measures its file in its own steps."
+
+
 class Compared(Tabulated):
     """MuJoCo, the grey-box model and the logs, given the same input."""
 
@@ -60,8 +64,8 @@ class Compared(Tabulated):
         return cls(
             title=f"MuJoCo, grey-box model and logs of {data.name!r}",
             summary=(
-                *verdict.lines,
-                *_comparison_sentences(compared),
+                *verdict.after(_comparison_sentence(compared)),
+                _STEPS,
                 *residual_sentences(replace(residuals, logs=log_residuals)),
             ),
             judged=verdict,
@@ -84,21 +88,30 @@ class Compared(Tabulated):
         )
 
     def shown_rows(self) -> list[dict[str, str]]:
-        """Return FITs and errors of both simulators, formatted as text."""
+        """Return FITs of both simulators and their difference, formatted as text."""
+        hidden = {*RESIDUAL_COLUMNS, *self._responses}
         return [
-            {
-                name: f"{row[name]:+z.2f}" if " error " in name and cell != "–" else cell
-                for name, cell in shown.items()
-                if name not in RESIDUAL_COLUMNS
-            }
-            for row, shown in zip(self.rows(), super().shown_rows(), strict=True)
+            {name: cell for name, cell in shown.items() if name not in hidden}
+            for shown in super().shown_rows()
         ]
 
     def further(self) -> list[PageTable]:
-        """Return the residuals of the grey box."""
-        headers, shown = ("log", *RESIDUAL_COLUMNS), super().shown_rows()
-        rows = [[row[name] for name in headers] for row in shown]
-        return [PageTable("Residuals", headers, rows, caption=RESIDUAL_CAPTION)]
+        """Return the errors of both in amplitude and phase, and the residuals of the grey box."""
+        shown, columns = super().shown_rows(), ("log", *RESIDUAL_COLUMNS)
+        unexplained = [[row[name] for name in columns] for row in shown]
+        errors = [
+            (cells["log"], *(_signed(row[name]) for name in self._responses))
+            for row, cells in zip(self.rows(), shown, strict=True)
+        ]
+        return [
+            PageTable("Amplitude and phase", ("log", *self._responses), errors, detail=True),
+            PageTable("Residuals", columns, unexplained, caption=RESIDUAL_CAPTION),
+        ]
+
+    @property
+    def _responses(self) -> list[str]:
+        """The columns of the errors in amplitude and phase."""
+        return [name for name in self.rows()[0] if re.match("(amplitude|phase) error ", name)]
 
     def facts(self) -> list[Fact]:
         """Return the numbers that matter most."""
@@ -122,8 +135,13 @@ def _responses(comparison: ThreeWay) -> dict[str, float]:
     return cells
 
 
-def _comparison_sentences(compared: Sequence[ThreeWay]) -> list[str]:
-    """State the fit of both simulators, and the difference between them."""
+def _signed(error: float | None) -> str:
+    """Return an error with its sign; a dash for none."""
+    return "–" if error is None or np.isnan(error) else f"{error:+.2g}"
+
+
+def _comparison_sentence(compared: Sequence[ThreeWay]) -> str:
+    """State how far the simulators are from each other, and the fit of both."""
     difference = max(comparison.difference for comparison in compared)
     way = compared[0].log.added_mass.joint.way
     fits = {
@@ -132,12 +150,10 @@ def _comparison_sentences(compared: Sequence[ThreeWay]) -> list[str]:
     medians = ", ".join(
         f"{key} {np.median(fit):.2f} % (worst {fit.min():.2f} %)" for key, fit in fits.items()
     )
-    return [
-        f"{counted(len(compared), 'log')}, same parameters and recorded input. Median FIT: "
-        f"{medians}.",
-        f"Largest difference between the simulators: {difference:.2g} {way}, with MuJoCo as `run` "
-        "steps it; `export` measures its file in its own steps.",
-    ]
+    return (
+        f"MuJoCo and grey box differ by at most {difference:.2g} {way}, with the same parameters "
+        f"and recorded input of {counted(len(compared), 'log')}. Median FIT: {medians}."
+    )
 
 
 class Leaderboard(Tabulated):
@@ -164,7 +180,7 @@ class Leaderboard(Tabulated):
         }
         return cls(
             title="Ranking of methods: " + ", ".join(sets),
-            summary=(*verdict.lines, *map(_best_sentence, sets.values())),
+            summary=verdict.after(*map(_best_sentence, sets.values())),
             judged=verdict,
             content={"entries": [_entry(entry) for entry in entries], "winners": winners},
             units={"entries.held_out": "%", "entries.in_sample": "%", "entries.seconds": "s"},

@@ -33,10 +33,10 @@ from butterfly.logs.manifest import read_manifest
 from butterfly.logs.mat import write_mat
 from butterfly.outputs import call
 from butterfly.progress import Track, untracked
-from butterfly.report.finding_texts import estimate_notes, estimate_verdict
+from butterfly.report.finding_texts import estimate_notes, estimate_sentences, estimate_verdict
 from butterfly.report.format import field_label, fit_text
 from butterfly.report.numbers import estimate_numbers
-from butterfly.report.orbit_page import orbit_page
+from butterfly.report.orbit_page import degrees_said, orbit_headline, orbit_page
 from butterfly.report.page import PageTable, write_page
 from butterfly.report.summary import values_table
 from butterfly.report.sweep_page import sweep_page
@@ -47,7 +47,6 @@ RESULT = "result.json"
 """File of a single run's results: what its `to_dict` returns."""
 
 _ORBIT_REPORT = "orbit.html"
-_NEAR_ORBIT = "near the orbit"  # name of an orbit's estimate among those of a run
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -63,8 +62,8 @@ class _Done(Answer):
     """The written reports."""
 
     def paragraphs(self) -> list[str]:
-        """Return the note, then the summary."""
-        return [*([self.note] if self.note else []), *self.summary]
+        """Return the summary, after its first sentence the note."""
+        return [*self.summary[:1], *([self.note] if self.note else []), *self.summary[1:]]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -72,6 +71,7 @@ class Run(_Done):
     """Results of one run: estimates with the true parameters, and its orbit."""
 
     kind: ClassVar[str] = "run"
+    sets_goal: ClassVar[bool] = True  # of an orbit
     table: ClassVar[str] = "estimates"
 
     identifications: Mapping[str, Identification]
@@ -92,23 +92,31 @@ class Run(_Done):
         for unsaid in ("schema", "digest", "versions"):
             del content[unsaid]
         notes, estimates = dict[str, Sequence[str]](), list[dict[str, Any]]()
+        orbit = content["orbit"] if orbit is None else orbit
+        headline = () if record.orbit is None else orbit_headline(record.orbit)
         for entry in record.estimates:
             identification = identifications.get(entry.estimator)
             if identification is not None:
                 estimates.append(identification.to_dict())
-                notes[entry.estimator] = identification.paragraphs()[len(identification.verdict) :]
+                lines = identification.paragraphs()
+                notes[entry.estimator] = lines if orbit else lines[len(identification.verdict) :]
             elif entry.estimate is not None:
                 estimates.append(_numbers(entry, entry.estimate))
-                notes[entry.estimator] = estimate_notes(entry.estimate)
-        orbit = content["orbit"] if orbit is None else orbit
-        notes[_NEAR_ORBIT] = (orbit or {}).get("summary", ())
-        alone = Verdict.of_numbers(orbit) if orbit and not estimates else None
-        judged, several = alone or _verdict(record), len([*filter(None, notes.values())]) > 1
+                of_estimate = estimate_sentences if orbit else estimate_notes
+                notes[entry.estimator] = of_estimate(entry.estimate)
+        judged = _verdict(record)
+        of_orbit: Sequence[str] = ()
+        if orbit and orbit.get("summary"):  # by one run, whose estimators gave the first model
+            judged = Verdict.of_numbers(orbit)
+            of_orbit = orbit["summary"][len(headline) + len(judged.lines if judged else ()) :]
+        several = len([*filter(None, notes.values())]) + bool(of_orbit) > 1
         return cls(
             title=title,
             judged=judged,
             summary=(
+                *headline,
                 *(judged.lines if judged else ()),
+                *of_orbit,
                 *(f"{entry.estimator}: {entry.error}" for entry in record.estimates if entry.error),
                 *(
                     f"{name}: " * several + text
@@ -160,23 +168,21 @@ class Run(_Done):
         ]
 
     def further(self) -> list[PageTable]:
-        """Return the settings, the tables of each estimate beside the truth, those of an orbit."""
+        """Return the tables of an orbit, of each estimate beside the truth, then the settings."""
         about = self.content
         names = ("key", "status", "seed", "error")
         settings = {name: str(about[name]) for name in names if about[name] != ""}
         settings |= {field_label(name): str(value) for name, value in about["overrides"].items()}
         settings |= {f"seconds, {name}": f"{s:.3g}" for name, s in about["seconds"].items()}
         settings |= {f"version, {name}": text for name, text in about["made_with"].items()}
-        tables = [PageTable("", (), [*settings.items()], detail=bool(self.identifications))]
+        tables = [PageTable(**table) for table in (about["orbit"] or {}).get("tables", [])]
+        alone = bool(self.identifications or tables)
         for estimate in about["estimates"]:
             name, rows = estimate["estimator"], estimate["parameters"].values()
             identification = self.identifications.get(name)
             values = [values_table(name, [Parameter(**row) for row in rows])]
             tables += values if identification is None else identification.tables()
-        return [
-            *tables,
-            *(PageTable(**table) for table in (about["orbit"] or {}).get("tables", [])),
-        ]
+        return [*tables, PageTable("", (), [*settings.items()], detail=alone)]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -385,11 +391,13 @@ def _reports(folder: Path, record: RunRecord) -> tuple[Path, ...]:
 
 
 def _verdict(record: RunRecord) -> Verdict | None:
-    """Return the worst verdict on the estimates of a run; None if there is none."""
-    verdicts = {e.estimator: estimate_verdict(e.estimate) for e in record.estimates if e.estimate}
+    """Return the verdict near a run's orbit, or the worst on its estimates; None without one."""
     if record.orbit is not None and record.orbit.verdict is not None:
-        level = Level.of_verdict(record.orbit.verdict)
-        verdicts[_NEAR_ORBIT] = Verdict(level, ("see the orbit's findings.",))
+        errors = record.orbit.free_run_rms_rad
+        reason = ", ".join(f"{degrees_said(rms)}° {name}" for name, rms in errors.items())
+        text = f"error of a free run near the orbit, by its model: {reason}."
+        return Verdict(Level.of_verdict(record.orbit.verdict), (text,))
+    verdicts = {e.estimator: estimate_verdict(e.estimate) for e in record.estimates if e.estimate}
     if len(verdicts) == 1:
         return next(iter(verdicts.values()))
     return Verdict.of_several(verdicts) if verdicts else None

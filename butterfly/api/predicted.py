@@ -195,11 +195,12 @@ class Predicted(Tabulated):
         from butterfly.report.log_figures import with_bands  # noqa: PLC0415 - slow to import
 
         verdict, log = estimate_verdict(estimate), predictions[0].run.log
+        answer, *others = _followed(predictions, estimate.horizon, measured=measured)
         return cls(
             title=f"{name!r} predicted",
             summary=(
-                *verdict.lines,
-                *_followed(predictions, estimate.horizon, measured=measured),
+                *verdict.after(answer),
+                *others,
                 *more,
                 *estimate_notes(estimate),
             ),

@@ -111,11 +111,12 @@ class Validated(Tabulated):
         return cls(
             title=f"{estimator.label} of {data.name!r}, {held.division.left_out} at a time",
             summary=(
-                *verdict.lines,
+                *verdict.after(
+                    f"Held-out median FIT{without.over} {fit_text(without.median)} % (mean "
+                    f"{fit_text(without.mean)} %, worst {fit_text(without.worst)} %); in-sample "
+                    f"median FIT {fit_text(within.median)} %."
+                ),
                 held.division.sentence,
-                f"Held-out median FIT{without.over} {fit_text(without.median)} % (mean "
-                f"{fit_text(without.mean)} %, worst {fit_text(without.worst)} %); in-sample median "
-                f"FIT {fit_text(within.median)} %.",
                 *held_out_sentences(unused),
             ),
             judged=verdict,
@@ -239,7 +240,7 @@ class Designed(Tabulated):
         ]
         return cls(
             title=f"Next runs for {data.name!r}: standard errors after one over the present ones",
-            summary=(*verdict.lines, next_run_text(ranked[0], estimate.names, goal, now)),
+            summary=verdict.after(next_run_text(ranked[0], estimate.names, goal, now)),
             judged=verdict,
             content={
                 **rests_on(data, estimate, estimator),
@@ -290,9 +291,10 @@ class Selection(Tabulated):
     ) -> Selection:
         """Tabulate the sets of terms tried; the last one is chosen."""
         verdict = estimate_verdict(estimate)
+        answer, *others = selection_texts(passed, nested)
         return cls(
             title=f"Terms chosen for {data.name!r} by {estimator.method}",
-            summary=(*verdict.lines, *selection_texts(passed, nested)),
+            summary=(*verdict.after(answer), *others),
             judged=verdict,
             content={
                 **rests_on(data, estimate, estimator),

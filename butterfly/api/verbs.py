@@ -35,7 +35,7 @@ from butterfly.identification.validate import (
 from butterfly.identification.validate import bootstrap as bootstrap_of
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import COMMON, OF_ANGLE, offered
-from butterfly.progress import Track, untracked
+from butterfly.progress import Track, phase, untracked
 from butterfly.report.finding_texts import require_possible, require_values
 
 Method = str | Estimator
@@ -77,7 +77,8 @@ def identify(
         raise InputError("identify", "against", against, "a mapping of names to parameters")
     others = {name: _parameters(name, given) for name, given in (against or {}).items()}
     logs, estimator = _prepared(data, method, options, holdout)
-    return Identification.of(identify_data(logs, estimator, against=others, track=track))
+    with phase("Identifying"):
+        return Identification.of(identify_data(logs, estimator, against=others, track=track))
 
 
 @checked

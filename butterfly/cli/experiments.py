@@ -18,6 +18,12 @@ if TYPE_CHECKING:
     from butterfly.thesis.tables import Synthetic
 
 
+_NEEDED = (
+    "Tables 4 and 5 and Figures 9 to 12 need the real logs: run `butterfly fetch`, or pass --root "
+    "FOLDER."
+)
+
+
 def manifest(
     folder: Path,
     /,
@@ -112,13 +118,15 @@ def reproduce(
     synthetic, real = thesis_robot(), tables.has_real_logs(root)
     rows, drawn = tables.reproduce(synthetic, root), []
     title = "The thesis: published and reproduced values"
-    cells = [(*row[:3], "yes" if row.agrees else "no", row.corrected) for row in rows]
-    show_table(title, ("figures", "published", "reproduced", "same", "corrected"), cells)
+    alike = f"{sum(row.agrees for row in rows)} of {len(rows)} published values are reproduced."
+    needed = () if real else (_NEEDED,)
+    for sentence in (alike, *needed):
+        say(sentence)
+    compared = tables.compared(rows)
+    show_table(title, tables.HEADERS, compared, lead=2)
     for row in rows:
         if row.note:
             say(f"{row.what}: {row.note}")
-    if not real:
-        say("Tables 4 and 5 need the real logs: run `butterfly fetch` or pass --root FOLDER.")
     if out is not None:
         drawn = figures.synthetic_figures(synthetic)
         drawn += figures.real_figures(root) if real else []
@@ -132,12 +140,14 @@ def reproduce(
         "rows": [{**row._asdict(), "same": row.agrees} for row in rows],
         "figures": [{k: getattr(f, k) for k in ("name", "title", "sentence")} for f in drawn],
     }
-    alike = f"{sum(row.agrees for row in rows)} of {len(rows)} published values are reproduced."
-    numbers = document("reproduction", title, content, summary=(alike,))
+    numbers = document("reproduction", title, content, summary=(alike, *needed))
     if out is not None:
+        from butterfly.report.page import PageTable  # noqa: PLC0415
         from butterfly.report.thesis_page import write_thesis  # noqa: PLC0415
 
-        say(f"Report: {write_thesis(out, drawn, numbers)}")
+        table = PageTable(title=title, headers=tables.HEADERS, rows=compared, words=(1, 2))
+        notes = [f"{row.what}: {row.note}" for row in rows if row.note]
+        say(f"Report: {write_thesis(out, drawn, table, notes, numbers)}")
     write_json(numbers)
 
 

@@ -18,6 +18,7 @@ from enum import IntEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TextIO, TypeVar
 
+from butterfly import progress
 from butterfly.errors import visible
 
 if TYPE_CHECKING:
@@ -146,7 +147,7 @@ def show(
     """Print a result, the command ``after`` it, at most so many ``rows``; write what is wanted."""
     verdict = result.judged.lines[:_VERDICT] if result.judged else ()
     answer = (*result.headline, *verdict)
-    _say_answer(answer)
+    _say_answer(verdict if asked.quiet and not result.sets_goal else answer)
     sentences = [sentence for sentence in result.paragraphs() if sentence not in answer]
     shown = len(sentences) if asked.verbose else _FEW + (not verdict)
     for sentence in sentences[:shown]:
@@ -283,20 +284,25 @@ def note(sentence: str) -> None:
 
 
 def show_progress(items: Iterable[_T], description: str) -> Iterable[_T]:
-    """Show a progress bar with count and elapsed time; none if standard error is no terminal."""
-    if asked.quiet or not sys.stderr.isatty():
+    """Show a progress bar with count and elapsed time; a line, elsewhere than on a terminal."""
+    if asked.quiet:
         return items
-    return _bar(items, description)
+    return (_bar if sys.stderr.isatty() else _line)(items, description)
+
+
+def _line(items: Iterable[_T], description: str) -> Iterator[_T]:
+    with progress.phase(description):
+        yield from items
 
 
 def _bar(items: Iterable[_T], description: str) -> Iterator[_T]:
-    from rich import progress  # noqa: PLC0415 - slow to import
+    from rich import progress as bars  # noqa: PLC0415 - slow to import
     from rich.console import Console  # noqa: PLC0415
 
     console = Console(stderr=True, markup=False, emoji=False)
     columns = (
-        progress.TextColumn("{task.description}", markup=False),
-        *(progress.BarColumn(), progress.MofNCompleteColumn(), progress.TimeElapsedColumn()),
+        bars.TextColumn("{task.description}", markup=False),
+        *(bars.BarColumn(), bars.MofNCompleteColumn(), bars.TimeElapsedColumn()),
     )
-    with progress.Progress(*columns, console=console, transient=True) as bar:
+    with bars.Progress(*columns, console=console, transient=True) as bar:
         yield from bar.track(items, description=visible(description))

@@ -38,7 +38,7 @@ from butterfly.identification.validate import cross_validate
 from butterfly.logs.log import Log
 from butterfly.model.prior import Prior
 from butterfly.orbit.loop import OrbitStudy, study_orbit
-from butterfly.progress import Track, budget, current_search, untracked
+from butterfly.progress import Track, budget, current_search, phase, untracked
 from butterfly.result import versions
 from butterfly.signals.excitations import Table
 
@@ -115,9 +115,9 @@ class RunResult:
         if experiment.runs():
             self._refuse_without_scale()
             compilation = nullcontext() if self._threads == 1 else compiling_beside(rehearse)
-            with self.timed("simulate"), compilation:
+            with self.timed("simulate"), phase("Simulating"), compilation:
                 self.logs.extend(simulate(experiment, threads=self._threads, track=self._track))
-            with self.timed("identify"):
+            with self.timed("identify"), phase("Identifying"):
                 data = data_set_of(experiment, self.logs, self._track)
                 for spec in experiment.all_estimators:
                     with self._searching():

@@ -30,7 +30,7 @@ from butterfly.orbit.loop import Calibration, OrbitStudy
 from butterfly.progress import current_search
 from butterfly.verdict import Level
 
-SCHEMA = 5
+SCHEMA = 6
 """Schema of the records; records of others count as missing."""
 
 OK, REFUSED, FAILED = "ok", "refused", "failed"
@@ -109,6 +109,7 @@ class RoundsRecord:
     target_rad: float | None = None  # amplitude that was wanted; None if it is to turn over
     amplitudes_rad: tuple[float | None, ...] = ()  # of the rounds; None where the hand turned over
     ending: str  # why the rounds ended, in words
+    reached: bool  # whether the last one came to the target within its bound
     absolute: bool  # whether the parameters are, or ratios to p1
     target_rad_s: float | None = None  # mean speed of an orbit that turns over
     speeds_rad_s: tuple[float | None, ...] = ()  # of the rounds; None where it did not turn over
@@ -122,7 +123,8 @@ class RoundsRecord:
         if last.orbit.direction:
             sizes = {"target_rad_s": last.orbit.size, "speeds_rad_s": reached}
         absolute = not last.recalibration.estimate.ratios
-        return sizes | {"ending": calibration.ending, "absolute": absolute}
+        ended = {"ending": calibration.ending, "reached": calibration.reached}
+        return sizes | ended | {"absolute": absolute}
 
 
 @dataclass(frozen=True, kw_only=True)

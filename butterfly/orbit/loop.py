@@ -29,7 +29,7 @@ from butterfly.orbit.recalibration import (
 )
 from butterfly.plant.motor import CommandPath, ControlLaw
 from butterfly.plant.sensors import FilteredDifference
-from butterfly.progress import Track, untracked
+from butterfly.progress import Track, phase, untracked
 
 PERIODS = 5
 """Length of the free runs that are compared, in periods of the orbit."""
@@ -121,6 +121,7 @@ class Calibration:
 
     rounds: tuple[Round, ...]
     ending: str
+    reached: bool  # whether the last round's orbit is within its bound of the target
 
     @property
     def parameters(self) -> LumpedParameters:
@@ -149,9 +150,10 @@ def calibrate(
     require_number("believed parameters", positive=True, p1=believed.p1, p4=believed.p4)
     loaded = {mass: believed.with_added_mass(mass) for mass in schedule.added_masses}
     rounds: list[Round] = []
-    ending = f"all {schedule.rounds} rounds are done"
-    for _ in track(range(schedule.rounds), "Calibrating"):
-        logs = _runs(rig, loaded, zero, schedule, rng)
+    ending, reached = f"all {schedule.rounds} rounds are done", False
+    for number in track(range(schedule.rounds), "Calibrating"):
+        with phase(f"Round {number}: holding the orbit"):
+            logs = _runs(rig, loaded, zero, schedule, rng)
         before = loaded[schedule.added_masses[0]]
         orbit, recalibration = (
             schedule.target(before),
@@ -169,7 +171,8 @@ def calibrate(
         )
         rounds.append(last)
         loaded = {mass: recalibration.loaded(mass, before.p1) for mass in schedule.added_masses}
-        if abs(last.error) <= (schedule.speed_tolerance if turns else schedule.amplitude_tolerance):
+        bound = schedule.speed_tolerance if turns else schedule.amplitude_tolerance
+        if reached := abs(last.error) <= bound:
             ending = f"the {'speed' if turns else 'amplitude'} error is within its bound"
             break
         after = loaded[schedule.added_masses[0]]
@@ -181,13 +184,14 @@ def calibrate(
     if plants is not None:
         recalibration = rounds[-1].recalibration
         of_plants = (_runs(p, loaded, zero, schedule, np.random.default_rng(0)) for p in plants)
-        equations = [LoopEquations(logs, zero, schedule.recalibration) for logs in of_plants]
+        with phase("Holding it on a rougher and on a finer simulation"):
+            equations = [LoopEquations(logs, zero, schedule.recalibration) for logs in of_plants]
         rough, fine = (loop.fit(recalibration.estimate.names)[0].values for loop in equations)
         recalibration = replace(
             recalibration, estimate=recalibration.estimate.resting_on(fine - rough)
         )
         rounds[-1] = replace(rounds[-1], recalibration=recalibration)
-    return Calibration(rounds=tuple(rounds), ending=ending)
+    return Calibration(rounds=tuple(rounds), ending=ending, reached=reached)
 
 
 def _runs(

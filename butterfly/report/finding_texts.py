@@ -50,10 +50,12 @@ def estimate_notes(estimate: Estimate) -> list[str]:
 def grave_notes(estimate: Estimate) -> list[str]:
     """Return the sentences of findings that need care, gravest first."""
     scatters = [finding for finding in estimate.findings if finding.kind is FindingKind.SCATTER]
+    quick = any(finding.kind is FindingKind.APPROXIMATE for finding in estimate.findings)
     return [
         *_texts_of(estimate, Level.CARE),
         *([_scatter(*scatters)] if scatters else []),
-        *(contrast_text(contrast, estimate) for contrast in estimate.agreement),
+        # a fast look names no causes: what differs may be its own systematic error
+        *(contrast_text(contrast, estimate) for contrast in estimate.agreement if not quick),
     ]
 
 

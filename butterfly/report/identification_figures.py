@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from html import escape
 
 import numpy as np
@@ -14,9 +15,10 @@ from scipy.interpolate import PchipInterpolator
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, nearest
 from butterfly.identification.data import DataSet
+from butterfly.identification.free_run import FreeRun
 from butterfly.identification.identified import Identified
 from butterfly.model.linear import quasi_linear_response
-from butterfly.model.parameters import AddedMass
+from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.report.figures import (
     GREY,
     PALETTE,
@@ -30,7 +32,7 @@ from butterfly.report.figures import (
 )
 from butterfly.report.forest import forest
 from butterfly.report.log_figures import first_stretch, time_figure
-from butterfly.signals.frequency_response import ResponsePoint
+from butterfly.signals.frequency_response import ResponsePoint, response_point
 from butterfly.signals.spectrum import rms_amplitude
 
 _ROW = 34  # pixels of a parameter
@@ -140,9 +142,9 @@ class IdentificationPlots:
     def frequency_response(self) -> Figure:
         """Draw gain and phase over frequency, measured and modelled, and the residual.
 
-        The model is shown at the swing of the logs by its describing functions: the lines pass
-        through what it says of each log, and take a swing in between where no log is. Of logs
-        without sines there are only lines, at the median of their rms swings.
+        Each simulated log is treated as the measured one is. The lines pass through what that
+        gives; in between they follow the describing functions, at a swing in between. Of logs
+        without sines there are only these, at the median of their rms swings.
         """
         data, parameters = self.identification.data, self.identification.estimate.parameters
         count = len(_HEIGHTS) if data.sines else 2
@@ -155,7 +157,12 @@ class IdentificationPlots:
         figure.update_xaxes(log_ticks(*range(1, 10)))
         figure.update_yaxes(log_ticks(1, 2, 5), row=1)
         for mass, (colour, symbol) in mass_looks(data.masses).items():
-            points = [p for p in data.sines if p.added_mass == mass]
+            pairs = [
+                (point, _simulated_gain(run, point))
+                for point, run in zip(data.points, self._runs_of_sines, strict=True)
+                if point is not None and point.added_mass == mass
+            ]
+            points = [point for point, _ in pairs]
             if not points and data.sines:
                 continue
             loaded = parameters.with_added_mass(mass)
@@ -163,6 +170,9 @@ class IdentificationPlots:
             common = {"legendgroup": name, "hovertemplate": "%{x:.3g} rad/s: %{y:.4g}"}
             omega, swing = swings_between(points) if points else _typical_swing(data, mass)
             response = quasi_linear_response(loaded, omega, swing)
+            modelled = np.array([gain for _, gain in pairs])
+            if points:
+                response = response * _correction(loaded, points, modelled, omega)
             line = {"color": colour, "width": 1.4}
             look_of_line = {"name": f"{name}, model", "mode": "lines", "line": line, **common}
             for row, values in enumerate((np.abs(response), _degrees(response)), start=1):
@@ -170,7 +180,6 @@ class IdentificationPlots:
             if not points:
                 continue
             at = np.array([p.omega for p in points])
-            modelled = quasi_linear_response(loaded, at, [p.amplitude for p in points])
             gain = np.array([p.gain for p in points])
             gain_error = np.array([p.angle.amplitude_error / abs(p.input) for p in points])
             phase_error = np.degrees([p.angle.phase_error for p in points])
@@ -188,6 +197,12 @@ class IdentificationPlots:
                 bars = {"array": 2 * errors, "thickness": 1, "width": 2}
                 add(figure, row, at, values, error_y=bars, showlegend=row == 1, **marks)
         return figure
+
+    @property
+    def _runs_of_sines(self) -> Sequence[FreeRun | None]:
+        """The free run of each log; without sines none is needed."""
+        data = self.identification.data
+        return self.identification.free_runs if data.sines else [None] * len(data.points)
 
     def time(self, log: str | int | None = None) -> Figure:
         """Draw measured and simulated angle of a log, by its name or number.
@@ -212,6 +227,34 @@ class IdentificationPlots:
         run = runs[log]
         figure = time_figure(run, self.identification.residuals.logs[log].band)
         return figure.update_xaxes(range=first_stretch(run.log))
+
+
+def _simulated_gain(run: FreeRun | None, point: ResponsePoint) -> complex:
+    """Return the gain of a simulated log, got as that of the measured one was; NaN of none."""
+    if run is None or not math.isfinite(run.fit):
+        return complex(math.nan, math.nan)
+    try:
+        return complex(response_point(replace(run.log, angle=run.simulated), pole=point.pole).gain)
+    except InputError:
+        return complex(math.nan, math.nan)
+
+
+def _correction(
+    loaded: LumpedParameters,
+    points: Sequence[ResponsePoint],
+    gains: NDArray[np.complex128],
+    omega: Samples,
+) -> NDArray[np.complex128]:
+    """Return by which factor describing functions are off from simulated logs, in between too."""
+    at = np.array([point.omega for point in points])
+    described = quasi_linear_response(loaded, at, [point.amplitude for point in points])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        off = np.log(gains / described)
+    known = np.unique(at[np.isfinite(off)])
+    if not known.size:
+        return np.ones(omega.size, dtype=complex)
+    means = np.array([off[(at == one) & np.isfinite(off)].mean() for one in known])
+    return np.asarray(np.exp(np.interp(np.log(omega), np.log(known), means)))
 
 
 def swings_between(points: list[ResponsePoint]) -> tuple[Samples, Samples]:

@@ -15,7 +15,7 @@ from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import JointKind
 from butterfly.model.terms import PARAMETERS
 from butterfly.report.figures import middle
-from butterfly.report.finding_texts import estimate_verdict
+from butterfly.report.finding_texts import estimate_verdict, grave_notes
 from butterfly.report.forest import Bar, forest, forest_caption
 from butterfly.report.format import counted, fit_text
 from butterfly.report.identification_figures import IdentificationPlots
@@ -28,7 +28,7 @@ from butterfly.report.log_figures import (
     spectrum_series,
     time_series,
 )
-from butterfly.report.page import Fact, Marked, Page, PageTable, Section, tabulated
+from butterfly.report.page import Badge, Fact, Marked, Page, PageTable, Section, tabulated
 from butterfly.report.parameter_table import (
     badge_of,
     parameter_texts,
@@ -37,10 +37,11 @@ from butterfly.report.parameter_table import (
 )
 from butterfly.report.residual import residual_sentences, residual_table
 from butterfly.report.summary import loop_table
+from butterfly.verdict import Level
 
 _RESPONSE = (
-    "Points: measured, with two standard errors. Lines: the model at the measured swing "
-    "(describing functions). Below: the difference between the two."
+    "Points: measured, with two standard errors. Lines: through the simulated logs, treated as the "
+    "measured ones are. Below: the difference between the two."
 )
 _RESPONSE_UNASKED = (
     "Lines: the model at the median rms swing of the logs (describing functions). No log "
@@ -65,6 +66,7 @@ _RESIDUALS = (
     "residual's spectrum."
 )
 _COMPARED = PARAMETERS[:5]
+_CAUSES = 2  # sentences on the cause of a verdict and its cure, on the first screen
 
 
 def identification_page(
@@ -136,13 +138,18 @@ def identification_page(
 
 
 def first_screen(identification: Identified, facts: Sequence[Fact]) -> Page:
-    """Put together what is seen first: verdict, tiles and parameters."""
-    origin = identification.origin
+    """Put together what is seen first: verdict, its cause and cure, tiles and parameters."""
+    origin, estimate = identification.origin, identification.estimate
+    verdict = estimate_verdict(estimate)
+    doubted = verdict.level is not Level.GOOD
+    causes = grave_notes(estimate)[: _CAUSES * doubted]
+    reasons = [*causes, *verdict.reasons]
     return Page(
         name=origin["name"],
         description=origin.get("description", ""),
         kind="identification",
-        verdict=estimate_verdict(identification.estimate),
+        verdict=verdict,
+        badge=Badge(verdict.level, verdict.level.verdict.capitalize(), reasons),
         facts=facts,
         lead=_lead(identification),
     )
@@ -153,8 +160,8 @@ def _lead(identification: Identified) -> Section:
     joint, truth = identification.estimate.joint, identification.truth
     parameters = identification.estimate.table(truth)
     texts, bars = map(parameter_texts, parameters), forest(parameters)
-    headers = {"width": "±", "interval": "95 % interval", "error": "standard error"}
-    headers |= {"true": "true", "deviation": "deviation"} if truth else {}
+    proof = {"true": "true", "deviation": "deviation"} if truth else {}
+    headers = {"width": "±", **proof, "interval": "95 % interval", "error": "standard error"}
     rows: list[tuple[str | Marked | Bar, ...]] = []
     for parameter, row, bar in zip(parameters, texts, bars, strict=True):
         name = Marked(parameter.name, meaning=row["meaning"])

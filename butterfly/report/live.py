@@ -36,11 +36,10 @@ _TEXT = (
     "Move a parameter: the page simulates the log again from the recorded input, and FIT follows."
 )
 _WORST = 6  # logs of the lowest FIT
-_INTERVALS = 3  # half-widths of the 95 % interval that a slider reaches, either way
+_SHARE = 0.5  # of its value that a slider reaches, either way: the motion parts; or, if these
+_INTERVALS = 3  # half-widths of the 95 % interval are more, or are chosen, so many of them
 _WITHOUT = 0.1 / _INTERVALS  # of the value, in place of an interval that is not known
 _LEAST = 0.25  # of a value that must stay positive:
-_ZOOMS = (1, 10, 100)
-_SEEN = 1.0  # per cent of FIT, a change that the eye sees
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,11 +67,10 @@ class Slider:
             least=None if least == -math.inf else min(least, value),
         )
 
-    def ends(self, zoom: int) -> tuple[float, float]:
-        """Return the least and the largest value that it reaches."""
-        reach = _INTERVALS * zoom * self.half
-        least = -math.inf if self.least is None else self.least
-        return max(self.value - reach, least), self.value + reach
+    @property
+    def reach(self) -> float:
+        """How far it can be moved, either way."""
+        return max(_INTERVALS * self.half, _SHARE * abs(self.value))
 
 
 def live_section(identification: Identified) -> Section:
@@ -119,7 +117,7 @@ def _carried(
     data: DataSet, estimate: Estimate, fits: Samples, sliders: Sequence[Slider]
 ) -> tuple[list[LiveLog], str]:
     """Return the logs that the page has, and a text that says which they are."""
-    delays = [_INTERVALS * slider.half for slider in sliders if slider.name == "delay"]
+    delays = [slider.reach for slider in sliders if slider.name == "delay"]
     order = [int(k) for k in np.argsort(fits) if math.isfinite(fits[k])]
     logs: dict[int, LiveLog] = {}
     for k in order:
@@ -146,14 +144,13 @@ def _carried(
 def _rendered(
     twin: Twin, program: str, sliders: Sequence[Slider], logs: Sequence[LiveLog], which: str
 ) -> Markup:
-    best = max(logs, key=lambda log: log.raw)
     middling = sorted(logs, key=lambda log: log.raw)[len(logs) // 2]
     differences = [log.fit(log.setting.parameters) - log.raw for log in logs]
-    zooms = _zooms(sliders, best)
     content = {
         "sliders": [asdict(slider) for slider in sliders],
         "logs": [log.document() for log in logs],
         "intervals": _INTERVALS,
+        "share": _SHARE,
         "shape": twin.shape.name.lower(),
     }
     return Markup(  # noqa: S704 - of our own templates
@@ -165,34 +162,19 @@ def _rendered(
             program=program,
             content=json.dumps(content, separators=(",", ":")).replace("<", "\\u003c"),
             chosen=logs.index(middling),
-            zooms=zooms,
-            note=_note(logs, which, differences, zooms[1:]),
+            ranges={"wide": f"{100 * _SHARE:.0f} %", "near": f"{_INTERVALS} intervals"},
+            note=_note(logs, which, differences),
         )
     )
 
 
-def _zooms(sliders: Sequence[Slider], log: LiveLog) -> list[int]:
-    """Return how far a slider may reach, up to where one changes the FIT of a log visibly."""
-    p = log.setting.parameters
-    now, offered = log.fit(p), []
-    for zoom in _ZOOMS:
-        offered.append(zoom)
-        ends = [(slider.name, end) for slider in sliders for end in slider.ends(zoom)]
-        if any(abs(log.fit(replace(p, **{name: end})) - now) >= _SEEN for name, end in ends):
-            break
-    return offered
-
-
-def _note(
-    logs: Sequence[LiveLog], which: str, differences: Sequence[float], farther: Sequence[int]
-) -> str:
+def _note(logs: Sequence[LiveLog], which: str, differences: Sequence[float]) -> str:
     """Say what the page has of the logs, how far its FIT is from theirs, what sliders reach."""
     steps = sorted({f"{1e3 * log.step:.3g}" for log in logs}, key=float)
     grid = steps[0] if len(steps) == 1 else f"{steps[0]} to {steps[-1]}"
-    more = f", or {' or '.join(map(str, farther))} times as far" * bool(farther)
     return (
         f"On this page: {which}. Grid: {grid} ms; FIT on it differs from FIT of the raw log by at "
         f"most {max(map(abs, differences)):.2f} points. Each log starts from the state that its "
-        f"free run starts from. Sliders reach {_INTERVALS} times the ± beside them, the half-width "
-        f"of the 95 % interval{more}."
+        f"free run starts from. Sliders reach {100 * _SHARE:.0f} % of the value, or {_INTERVALS} "
+        "times the ± beside them, the half-width of the 95 % interval, if that is more or chosen."
     )

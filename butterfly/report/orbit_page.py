@@ -11,8 +11,8 @@ from plotly.graph_objects import Figure
 from pydantic import TypeAdapter
 
 from butterfly.arrays import Samples
-from butterfly.experiment.record import AlsoRecord, OrbitRecord
-from butterfly.identification.parameter import lumped_numbers
+from butterfly.experiment.record import AlsoRecord, OrbitRecord, RoundsRecord
+from butterfly.identification.parameter import lumped_numbers, or_nan
 from butterfly.model.energy import Orbit, energy
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import PARAMETERS
@@ -20,16 +20,18 @@ from butterfly.orbit.loop import PERIODS, Calibration, OrbitStudy
 from butterfly.report.figures import PALETTE, panel
 from butterfly.report.finding_texts import estimate_notes, estimate_verdict
 from butterfly.report.forest import forest, forest_caption
-from butterfly.report.format import interval
+from butterfly.report.format import counted, interval
 from butterfly.report.numbers import estimate_numbers
 from butterfly.report.orbit_watch import watch_section, watch_sentences
-from butterfly.report.page import Fact, Page, PageTable, Section
+from butterfly.report.page import Badge, Fact, Page, PageTable, Section
 from butterfly.report.parameter_table import parameter_texts
 from butterfly.result import document
+from butterfly.verdict import Level
 
 _RATIOS = PARAMETERS[1:5]
 _EVERY = 0.01  # s between drawn points
 _SMOOTH = 0.02  # s over which the drawn velocity is averaged
+_MORE = "give it more rounds (control: rounds), or other terms (recalibration: candidates)"
 
 
 def orbit_page(study: OrbitStudy, truth: LumpedParameters | None = None) -> Page:
@@ -77,21 +79,31 @@ def orbit_page(study: OrbitStudy, truth: LumpedParameters | None = None) -> Page
     if study.watched is not None:
         sections.insert(0, watch_section(study.watched, study.zero))
     last, ((_, before), (_, after)) = study.calibration.rounds[-1], errors
-    name, unit, _ = _named(last.orbit)
-    reached = f"{_size_said(last.orbit, last.reached)}{unit}"
+    name = _named(last.orbit)[0]
+    verdict, headline = estimate_verdict(study.estimate), orbit_headline(OrbitRecord.of(study))
+    held = Level.GOOD if study.calibration.reached else Level.CARE
     return Page(
         name=study.name,
         description=study.description,
         kind="orbit re-calibration",
         facts=[
-            Fact(f"{name} reached", reached, f"of {degrees_said(last.orbit.size)}{unit}"),
+            Fact(
+                f"{name} reached",
+                size_text(last.reached, last.orbit.direction),
+                f"of {size_text(last.orbit.size, last.orbit.direction)}",
+            ),
             Fact("rounds", str(len(study.calibration.rounds)), "numbered from 0"),
             Fact("error of a free run near it", f"{after}°", f"rms; before, {before}°"),
         ],
         summary=_sentences(study),
         sections=sections,
         numbers=orbit_document(study, truth),
-        verdict=estimate_verdict(study.estimate),
+        verdict=verdict,
+        badge=Badge(
+            Level.worst([held, verdict.level]),
+            "Orbit held" if study.calibration.reached else "Orbit not held",
+            [*headline, *verdict.lines],
+        ),
     )
 
 
@@ -117,20 +129,18 @@ def orbit_document(study: OrbitStudy, truth: LumpedParameters | None) -> dict[st
         f"{study.name!r} re-calibrated near its orbit",
         content,
         verdict=verdict,
-        summary=(*verdict.lines, *_sentences(study)),
+        summary=(*orbit_headline(record), *verdict.lines, *_sentences(study)),
         units=dict.fromkeys(("free_run_rms_rad", "amplitudes_rad", "target_rad"), "rad")
         | dict.fromkeys(("speeds_rad_s", "target_rad_s"), "rad/s"),
     )
 
 
 def _sentences(study: OrbitStudy) -> list[str]:
-    """Say in plain words what was found, but for the verdict."""
+    """Say in plain words what was found, but for the headline and the verdict."""
     generic, recalibrated = study.errors["generic"], study.errors["re-calibrated"]
-    record = OrbitRecord.of(study).also
     recalibration, begun = study.calibration.rounds[-1].recalibration, study.small_swings
     return [
         *([] if study.watched is None else watch_sentences(study.watched)),
-        _reached_sentence(study.calibration),
         f"Near the orbit, the error of the free run is {degrees_said(recalibrated)}° rms with the "
         f"re-calibrated model and {degrees_said(generic)}° with the initial model: "
         f"{generic / max(recalibrated, 1e-12):.3g} times less.",
@@ -138,46 +148,62 @@ def _sentences(study: OrbitStudy) -> list[str]:
         f"terms that did not help on held-out data: {', '.join(recalibration.rejected) or 'none'}.",
         *estimate_notes(study.estimate),
         *([] if begun is None else [f"Initial model: {estimate_verdict(begun).lines[0]}"]),
-        *([] if study.also is None or record is None else _also_sentences(study.also, record)),
     ]
 
 
-def _named(orbit: Orbit) -> tuple[str, str, str]:
-    """Return the name of an orbit's size, its unit, and what to say of a run without one."""
-    if orbit.direction:
-        return "mean speed", "°/s", "did not turn over"
-    return "amplitude", "°", "turned over"
+def orbit_headline(record: OrbitRecord) -> tuple[str, ...]:
+    """Say whether the orbit is held that was asked for, what to do if not, and so of another."""
+    return _held_text(record), *(() if record.also is None else _also_texts(record.also))
 
 
-def _size_said(orbit: Orbit, size: float) -> str:
-    return _named(orbit)[2] if math.isnan(size) else degrees_said(size)
-
-
-def _reached_sentence(calibration: Calibration) -> str:
-    rounds, orbit = calibration.rounds, calibration.rounds[-1].orbit
-    name, unit, _ = _named(orbit)
-    reached = ", ".join(_size_said(orbit, cycle.reached) for cycle in rounds)
-    return (
-        f"Target {name} {math.degrees(orbit.size):.2f}{unit}; reached {reached}{unit} in "
-        f"{len(rounds)} rounds; {calibration.ending}."
+def _held_text(record: RoundsRecord) -> str:
+    """Say what was asked for and what was reached, and what to do if these differ."""
+    turns = record.target_rad_s is not None
+    target = record.target_rad_s if turns else record.target_rad
+    sizes = record.speeds_rad_s if turns else record.amplitudes_rad
+    *earlier, last = (size_text(or_nan(size), turns) for size in sizes)
+    before = f"; before, {', '.join(earlier)}" if earlier else ""
+    asked = size_text(or_nan(target), turns) + " mean speed" * turns
+    text = (
+        f"{'Held' if record.reached else 'Not held'}: an orbit of {asked}. Reached {last} in "
+        f"{counted(len(sizes), 'round')}{before}."
     )
+    return text if record.reached else f"{text} Ended as {record.ending}: {_MORE}."
 
 
-def _also_sentences(also: Calibration, record: AlsoRecord) -> list[str]:
+def _also_texts(also: AlsoRecord) -> tuple[str, str]:
     """Say what the other orbit came to, and whether both say the same."""
-    agreeing = [name for name in record.differences if name not in record.differing]
+    agreeing = [name for name in also.differences if name not in also.differing]
     sentence = (
         f"Both orbits agree within their 95 % intervals on {', '.join(agreeing) or 'nothing'}"
     )
-    if record.differing:
-        sentence += f", not on {', '.join(record.differing)}"
-    return [f"Another orbit: {_reached_sentence(also)}", f"{sentence}."]
+    if also.differing:
+        sentence += f", not on {', '.join(also.differing)}"
+    return _held_text(also), f"{sentence}."
+
+
+def _named(orbit: Orbit) -> tuple[str, str]:
+    """Return the name of an orbit's size, and the unit that it is said in."""
+    return ("mean speed", "rad/s") if orbit.direction else ("amplitude", "°")
+
+
+def _size(size: float, turns: float) -> str:
+    """Return a size without its unit: an amplitude in degrees, or a mean speed in rad/s."""
+    if math.isnan(size):
+        return "did not turn over" if turns else "turned over"
+    return f"{size:.4g}" if turns else degrees_said(size)
+
+
+def size_text(size: float, turns: float) -> str:
+    """Return an amplitude or, of an orbit that ``turns``, a mean speed as it is said."""
+    unit = "" if math.isnan(size) else " rad/s" if turns else "°"
+    return f"{_size(size, turns)}{unit}"
 
 
 def _also_section(study: OrbitStudy, also: Calibration, record: AlsoRecord) -> Section:
     """Put the estimates of both orbits beside each other."""
     rounds = (study.calibration.rounds[-1], also.rounds[-1])
-    headers = [f"{degrees_said(cycle.orbit.size)}{_named(cycle.orbit)[1]}" for cycle in rounds]
+    headers = [size_text(cycle.orbit.size, cycle.orbit.direction) for cycle in rounds]
     recalibration = rounds[0].recalibration
     values = [cycle.recalibration.estimate.named for cycle in rounds]
     rows = [
@@ -195,7 +221,7 @@ def _also_section(study: OrbitStudy, also: Calibration, record: AlsoRecord) -> S
     )
     return Section(
         title="Two orbits, one robot",
-        text="\n".join([text, *_also_sentences(also, record)]),
+        text="\n".join([text, *_also_texts(record)]),
         tables=(PageTable(headers=("", *headers, "difference", "agree"), rows=rows),),
     )
 
@@ -208,7 +234,8 @@ def degrees_said(angle: float) -> str:
 def _rounds_section(calibration: Calibration) -> Section:
     """Say what each round believed, and came to."""
     rounds = calibration.rounds
-    name, unit, _ = _named(rounds[-1].orbit)
+    turns = rounds[-1].orbit.direction
+    name, unit = _named(rounds[-1].orbit)
     table = PageTable(
         headers=(
             *("round", f"{name} in {unit}", f"error in {unit}", "controller gain γ"),
@@ -217,7 +244,7 @@ def _rounds_section(calibration: Calibration) -> Section:
         rows=[
             (
                 str(number),
-                *(_size_said(cycle.orbit, size) for size in (cycle.reached, cycle.error)),
+                *(_size(size, turns) for size in (cycle.reached, cycle.error)),
                 f"{cycle.gamma:.4g}",
                 *(f"{getattr(cycle.believed, ratio) / cycle.believed.p1:.5g}" for ratio in _RATIOS),
             )
@@ -226,10 +253,11 @@ def _rounds_section(calibration: Calibration) -> Section:
         caption="The ratios are those of the controller in that round, including the added mass.",
     )
     figure = panel("round", f"{name} in {unit}", 320).update_xaxes(dtick=1)
-    counts, reached = list(range(len(rounds))), [math.degrees(cycle.reached) for cycle in rounds]
+    scale = 1.0 if turns else math.degrees(1.0)
+    counts, reached = list(range(len(rounds))), [scale * cycle.reached for cycle in rounds]
     marker, line = {"color": PALETTE[0], "size": 9}, {"color": PALETTE[5], "dash": "dash"}
     figure.add_scatter(x=counts, y=reached, mode="lines+markers", marker=marker, name="reached")
-    wanted = [math.degrees(rounds[-1].orbit.size)] * len(rounds)
+    wanted = [scale * rounds[-1].orbit.size] * len(rounds)
     figure.add_scatter(x=counts, y=wanted, mode="lines", line=line, name="target")
     return Section(
         title=f"{name.capitalize()} per round",

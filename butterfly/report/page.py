@@ -193,6 +193,12 @@ class Page:
         return Badge(self.verdict.level, text.capitalize(), list(self.verdict.reasons))
 
     @property
+    def findings(self) -> list[str]:
+        """The summary, but for what the badge says."""
+        reasons = self.headed.reasons if self.headed else ()
+        return [sentence for sentence in self.summary if sentence not in reasons]
+
+    @property
     def origin(self) -> dict[str, str]:
         """How the page was made: command, folder, data, options, date and versions."""
         about, chosen, made_with = (

@@ -119,10 +119,13 @@ def spans_decades(values: NDArray[Any]) -> bool:
 
 
 def heat_maps(table: Estimates, fields: Sequence[str]) -> dict[str, Figure]:
-    """Draw the mean absolute deviation over pairs of fields, by the first estimator."""
+    """Draw the deviation of each estimate's worst parameter over pairs of fields.
+
+    It is that of the first estimator: the median of all estimates in a cell.
+    """
     if not table["value"].size:
         return {}
-    group = table.where(estimator=table.estimators[0])
+    group = table.where(estimator=table.estimators[0]).worst()
     varying = [field for field in fields if len(group.distinct(field)) > 1]
     pairs = [(a, b) for k, a in enumerate(varying) for b in varying[k + 1 :]][:_MAPS]
     return {f"map-{number}": _heat_map(group, *pair) for number, pair in enumerate(pairs)}

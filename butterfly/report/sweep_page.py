@@ -14,7 +14,8 @@ from butterfly.experiment.sweep_tables import MISSING, Estimates, column
 from butterfly.identification.findings import Ending
 from butterfly.identification.validate import Gain
 from butterfly.model.terms import TERMS
-from butterfly.report.format import field_label, field_name
+from butterfly.report.format import counted, field_label, field_name
+from butterfly.report.orbit_page import degrees_said, size_text
 from butterfly.report.page import Fact, Marked, Page, PageTable, Section, tabulated
 from butterfly.report.sweep_figures import (
     affected,
@@ -109,7 +110,9 @@ def _against_fields(deviating: Estimates, fields: Sequence[str]) -> list[Section
         title = f"Against {field_name(field)}"
         sections.append(Section(title=title, text=text.strip(), figures=figures))
     if maps := heat_maps(deviating, fields):
-        text = "Median of the parameters' mean absolute deviation in %, over the other fields."
+        text = (
+            "Deviation in % of each estimate's worst parameter, the median over the other fields."
+        )
         sections.append(Section(title="Two fields at a time", text=text, figures=maps))
     return sections
 
@@ -262,22 +265,25 @@ def _orbits_table(runs: pa.Table) -> PageTable:
     held = runs.filter(np.isfinite([column(runs, name) for name in names]).any(axis=0))
     rows = []
     for row in held.slice(0, _ORBITS).to_pylist():
-        amplitude = (("target", "amplitude"), "°")
-        speed = (("target_speed", "speed"), "°/s")
-        sizes, unit = amplitude if row["orbit_speed"] is None else speed
+        turns = row["orbit_speed"] is not None
+        sizes = ("target_speed", "speed") if turns else ("target", "amplitude")
+        texts = [size_text(row[f"orbit_{name}"], turns) for name in sizes]
         errors = ("error_generic", "error_recalibrated")
-        angles = {name: math.degrees(row[f"orbit_{name}"]) for name in (*sizes, *errors)}
-        texts = [f"{angle:.4g}{unit if name in sizes else ''}" for name, angle in angles.items()]
+        texts += [degrees_said(row[f"orbit_{name}"]) for name in errors]
         rows.append((str(row["number"]), *texts, str(row["orbit_rounds"])))
     headers = ("run", "target", "reached", "generic, rms in °", "re-calibrated", "rounds")
     return PageTable(headers=headers, rows=rows)
 
 
 def _summary(table: Estimates, status: NDArray[Any], fields: Sequence[str]) -> list[str]:
-    done = int((status == OK).sum())
-    varied = ", ".join(map(field_name, fields)) or "only the seed"
-    sentences = [f"{status.size} runs, {done} with a result; varied: {varied}."]
-    missing = int((status == MISSING).sum())
+    sentences = _closeness(table)
+    if failed := int((status != OK).sum()) - (missing := int((status == MISSING).sum())):
+        sentences.append(
+            f"{counted(failed, 'run')} without a result: `butterfly results show FOLDER NUMBER` "
+            "says why."
+        )
+    done, varied = int((status == OK).sum()), ", ".join(map(field_name, fields)) or "only the seed"
+    sentences.append(f"{status.size} runs, {done} with a result; varied: {varied}.")
     if missing:
         sentences.append(f"{missing} have not run yet.")
     count = len(table.by_estimate("ending"))
@@ -287,24 +293,31 @@ def _summary(table: Estimates, status: NDArray[Any], fields: Sequence[str]) -> l
         sentences.append(f"Verdicts on {count} estimates: {', '.join(verdicts)}.")
         some = f"{missed} of {count} estimates did not converge."
         sentences.append(some if missed else "Every estimate converged.")
-    size = np.abs(table.deviating["deviation"])
-    if size.size:
-        sentences.append(
-            f"Half of all estimates are within {100 * np.median(size):.3g} % of the truth, "
-            f"95 % of them within {100 * np.percentile(size, 95):.3g} %."
-        )
-        equal = closest(table)
-        if len(table.estimators) > 1:
-            sentences.append(
-                f"No clear winner: {', '.join(equal)} do not differ significantly."
-                if len(equal) > 1
-                else f"{equal[0]} is closest to the truth."
-            )
-        if math.isfinite(table.coverage):
-            share = f"{100 * table.coverage:.1f} %"
-            sentences.append(f"The 95 % intervals contain the truth in {share} of the cases.")
+    if table.deviating["deviation"].size:
         sentences.append(
             f"The models reproduce their logs with a median FIT of {table.median_fit:.2f} %."
+        )
+    return sentences
+
+
+def _closeness(table: Estimates) -> list[str]:
+    """Say how close the estimates are to the truth, then which estimator to take."""
+    size = np.abs(table.deviating["deviation"])
+    if not size.size:
+        return []
+    inside = ""
+    if math.isfinite(table.coverage):
+        inside = f"; {100 * table.coverage:.1f} % of the 95 % intervals contain it"
+    sentences = [
+        f"Half of all estimates are within {100 * np.median(size):.3g} % of the truth, 95 % of "
+        f"them within {100 * np.percentile(size, 95):.3g} %{inside}."
+    ]
+    equal = closest(table)
+    if len(table.estimators) > 1:
+        sentences.append(
+            f"No clear winner: {', '.join(equal)} do not differ significantly."
+            if len(equal) > 1
+            else f"{equal[0]} is closest to the truth."
         )
     return sentences
 

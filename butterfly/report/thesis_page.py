@@ -1,4 +1,4 @@
-"""The thesis's figures, each with what agrees with it and what does not."""
+"""The thesis's tables and figures, each with what agrees with it and what does not."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from plotly.graph_objects import Figure
 
 from butterfly.report.figures import GREY, look, panel, seen_samples
-from butterfly.report.page import Page, Section, write_page
+from butterfly.report.page import Page, PageTable, Section, write_page
 from butterfly.report.pictures import write_pictures
 from butterfly.thesis.claims import ThesisFigure
 
@@ -19,16 +19,27 @@ _MARKERS = {"dots": ("circle", 3), "circles": ("circle-open", 9), "crosses": ("x
 _DASHES = ("dash", "dot", "dashdot")
 
 
-def write_thesis(folder: Path, figures: Sequence[ThesisFigure], numbers: dict[str, Any]) -> Path:
-    """Write figures as CSV, PNG and SVG, and on one page, whose path is returned."""
+def write_thesis(
+    folder: Path,
+    figures: Sequence[ThesisFigure],
+    table: PageTable,
+    notes: Sequence[str],
+    numbers: dict[str, Any],
+) -> Path:
+    """Write figures as CSV, PNG and SVG, and with the table on one page, whose path is returned."""
     page = Page(
-        name="The thesis's figures",
+        name="The thesis's tables and figures",
         description="What is said of them, and what the same data and formulas give here.",
         kind="reproduction",
         summary=numbers["summary"],
         sections=[
-            Section(title=f.title, text=f"{f.about}\n{f.sentence}".strip(), figures={f.name: plot})
-            for f, plot in zip(figures, map(drawn, figures), strict=True)
+            Section(title=table.title, text="\n".join(notes), tables=(table,)),
+            *(
+                Section(
+                    title=f.title, text=f"{f.about}\n{f.sentence}".strip(), figures={f.name: plot}
+                )
+                for f, plot in zip(figures, map(drawn, figures), strict=True)
+            ),
         ],
         numbers=numbers,
     )

@@ -41,7 +41,7 @@ def with_courses(
     series = {name: Series.of_figures([*map(draw, compared)]) for name, draw in of_log.items()}
     stretches = [first_stretch(comparison.log) for comparison in compared]
     series["time"] = replace(series["time"], stretches=stretches)
-    fits, residuals = (
+    fits, *others, residuals = (
         replace(part, tables=(part.tables[0]._replace(picks=range(len(log_residuals))),))
         for part in page.sections
     )
@@ -53,6 +53,7 @@ def with_courses(
             series={"time": series["time"], "phase": series["phase"]},
         ),
         fits,
+        *others,
         replace(
             residuals,
             text="Correlations of the grey box's errors: sensor noise alone stays inside the "

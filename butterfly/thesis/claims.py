@@ -47,7 +47,7 @@ class ThesisFigure:
     def sentence(self) -> str:
         """What agrees and what does not."""
         parts = []
-        for how, holds in (("Agrees", True), ("Does not", False)):
+        for how, holds in (("Agrees", True), ("Does not agree", False)):
             some = "; ".join(claim.text for claim in self.claims if claim.holds == holds)
             parts += [f"{how}: {some}."] if some else []
         return " ".join(parts)

@@ -132,7 +132,7 @@ def cases_figure(robot: LumpedParameters) -> ThesisFigure:
     others = ", ".join(f"{share:.2g}" for share in fitted[1:])
     claims = [
         near("exact controller, no noise: (118) finds a share of p4 of", 1, float(fitted[0])),
-        Claim(f"so it does in the other cases (here {others})", worst < CLOSE),
+        Claim(f"(118) finds a share of 1 in the other cases (here {others})", worst < CLOSE),
         Claim(f"the energy balance does in all (here within {100 * off:.1g} %)", off < CLOSE),
     ]
     curves = {

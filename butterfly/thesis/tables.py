@@ -71,6 +71,10 @@ def synthetic_log(synthetic: Synthetic, added: AddedMass, sine: Sine, *, noise: 
     )
 
 
+HEADERS = ("", "", "values", "same")
+"""Of the columns of `compared`."""
+
+
 class Row(NamedTuple):
     """One line of the comparison."""
 
@@ -164,3 +168,14 @@ def _real_rows(root: Path | None) -> list[Row]:
         Row("Table 4: (100)", TABLE_4_PRINTED, obtained, right, how),
         Row("Table 5, p1 p2 p3: (102)", "0.0028 0.0188 0.0583", *values, stopped),
     ]
+
+
+def compared(rows: Sequence[Row]) -> list[tuple[str, str, str, str]]:
+    """Return published, reproduced and, where they differ, corrected values below each other."""
+    lines = []
+    for row in rows:
+        lines.append((row.what, "published", row.published, ""))
+        lines.append(("", "reproduced", row.obtained, "yes" if row.agrees else "no"))
+        if row.corrected:
+            lines.append(("", "corrected", row.corrected, ""))
+    return lines

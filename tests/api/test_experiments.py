@@ -1,6 +1,7 @@
 """A run gives all that is asked for, is kept, and is found again; `simulate` makes a data set."""
 
 import json
+import math
 import shutil
 from pathlib import Path
 
@@ -9,7 +10,9 @@ import pytest
 import yaml
 
 import butterfly as bf
+from butterfly.api.experiments import Run
 from butterfly.api.identification import Identification
+from butterfly.experiment.record import OrbitRecord, RunRecord
 from butterfly.experiment.source import EXPERIMENT, read_experiment
 from butterfly.experiment.store import ResultStore
 from butterfly.experiment.sweep import run_sweep
@@ -147,3 +150,21 @@ def test_an_experiment_in_memory_is_the_data_set_of_its_folder(quick, tmp_path):
     first, second = (bf.identify(data, "linear").estimate for data in (memory, folder))
     np.testing.assert_array_equal(first.values, second.values)
     np.testing.assert_array_equal(first.covariance, second.covariance)
+
+
+def test_a_run_with_an_orbit_begins_with_whether_it_is_held_and_is_judged_near_it():
+    errors = {"generic": math.radians(20), "re-calibrated": math.radians(0.02)}
+    sizes = {"target_rad": math.radians(60), "amplitudes_rad": (math.radians(59.95),)}
+    ended = {"ending": "the amplitude error is within its bound", "reached": True}
+    more = {"absolute": True, "cross_orbit": {}, "verdict": "good"}
+    orbit = OrbitRecord(**sizes, **ended, **more, free_run_rms_rad=errors)
+    found = Run.of(RunRecord(status="ok", seed=1, orbit=orbit), "Run")
+    assert found.headline == ("Held: an orbit of 60°. Reached 59.95° in 1 round.",)
+    assert found.summary[1] == (
+        "Good: error of a free run near the orbit, by its model: 20° generic, 0.02° re-calibrated."
+    )
+    again = Run.from_dict(json.loads(json.dumps(found.to_dict())))
+    assert again.headline == found.headline
+    assert again.notes == found.notes
+    *_, settings = found.further()
+    assert ("status", "ok") in settings.rows

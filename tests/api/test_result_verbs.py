@@ -21,8 +21,8 @@ def test_an_experiment_is_predicted_by_its_inputs_alone(quick, result):
     for plan, options in plans:
         predicted = bf.predict(plan, result, **options)
         assert not predicted.measured
-        assert predicted.verdict == [*predicted.summary[:2]]
-        assert "no measurement to compare" in predicted.summary[2]
+        assert "no measurement to compare" in predicted.summary[0]
+        assert predicted.verdict == [*predicted.summary[1:3]]
         assert not any("FIT" in name or "inside" in name for name in predicted.rows()[0])
     found = bf.simulate(quick)
     run, log = predicted.predictions[3].run, found.logs[3]
@@ -71,8 +71,8 @@ def own(result):
 
 def test_given_parameters_are_judged_by_how_they_move(data, own):
     found = bf.predict(data, own)
-    assert found.summary[0].startswith("Use with care: p1, p4, p2, p3, coulomb and delay without")
-    assert found.summary[1].startswith("9 logs predicted from the initial angle")
+    assert found.summary[0].startswith("9 logs predicted from the initial angle")
+    assert found.summary[1].startswith("Use with care: p1, p4, p2, p3, coulomb and delay without")
     assert found.drawn is None
     known = bf.predict(data, LumpedParameters(**own), bands=False)
     assert known.rows() == found.rows()

@@ -50,13 +50,19 @@ def shown(result):
     )
 
 
+ANSWERS = {"validation", "design", "comparison", "prediction", "selection", "planned"}
+"""Results that say what was asked before the verdict that it rests on."""
+
+
 @pytest.mark.parametrize("kind", [*OF_ESTIMATE, *OTHERS])
 def test_a_result_says_its_verdict_first_shows_saves_and_reports_itself(results, kind, tmp_path):
     each = results[kind]
     if kind not in {"leaderboard", "change", "inspection", "one log"}:  # which rest on no one fit
         assert each.standing == each.to_dict()["verdict"] == "good"
         lines = each.page().verdict.lines
-        assert tuple(each.verdict[:2]) == each.summary[:2] == lines
+        before = len(each.headline)
+        assert before == (kind in ANSWERS)
+        assert tuple(each.verdict[:2]) == each.summary[before : before + 2] == lines
         assert lines[0].startswith("Good: p1 ±")
         assert lines[1].startswith("Model: error ")
     assert len(repr(each).splitlines()) == 1
@@ -139,9 +145,15 @@ def test_what_the_tables_hold_is_what_the_verbs_find(data, results):
     assert designed[0]["robot time in s"] == min(row["robot time in s"] for row in designed)
     assert compared.to_dataframe()["simulators apart in rad"].max() < 3e-3
     titles = [part.title for part in compared.page().parts]
-    assert titles == ["At a glance", "Measured against simulated", "In numbers", "Residuals"]
-    plain, left = compared.tables()
-    assert all(re.fullmatch(r"[+-]\d+\.\d\d", cell) for cell in plain.rows[0][4:])
+    assert titles == [
+        *("At a glance", "Measured against simulated", "In numbers", "Amplitude and phase"),
+        "Residuals",
+    ]
+    plain, errors, left = compared.tables()
+    assert len(plain.headers) == 4
+    assert errors.detail
+    assert all(re.fullmatch(r"[+-]\d\S*", cell) for cell in errors.rows[0][1:])
+    assert errors.rows[0][1:] != ["+0.00"] * 4
     assert left.headers == results["residual"].tables()[0].headers
     for kind in ("comparison", "residual"):
         assert results[kind].page().parts[-1].tables[-1].caption.startswith("Error: rms of")

@@ -1,11 +1,12 @@
 """The commands that run experiments."""
 
 import json
+import re
 
 import numpy as np
 import pytest
 
-from tests.cli.one_line import assert_one_line_error, done
+from tests.cli.one_line import assert_one_line_error, assert_tables_fit, done
 from tests.experiment.setting import changed
 
 
@@ -49,7 +50,9 @@ def test_an_orbit_is_calibrated_and_reported(butterfly, tmp_path):
     path.write_text(ORBIT)
     out = done(butterfly("run", path, "--out", tmp_path / "out", "--figures"))
     assert "times less" in out
-    assert out.startswith("Good: ")
+    first, second, *_ = out.splitlines()
+    assert first.startswith("Held: an orbit of 60°. Reached ")
+    assert second.startswith("Good: ")
     numbers = json.loads((tmp_path / "out/orbit.json").read_text())
     assert numbers["verdict"] == "good"
     assert numbers["amplitudes_rad"][-1] == pytest.approx(1.0472, abs=3.5e-3)
@@ -74,3 +77,16 @@ def test_an_orbit_that_cannot_be_is_refused_in_a_line(butterfly, tmp_path, old, 
     path = tmp_path / "orbit.yaml"
     path.write_text(ORBIT.replace(old, new, 1))
     assert_one_line_error(butterfly("run", path, "--out", tmp_path / "out"), part)
+
+
+def test_the_thesis_begins_with_how_much_is_reproduced_and_what_the_rest_needs(
+    butterfly, monkeypatch
+):
+    monkeypatch.setattr("butterfly.thesis.tables.has_real_logs", lambda _: False)
+    monkeypatch.setenv("COLUMNS", "80")
+    out = done(butterfly("reproduce", "thesis"))
+    first, second, *_ = out.splitlines()
+    assert re.fullmatch(r"(\d+) of \1 published values are reproduced\.", first)
+    assert "Figures 9 to 12 need the real logs: run `butterfly fetch`" in second
+    assert out.count("published  ") == int(first.split()[0])  # in one block
+    assert_tables_fit(out)

@@ -199,7 +199,7 @@ def test_logs_are_predicted_with_bands_draws_and_a_page(answer, few_data, saved,
         answer("predict", few_data, "--with", saved, *options, "--report", tmp_path / "p.html")
     )
     assert "inside the band of a new log" in out
-    assert out.startswith("Good: p1 ±")
+    assert re.match(r"\d+ logs predicted from the initial angle: median FIT .*\nGood: p1 ±", out)
     with (tmp_path / "d.csv").open(encoding="utf-8", newline="") as file:
         assert len(list(csv.DictReader(file))) == 50
     assert (tmp_path / "p.html").stat().st_size > 1e5

@@ -1,4 +1,4 @@
-"""Every command whose answer rests on an identification begins with the verdict, in two lines."""
+"""A command says what was asked, then the verdict it rests on in two lines; if bad, that first."""
 
 import json
 import re
@@ -26,6 +26,15 @@ COMMANDS = {
     "validate of several": ("--method", "harmonic-balance,weak-form"),
     "predict": (),
 }
+ANSWERS = {
+    "validate": r"Held-out median FIT \S+ %",
+    "select": r"Chosen: --terms ",
+    "design": r"Run next: |No run is needed",
+    "compare": r"MuJoCo and grey box differ by at most \S+ rad",
+    "validate of several": r"quickstart: ",
+    "predict": r"\d+ logs predicted from",
+}
+"""How a command begins that was asked for more than the values."""
 FITTING = {"identify", "validate", "select", "validate of several"}
 """Commands that fit; the others judge by what was saved."""
 
@@ -58,14 +67,18 @@ def impossible(quick_data, tmp_path_factory):
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_the_verdict_is_the_first_line_and_an_answer_not_to_be_used_ends_with_code_3(
+def test_the_verdict_follows_the_answer_at_once_and_one_not_to_be_used_leads_and_ends_with_code_3(
     butterfly, words, tmp_path, monkeypatch, command
 ):
     good, bad = words(command)
     monkeypatch.setenv("COLUMNS", "80")
     told = ("--report", tmp_path / "r.html") if command == "select" else ()
     out = done(butterfly(*good, *told))
-    first, model = out.splitlines()[:2]
+    answer = ANSWERS.get(command)
+    lines = out.splitlines()
+    if answer:
+        assert re.match(answer, lines.pop(0))
+    first, model = lines[:2]
     assert re.match(r"Good: (quickstart, [\w-]+: )?p1 ±", first)
     assert re.fullmatch(r"Model: error \S+ % of the motion, \S+ times the sensor noise\.", model)
     assert_tables_fit(out)
@@ -246,7 +259,7 @@ def test_an_estimator_that_fails_is_said_before_the_findings_of_the_others(
 def test_values_given_by_hand_have_a_verdict_of_one_line(answer, quick_data):
     given = "p1=0.00325,p2=0.00145,p3=0.04905,p4=0.025,coulomb=3e-4"
     words = ("predict", quick_data, "--with")
-    verdict, model, *_ = done(answer(*words, given)).splitlines()
+    model, verdict, *_ = done(answer(*words, given)).splitlines()
     assert verdict == "Use with care: p1, p4, p2, p3, coulomb and delay without an interval."
     assert model.startswith("9 logs predicted from the initial angle")
     assert answer(*words, given, "-q")[1] == f"{verdict}\n"

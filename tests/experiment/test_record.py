@@ -32,6 +32,7 @@ ORBIT = OrbitRecord(
     target_rad=1.0,
     amplitudes_rad=(None, 0.99),
     ending="two rounds were made",
+    reached=False,
     absolute=False,
     free_run_rms_rad={"generic": 0.1, "re-calibrated": 0.01},
     cross_orbit={"amplitudes_rad": (1.0,), "rms_rad": ((0.1,),)},

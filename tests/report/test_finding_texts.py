@@ -260,3 +260,9 @@ def test_what_makes_values_doubtful_is_in_the_first_line_of_the_verdict_and_said
     assert grave_notes(estimate) == []
     ruined = replace(estimate, findings=(Finding(FindingKind.NEGATIVE, ("p2",)), finding))
     assert grave_notes(ruined) == [finding_text(finding, VALUES)]  # which another verdict leaves
+
+
+def test_a_fast_look_names_no_causes_of_what_differs_between_logs():
+    estimate = estimate_with(FOLLOWED, Finding(FindingKind.APPROXIMATE), agreement=(WITH_LOG,))
+    assert not any("cause" in sentence for sentence in estimate_sentences(estimate))
+    assert any("cause" in text for text in estimate_notes(estimate_with(agreement=(WITH_LOG,))))

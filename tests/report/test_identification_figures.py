@@ -5,24 +5,34 @@ import dataclasses
 import numpy as np
 import pytest
 
-from butterfly.model.linear import quasi_linear_response
 from butterfly.report.identification_figures import swings_between
+from butterfly.signals.frequency_response import response_point
 
 
-def test_the_lines_of_the_frequency_response_are_the_model_at_the_measured_swing(simulated):
+def test_the_lines_of_the_frequency_response_pass_through_the_simulated_logs(simulated):
     result, _ = simulated
     figure = result.plot.frequency_response()
     lines = [trace for trace in figure.data if trace.mode == "lines"]
     assert len(lines) == 2 * len(result.data.masses)
     for mass, gain, phase in zip(result.data.masses, lines[::2], lines[1::2], strict=True):
-        loaded = result.estimate.parameters.with_added_mass(mass)
-        for point in (p for p in result.data.sines if p.added_mass == mass):
-            expected = quasi_linear_response(loaded, point.omega, point.amplitude)
+        for point, run in zip(result.data.points, result.free_runs, strict=True):
+            if point is None or point.added_mass != mass:
+                continue
+            treated = dataclasses.replace(run.log, angle=run.simulated)
+            expected = response_point(treated, pole=point.pole).gain
             (k,) = np.flatnonzero(gain.x == point.omega)
             assert gain.y[k] == pytest.approx(abs(expected), rel=1e-9)
             turned = np.exp(1j * np.radians(phase.y[k]))
             assert abs(turned - expected / abs(expected)) < 1e-9
         assert gain.x[0] == min(p.omega for p in result.data.sines if p.added_mass == mass)
+
+
+def test_the_errors_of_a_right_model_s_response_are_those_of_the_measurement(simulated):
+    figure = simulated[0].plot.frequency_response()
+    errors = [trace for trace in figure.data if trace.mode == "markers" and trace.yaxis == "y3"]
+    assert errors
+    for trace in errors:
+        assert np.all(np.abs(trace.y) < 2 * np.asarray(trace.error_y.array) + 0.1)
 
 
 def _with_swing(point, amplitude):

@@ -9,10 +9,13 @@ import pytest
 
 from butterfly.api.verbs import identify
 from butterfly.identification.estimators import Linear
-from butterfly.report.finding_texts import estimate_verdict
+from butterfly.identification.findings import Finding, FindingKind
+from butterfly.report.finding_texts import estimate_verdict, finding_text
 from butterfly.report.parameter_table import parameter_texts
 from butterfly.report.residual import residual_sentences, residual_table
 from butterfly.report.summary import summary
+from butterfly.verdict import Level
+from tests.report.browser import needs_chromium, seen_by_chromium
 
 
 def test_the_page_holds_every_parameter_log_and_sentence_and_asks_nothing_of_the_network(
@@ -101,3 +104,30 @@ def test_a_footer_says_what_was_run_on_which_data_when_and_with_what(simulated, 
     origin = simulated[0].page().origin
     assert origin["command"] == "butterfly identify 'my logs' -r x.html"
     assert list(origin) == ["command", "folder", "data", "options", "date", "versions"]
+
+
+def test_cause_and_cure_of_a_doubted_answer_are_on_the_first_screen_and_said_once(simulated):
+    result, _ = simulated
+    doubt, cause = Finding(FindingKind.APPROXIMATE), Finding(FindingKind.REST_DIFFERS, number=0.1)
+    estimate = result.estimate.with_findings(doubt, cause)
+    page = dataclasses.replace(result, estimate=estimate).page()
+    assert page.headed.level is Level.CARE
+    first, values, *_ = page.headed.reasons
+    assert first == finding_text(cause, {})
+    assert "fast look" in values
+    assert first in page.summary
+    assert first not in page.findings
+
+
+@needs_chromium
+def test_the_whole_table_of_parameters_is_seen_at_1280_pixels(page, tmp_path):
+    measure = (
+        "<script>const shown = document.querySelector('#lead .scroll');"
+        "document.title = `${shown.scrollWidth} in ${shown.clientWidth}`;</script>"
+    )
+    path = tmp_path / "page.html"
+    path.write_text(page.read_text(encoding="utf-8") + measure, encoding="utf-8")
+    seen = seen_by_chromium(path, tmp_path, "--window-size=1280,900")
+    wide, room = map(int, re.search(r"<title>(\d+) in (\d+)</title>", seen).groups())
+    assert wide <= room
+    assert ">deviation</th>" in seen

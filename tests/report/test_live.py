@@ -9,8 +9,10 @@ import pytest
 
 from butterfly.api.verbs import identify
 from butterfly.identification.data import DataSet
+from butterfly.report.live import Slider
 from tests.orbit.setting import plant, two_sines
 from tests.report.browser import needs_chromium, seen_by_chromium
+from tests.report.setting import parameter_row
 
 READER = Path(__file__).parent / "reader.js"
 HEARD = """window.errors = [];
@@ -46,6 +48,8 @@ def test_a_slider_changes_the_fit_and_as_identified_restores_it(seen):
     first, moved, reset = (seen[name] for name in ("first", "moved", "reset"))
     assert first["fit"] in first["identified"]
     assert moved["fit"] != first["fit"]
+    before, after = (float(each["fit"].removesuffix(" %")) for each in (first, moved))
+    assert after < before - 5  # the ghost parts
     assert moved["residual"] != first["residual"]
     assert moved["pictures"][0] != first["pictures"][0]
     assert moved["fit"] in moved["plot"]
@@ -74,3 +78,10 @@ def test_the_joint_plays_and_another_log_is_shown(seen):
     assert whole["pictures"][0] != reset["pictures"][0]
     assert whole["fit"] == reset["fit"] != other["fit"]
     assert other["plot"] != whole["plot"]
+
+
+def test_a_slider_reaches_half_its_value_however_narrow_the_interval_is():
+    narrow = Slider.of(parameter_row(value=2.0, lower=1.999, upper=2.001))
+    assert narrow.reach == pytest.approx(1.0)
+    wide = Slider.of(parameter_row(value=2.0, lower=1.0, upper=3.0))
+    assert wide.reach == pytest.approx(3.0)

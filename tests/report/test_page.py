@@ -18,6 +18,7 @@ from butterfly.report.page import (
     PageTable,
     Section,
     Series,
+    cell_html,
     packable,
     rendered,
     write_page,
@@ -165,3 +166,8 @@ def test_what_is_no_number_is_packed_as_none():
         array = np.array(values, dtype=np.float32)
         packed = json.loads(json.dumps(packable(array)))
         assert_seen(unpacked(packed), np.where(np.isfinite(array), array, np.nan))
+
+
+def test_in_a_notebook_a_number_stays_with_its_unit_on_one_line():
+    page = Page(name="A", description="", kind="k", lead=Section(title="Lead"))
+    assert ".butterfly-result td { white-space: nowrap; }" in cell_html(page, Figure())

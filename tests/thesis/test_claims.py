@@ -5,8 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from butterfly.report.page import PageTable
 from butterfly.report.thesis_page import drawn, write_thesis
 from butterfly.thesis.claims import Claim, ThesisFigure, near
+from butterfly.thesis.tables import HEADERS, Row, compared
 
 
 def test_numbers_agree_within_a_share_or_a_bound():
@@ -22,13 +24,15 @@ def test_a_figure_is_written_as_numbers_pictures_and_a_page(synthetic, tmp_path)
     small = ThesisFigure("small", "A title", ("x", "y"), {"a": ("line", about)}, claims)
     named = replace(small, name="named", curves={"b": words})
     figures = [small, named, synthetic["figure_07"]]
-    page = write_thesis(tmp_path, figures, {"summary": ["A summary."]})
+    table = PageTable(title="Values", headers=HEADERS, rows=compared([Row("Table 1", "2", "3")]))
+    page = write_thesis(tmp_path, figures, table, ["A note."], {"summary": ["A summary."]})
     for figure in figures:
         for ending in ("csv", "png", "svg"):
             assert (tmp_path / f"{figure.name}.{ending}").stat().st_size > 0
     assert (tmp_path / "small.csv").read_text() == "omega,gain\n1,3\n2,4\n"
     assert (tmp_path / "named.csv").read_text() == "case,share\na,0\nb,1\n"
     text = page.read_text(encoding="utf-8")
-    assert "Agrees: one (here 1). Does not: two (here 3)." in text
+    assert "Agrees: one (here 1). Does not agree: two (here 3)." in text
+    assert text.index("A summary.") < text.index("A note.") < text.index("reproduced</td>")
     marks = [trace for trace in drawn(synthetic["figure_07"]).data if trace.mode == "lines"]
     assert [trace.x[0] for trace in marks] == pytest.approx([3.8788, 3.774], abs=1e-4)

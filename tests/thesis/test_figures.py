@@ -28,7 +28,7 @@ def test_another_robot_does_not_agree():
     louder = [replace(sine, amplitude=1e3 * sine.amplitude) for sine in robot.sines]
     swing = synthetic_figures(replace(robot, sines=louder))[0]
     assert [claim.holds for claim in swing.claims] == [False, False]
-    assert swing.sentence.startswith("Does not: within ±10°")
+    assert swing.sentence.startswith("Does not agree: within ±10°")
 
 
 def test_the_real_figures_have_the_resonances_of_table_4_and_not_the_gains(logs_folder):

@@ -15,7 +15,10 @@ async function opened(number) {
 
 // ---- sliders
 
-const zoomed = () => Number(at("zoom")?.value ?? 1);
+function reachOf(slider) {
+  const near = live.intervals * slider.half;
+  return at("range").value === "wide" ? Math.max(near, live.share * Math.abs(slider.value)) : near;
+}
 function decimals({half}) { return Math.min(Math.max(2 - Math.floor(Math.log10(half)), 0), 12); }
 function textOf(slider, value) {
   const digits = decimals(slider), shown = Math.max(Math.min(digits + Math.floor(Math.log10(Math.abs(value) || 1)), 7), 2);
@@ -23,7 +26,7 @@ function textOf(slider, value) {
 }
 const halfOf = ({half}) => half < 1e-4 ? half.toExponential(1) : half.toPrecision(2);
 function valueOf(slider) {
-  const place = Number(at(slider.name).value), value = slider.value + place / STEPS * live.intervals * zoomed() * slider.half;
+  const place = Number(at(slider.name).value), value = slider.value + place / STEPS * reachOf(slider);
   return slider.least === null ? value : Math.max(value, slider.least);
 }
 function moves() {
@@ -37,7 +40,7 @@ function label(slider) {
   input.setAttribute("aria-valuetext", Number(input.value) ? `${text}${unit}${share}` : `${text}${unit}, as identified`);
 }
 function range(slider) {
-  const input = at(slider.name), reach = live.intervals * zoomed() * slider.half;
+  const input = at(slider.name), reach = reachOf(slider);
   input.max = STEPS;
   input.min = slider.least === null ? -STEPS : Math.max(-STEPS, -Math.ceil(STEPS * (slider.value - slider.least) / reach));
 }
@@ -229,7 +232,7 @@ function tick(now) {
   requestAnimationFrame(tick);
 }
 for (const slider of live.sliders) at(slider.name).addEventListener("input", () => soon(simulateAgain));
-at("zoom")?.addEventListener("change", () => {
+at("range").addEventListener("change", () => {
   for (const slider of live.sliders) { at(slider.name).value = 0; range(slider); }
   simulateAgain();
 });
