@@ -156,7 +156,7 @@ def _sharpness(readings):
 def _table(title, rows, form):
     lines = [f"\n| {title} | {' | '.join(PARAMETERS)} |", "|---" * (len(PARAMETERS) + 1) + "|"]
     for (family, method), cells in rows.items():
-        numbers = " | ".join(form.format(cell) for cell in cells)
+        numbers = " | ".join(form.format(cell) if np.isfinite(cell) else "–" for cell in cells)
         lines.append(f"| {family} {method} | {numbers} |")
     return "\n".join(lines)
 
