@@ -289,6 +289,8 @@ def _parsed(tokens: Sequence[str]) -> tuple[Function, BoundArguments]:
     gc.disable()  # while modules are imported it would look through them again and again
     try:
         command, bound, _ = program(tokens).parse_args(tokens)
+        if "fit" in bound.signature.parameters:
+            import butterfly.api.verbs  # noqa: F401, PLC0415 - slow, and now called
     finally:
         gc.freeze()
         gc.enable()
