@@ -19,7 +19,7 @@ unexport PYTHONDONTWRITEBYTECODE
 WRITE ?=
 export BUTTERFLY_BENCH_WRITE ?= $(WRITE)
 
-.PHONY: constraints demo docs lowest outputs pictures profile test test-slow film lint types bench bench-short campaigns compilation coverage faults sound repeats kinds strangers paces forecasts fuzz readers readback record record-check texts units wheel clean
+.PHONY: commands constraints demo docs lowest outputs pictures profile test test-slow film lint types bench bench-short campaigns compilation coverage faults sound repeats kinds strangers paces forecasts fuzz readers readback record record-check texts units wheel clean
 
 demo: $(VENV)/.runtime
 	$(BIN)/butterfly run experiments/quickstart.yaml
@@ -42,6 +42,11 @@ docs: $(VENV)/.development
 	$(BIN)/python docs/site/gather.py
 	$(BIN)/zensical build --clean --strict
 	$(BIN)/python docs/site/gather.py finish
+
+# The options of commands, and their texts, made of the verbs: signatures and docstrings.
+commands: $(VENV)/.development
+	$(BIN)/python -m butterfly.cli.derived
+	$(BIN)/ruff format --quiet butterfly/cli
 
 # What the program prints, between marks on pages, written anew: PAGES='servo start' on these two.
 PAGES ?=

@@ -196,3 +196,36 @@ def test_the_page_on_the_house_asks_thirty_questions():
     text = (ROOT / "docs/house.md").read_text(encoding="utf-8")
     answers = re.findall(r"(?m)^\| \d+\. .* \| `([\w./]+)` \|$", text)
     assert len(answers) == len(set(answers)) == 30
+
+
+READS_SOURCE = {"butterfly.twin.translate"}
+"""Translates functions of Python to other languages."""
+
+
+def test_no_module_runs_or_reads_source():
+    """An editor follows each call, and a type checker checks it."""
+    for module, tree in trees().items():
+        called = {
+            node.func.id
+            for node in ast.walk(tree)
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
+        }
+        assert not called & {"exec", "eval", "compile"}, module
+        if module not in READS_SOURCE:
+            names = {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
+            assert not names & {"getsource", "getsourcelines"}, module
+            assert not {"ast", "inspect.getsource"} & {*_all_imports(tree)}, module
+
+
+def test_no_command_hides_a_verb_in_a_partial():
+    for module, tree in trees().items():
+        if module.startswith("butterfly.cli."):
+            assert not {name for name in _all_imports(tree) if "partial" in name}, module
+
+
+def _all_imports(tree):
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)

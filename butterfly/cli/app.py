@@ -6,7 +6,6 @@ import gc
 import io
 import math
 import os
-import re
 import signal
 import sys
 import threading
@@ -16,14 +15,14 @@ from contextlib import suppress
 from inspect import BoundArguments
 from pathlib import Path
 from types import FrameType
-from typing import Annotated, Any, NamedTuple, NoReturn
+from typing import Annotated, Any, NamedTuple, NoReturn, TypeAlias
 
 from cyclopts import App, Group, Parameter
 from cyclopts.exceptions import CycloptsError, UnknownCommandError, UnknownOptionError
 
 from butterfly import __version__, outputs, progress
 from butterfly.cli import output
-from butterfly.cli.options import source_of
+from butterfly.cli.command_texts import DESCRIPTIONS, SUMMARIES
 from butterfly.cli.output import ExitCode, OutputOptions, asked, put, write_json
 from butterfly.cli.output import warn as print_warning
 from butterfly.cli.written import check as check_outputs
@@ -37,49 +36,93 @@ from butterfly.errors import (
     visible,
 )
 
+Function: TypeAlias = Callable[..., ExitCode | None]
+
+
+def _verbs() -> dict[str, Function]:
+    """Import the verbs' commands."""
+    from butterfly.cli import verbs  # noqa: PLC0415 - when one is called
+
+    return {
+        "inspect": verbs.inspect,
+        "identify": verbs.identify,
+        "select": verbs.select,
+        "design": verbs.design,
+        "validate": verbs.validate,
+        "residual": verbs.residual,
+        "predict": verbs.predict,
+        "compare": verbs.compare,
+        "run": verbs.run,
+        "simulate": verbs.simulate,
+        "campaign": verbs.campaign,
+    }
+
+
+def _experiments() -> dict[str, Function]:
+    """Import commands beside the verbs."""
+    from butterfly.cli import experiments  # noqa: PLC0415 - when one is called
+
+    return {
+        "manifest": experiments.manifest,
+        "fetch": experiments.fetch,
+        "schema": experiments.schema,
+        "reproduce": experiments.reproduce,
+    }
+
+
+def _robot() -> dict[str, Function]:
+    """Import commands of a robot."""
+    from butterfly.cli import robot  # noqa: PLC0415 - when one is called
+
+    return {
+        "export": robot.export,
+        "show": robot.show,
+    }
+
+
+def _results() -> dict[str, Function]:
+    """Import commands of results."""
+    from butterfly.cli import results  # noqa: PLC0415 - when one is called
+
+    return {
+        "results list": results.list_sweeps,
+        "results show": results.show_run,
+        "results table": results.table,
+        "results clean": results.clean,
+    }
+
 
 class Command(NamedTuple):
-    """The group that lists it in the help, its place in `butterfly.cli`, its kinds of answer."""
+    """The group that lists it in the help, what imports its function, its kinds of answer."""
 
     panel: str
-    path: str
+    functions: Callable[[], dict[str, Function]]
     answer: str = ""
     also: tuple[str, ...] = ()  # kinds of other answers
 
-    @property
-    def summary(self) -> str:
-        """First line of its docstring, or its verb's, read without a slow import of its module."""
-        module, _, name = self.path.partition(":")
-        first = re.compile(
-            rf'^def _?{name}\((?:(?!^def ).)*?:\n    """(.+?)(?:"""|\n)', re.DOTALL | re.M
-        )
-        source = Path(__file__).with_name(f"{module}.py").read_text(encoding="utf-8")
-        texts = (source, source_of(name))
-        return next(match[1] for match in map(first.search, texts) if match)
-
 
 COMMANDS = {
-    "inspect": Command("Logs", "verbs:inspect", "inspection", ("model",)),
-    "manifest": Command("Logs", "experiments:manifest"),
-    "fetch": Command("Logs", "experiments:fetch"),
-    "identify": Command("Identify", "verbs:identify", "identification"),
-    "select": Command("Identify", "verbs:select", "selection"),
-    "design": Command("Identify", "verbs:design", "design"),
-    "validate": Command("Check a result", "verbs:validate", "validation", ("leaderboard",)),
-    "residual": Command("Check a result", "verbs:residual", "residual"),
-    "predict": Command("Check a result", "verbs:predict", "prediction"),
-    "compare": Command("Check a result", "verbs:compare", "comparison", ("change", "runs")),
-    "export": Command("Use a result", "robot:export"),
-    "show": Command("Use a result", "robot:show"),
-    "run": Command("Simulated experiments", "verbs:run", "run", ("sweep",)),
-    "simulate": Command("Simulated experiments", "verbs:simulate"),
-    "campaign": Command("Use a robot", "verbs:campaign", "campaign"),
-    "schema": Command("Simulated experiments", "experiments:schema"),
-    "reproduce": Command("Simulated experiments", "experiments:reproduce", "reproduction"),
-    "results list": Command("Commands", "results:list_sweeps", "results"),
-    "results show": Command("Commands", "results:show_run", "run"),
-    "results table": Command("Commands", "results:table", "table"),
-    "results clean": Command("Commands", "results:clean"),
+    "inspect": Command("Logs", _verbs, "inspection", ("model",)),
+    "manifest": Command("Logs", _experiments),
+    "fetch": Command("Logs", _experiments),
+    "identify": Command("Identify", _verbs, "identification"),
+    "select": Command("Identify", _verbs, "selection"),
+    "design": Command("Identify", _verbs, "design"),
+    "validate": Command("Check a result", _verbs, "validation", ("leaderboard",)),
+    "residual": Command("Check a result", _verbs, "residual"),
+    "predict": Command("Check a result", _verbs, "prediction"),
+    "compare": Command("Check a result", _verbs, "comparison", ("change", "runs")),
+    "export": Command("Use a result", _robot),
+    "show": Command("Use a result", _robot),
+    "run": Command("Simulated experiments", _verbs, "run", ("sweep",)),
+    "simulate": Command("Simulated experiments", _verbs),
+    "campaign": Command("Use a robot", _verbs, "campaign"),
+    "schema": Command("Simulated experiments", _experiments),
+    "reproduce": Command("Simulated experiments", _experiments, "reproduction"),
+    "results list": Command("Commands", _results, "results"),
+    "results show": Command("Commands", _results, "run"),
+    "results table": Command("Commands", _results, "table"),
+    "results clean": Command("Commands", _results),
 }
 """All commands, by the words that call them, in the order of help."""
 
@@ -126,9 +169,10 @@ _SEARCHING = {"Identify", "Check a result"}
 _EVERYWHERE = Group("Any command", sort_key=9)
 
 
-def program(called: Sequence[str] = ()) -> App:
-    """Return the program; only the called command's help comes from its whole docstring."""
-    call = _name_of(called)
+def program(tokens: Sequence[str] | None = None) -> App:
+    """Return the program, of which only the called command has its options; all without a call."""
+    call = _name_of(tokens or ())
+    whole = tokens is None or "--install-completion" in tokens
     app = App(
         **_HOW,
         version=f"butterfly {__version__}",
@@ -141,22 +185,29 @@ def program(called: Sequence[str] = ()) -> App:
     )
     results = App(name="results", help="List, show, export and clean up the results of sweeps.")
     results.group = Group("Results", sort_key=8)
+    app.command(results)  # its commands have the names of groups of `app`
     panels = dict.fromkeys(command.panel for command in COMMANDS.values())
     groups = {panel: Group(panel, sort_key=number) for number, panel in enumerate(panels)}
     for words, command in COMMANDS.items():
         name = words.removeprefix("results ")
-        summary = "" if call in COMMANDS else command.summary  # for lists, which are not shown then
+        called = words == call
         (app if name == words else results).command(
-            f"butterfly.cli.{command.path}",  # imported when it is called
+            command.functions()[words] if called or whole else _not_called,
             name=name,
             group=groups[command.panel],
-            help=None if words == call else summary,
+            help=DESCRIPTIONS.get(words) if called else SUMMARIES[words],
             help_epilogue=f"For example: {EXAMPLES[words]}" if words in EXAMPLES else None,
         )
-    app.command(results)
     app.register_install_completion_command(help="Install shell completion.")
-    app.meta.default(_launch(app))
+    app.meta.default(launch)
     return app
+
+
+def _not_called() -> None:
+    """Stand for a command that is listed and not called."""
+
+
+_NO_COMMAND = Command("", dict)
 
 
 def _worth_showing(default: object) -> str | None:
@@ -169,78 +220,77 @@ _HOW |= dict.fromkeys(("print_error", "exit_on_error", "suppress_keyboard_interr
 _HOW["default_parameter"] = Parameter(negative=(), show_default=_worth_showing)
 
 
-def _launch(app: App) -> Callable[..., ExitCode | None]:
-    def launch(
-        *tokens: Annotated[str, Parameter(show=False, allow_leading_hyphen=True)],
-        quiet: Annotated[bool, Parameter(name=("--quiet", "-q"), group=_EVERYWHERE)] = False,
-        verbose: Annotated[bool, Parameter(name=("--verbose", "-v"), group=_EVERYWHERE)] = False,
-        json: Annotated[
-            Path | None, Parameter(metavar="FILE", group=_EVERYWHERE, allow_leading_hyphen=True)
-        ] = None,
-        budget: Annotated[
-            float | None, Parameter(metavar="s", group=_EVERYWHERE, allow_leading_hyphen=True)
-        ] = None,
-        overwrite: Annotated[bool, Parameter(group=_EVERYWHERE)] = False,
-        help_all: Annotated[bool, Parameter(group=_EVERYWHERE)] = False,
-    ) -> ExitCode | None:
-        """Call a command.
+def launch(
+    *tokens: Annotated[str, Parameter(show=False, allow_leading_hyphen=True)],
+    quiet: Annotated[bool, Parameter(name=("--quiet", "-q"), group=_EVERYWHERE)] = False,
+    verbose: Annotated[bool, Parameter(name=("--verbose", "-v"), group=_EVERYWHERE)] = False,
+    json: Annotated[
+        Path | None, Parameter(metavar="FILE", group=_EVERYWHERE, allow_leading_hyphen=True)
+    ] = None,
+    budget: Annotated[
+        float | None, Parameter(metavar="s", group=_EVERYWHERE, allow_leading_hyphen=True)
+    ] = None,
+    overwrite: Annotated[bool, Parameter(group=_EVERYWHERE)] = False,
+    help_all: Annotated[bool, Parameter(group=_EVERYWHERE)] = False,
+) -> ExitCode | None:
+    """Call a command.
 
-        Parameters
-        ----------
-        quiet
-            Print only the verdict, and no progress.
-        verbose
-            Print all findings, not only the three gravest.
-        json
-            Write the answer as JSON to this file; - prints only the JSON.
-        budget
-            Time limit of the search. Default: none.
-        overwrite
-            Replace existing files (CSV, C, films, logs, manifests).
-        help_all
-            Show all options of a command, including the rare ones.
-        """
-        if help_all:
-            tokens = (*tokens, "--help")
-        name = _name_of(tokens)
-        called = COMMANDS.get(name, Command("", ""))
-        if json is not None and not called.answer:
-            raise InputError("butterfly", "--json", name, "a command with a JSON answer")
-        if budget is not None and not (called.panel in _SEARCHING or name == "run"):
-            raise InputError("butterfly", "--budget", name, "a command that searches")
-        if budget is not None and not budget >= 0:
-            raise InputError("butterfly", "--budget", budget, "0 s or more")
-        asked.quiet, asked.verbose, asked.json, asked.words = quiet, verbose, json, tokens
-        search = progress.current_search()
-        with outputs.call(overwrite=overwrite):
-            try:
-                command, bound = _parsed(app, tokens)
-                if command.__module__.startswith(__package__):  # not the help
-                    check_outputs(command, bound.arguments, json, (called.answer, *called.also))
-                with progress.budget(math.inf if budget is None else budget) as search:
-                    ended: ExitCode | None = command(*bound.args, **bound.kwargs)
-            except UnusableError as refused:
-                from butterfly.result import document  # noqa: PLC0415 - slow to import
-                from butterfly.verdict import Level, Verdict  # noqa: PLC0415
+    Parameters
+    ----------
+    quiet
+        Print only the verdict, and no progress.
+    verbose
+        Print all findings, not only the three gravest.
+    json
+        Write the answer as JSON to this file; - prints only the JSON.
+    budget
+        Time limit of the search. Default: none.
+    overwrite
+        Replace existing files (CSV, C, films, logs, manifests).
+    help_all
+        Show all options of a command, including the rare ones.
+    """
+    if help_all:
+        tokens = (*tokens, "--help")
+    name = _name_of(tokens)
+    called = COMMANDS.get(name, _NO_COMMAND)
+    if json is not None and not called.answer:
+        raise InputError("butterfly", "--json", name, "a command with a JSON answer")
+    if budget is not None and not (called.panel in _SEARCHING or name == "run"):
+        raise InputError("butterfly", "--budget", name, "a command that searches")
+    if budget is not None and not budget >= 0:
+        raise InputError("butterfly", "--budget", budget, "0 s or more")
+    asked.quiet, asked.verbose, asked.json, asked.words = quiet, verbose, json, tokens
+    search = progress.current_search()
+    with outputs.call(overwrite=overwrite):
+        try:
+            command, bound = _parsed(tokens)
+            if command.__module__.startswith(__package__):  # not the help
+                check_outputs(command, bound.arguments, json, (called.answer, *called.also))
+            with progress.budget(math.inf if budget is None else budget) as search:
+                ended: ExitCode | None = command(*bound.args, **bound.kwargs)
+        except UnusableError as refused:
+            from butterfly.result import document  # noqa: PLC0415 - slow to import
+            from butterfly.verdict import Level, Verdict  # noqa: PLC0415
 
-                verdict = Verdict(Level.WARNING, refused.reasons)
-                head = called.answer, "No answer: the values are physically impossible"
-                write_json(document(*head, {}, verdict=verdict, summary=verdict.lines))
-                raise
-            except ButterflyError:
-                if search.left_out:
-                    print_warning(search.sentence)
-                raise
-            return ended
-
-    return launch
+            verdict = Verdict(Level.WARNING, refused.reasons)
+            head = called.answer, "No answer: the values are physically impossible"
+            write_json(document(*head, {}, verdict=verdict, summary=verdict.lines))
+            raise
+        except ButterflyError:
+            if search.left_out:
+                print_warning(search.sentence)
+            raise
+        return ended
 
 
-def _parsed(app: App, tokens: Sequence[str]) -> tuple[Callable[..., Any], BoundArguments]:
+def _parsed(tokens: Sequence[str]) -> tuple[Function, BoundArguments]:
     """Return the called command and its arguments."""
     gc.disable()  # while modules are imported it would look through them again and again
     try:
-        command, bound, _ = app.parse_args(tokens)
+        command, bound, _ = program(tokens).parse_args(tokens)
+        if "fit" in bound.signature.parameters:
+            import butterfly.api.verbs  # noqa: F401, PLC0415 - slow, and now called
     finally:
         gc.freeze()
         gc.enable()
@@ -275,7 +325,7 @@ def _run() -> None:
             warnings.showwarning = lambda message, *_, **__: print_warning(str(message))
             # the program's own `meta` would read the command's options too, before the command does
             general = App(**_HOW, help_flags=(), version_flags=(), end_of_options_delimiter="\0")
-            general.default(_launch(program(tokens)))
+            general.default(launch)
             ended = general(tokens)
         sys.stdout.flush()
         sys.exit(ended or ExitCode.DONE)

@@ -1,15 +1,18 @@
 """Options that several commands take, and values as NAME=VALUE by commas."""
 
-import re
 import sys
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Group, Parameter
 
+from butterfly.cli.command_texts import FACTS
 from butterfly.cli.written import FOLDER, REPORT
 from butterfly.errors import InputError
+
+if TYPE_CHECKING:
+    from butterfly.identification.estimators import Estimator
 
 _ALL = "--help-all" in sys.argv
 
@@ -50,18 +53,12 @@ class Report:
 
 NO_REPORT = Report()
 
-_PACKAGE = Path(__file__).parents[1]
-_MANIFEST = (_PACKAGE / "logs/manifest.py").read_text(encoding="utf-8")
 _DETAIL: Any = {"group": DATA_IN_DETAIL}
 
 
 def _fact(field: str, more: str = "", **how: Any) -> Parameter:  # noqa: ANN401 - of a parameter
-    """Declare the option of a manifest's field: its first sentence there, read without import."""
-    docstrings = re.findall(
-        rf'^    {field}: .+?^    """(.+?)"""', _MANIFEST, re.DOTALL | re.MULTILINE
-    )
-    first, _, _ = " ".join(docstrings[-1].replace("``", "").split()).partition(". ")
-    return Parameter(help=f"{first.rstrip('.')}. {more}".strip(), **how)
+    """Declare the option of a manifest's field: its help begins as the field's docstring."""
+    return Parameter(help=f"{FACTS[field]}. {more}".strip(), **how)
 
 
 _COLUMNS = _fact("columns", "Such as time=t,input=tau,angle=q.", metavar="PAIRS")
@@ -138,12 +135,45 @@ class DataOptions(Facts):
 SILENT = DataOptions()
 
 
-def source_of(verb: str) -> str:
-    """Return the source of the module of a verb of the face; "" for another name."""
-    face = (_PACKAGE / "__init__.pyi").read_text(encoding="utf-8")
-    match = re.search(rf"from \.(\S+) import {verb} as", face)
-    place = _PACKAGE / f"{match[1].replace('.', '/')}.py" if match else None
-    return place.read_text(encoding="utf-8") if place else ""
+NAMES_OF_FIT = ("terms", "fixed", "per_mass", "per_log")
+"""Options of estimators that are lists of names."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitOptions:
+    """A method, and options of estimators: those that are not None are given."""
+
+    method: str
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """The given options, with lists of names split at commas."""
+        values = {name: value for name, value in vars(self).items() if name != "method"}
+        return {
+            name: parse_names(value.replace(" ", "")) if name in NAMES_OF_FIT else value
+            for name, value in values.items()
+            if value is not None
+        }
+
+    def estimator(self) -> "Estimator":
+        """Return the estimator; an unknown option raises InputError, which lists the known ones."""
+        from butterfly.experiment.methods import kind_of, make_estimator  # noqa: PLC0415 - slow
+
+        kind_of(self.method, self.given, written=lambda name: f"--{name.replace('_', '-')}")
+        return make_estimator(self.method, self.given)
+
+    def keywords(self) -> dict[str, Any]:
+        """Return the given method and options, checked, as a verb takes them."""
+        several = parse_names(self.method)
+        if len(several) > 1:
+            return {"method": several, **self.given}
+        self.estimator()
+        unasked = {option.name: option.default for option in fields(self)}
+        return (
+            self.given
+            if self.method == unasked["method"]
+            else {"method": self.method, **self.given}
+        )
 
 
 def parse_numbers(text: str | None) -> list[int] | None:

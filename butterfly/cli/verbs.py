@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Callable
-from functools import partial
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
 
@@ -13,12 +12,50 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 import butterfly as bf
-from butterfly.cli.derived import Ask, command, verb_named
+from butterfly.cli.command_texts import ARGUMENTS
+from butterfly.cli.estimator_options import (
+    FIT_OF_ONE,
+    FIT_OF_SEVERAL,
+    FIT_OF_TERMS,
+    FitOfOne,
+    FitOfSeveral,
+    FitOfTerms,
+)
 from butterfly.cli.options import NO_REPORT, OUT, SILENT, WRITTEN, DataOptions, Report, parse_pairs
 from butterfly.cli.output import ExitCode, asked, put, say, show, show_progress, warn
+from butterfly.cli.verb_options import (
+    CAMPAIGN,
+    COMPARE,
+    DESIGN,
+    IDENTIFY,
+    INSPECT,
+    PREDICT,
+    RESIDUAL,
+    RUN,
+    SELECT,
+    VALIDATE,
+    OptionsOfCampaign,
+    OptionsOfCompare,
+    OptionsOfDesign,
+    OptionsOfIdentify,
+    OptionsOfInspect,
+    OptionsOfPredict,
+    OptionsOfResidual,
+    OptionsOfRun,
+    OptionsOfSelect,
+    OptionsOfValidate,
+)
 from butterfly.cli.written import FOLDER, SAVED, OutputFile
 from butterfly.errors import InputError, StoppedError
 
+
+def _says(argument: str) -> Parameter:
+    """Return the help that a verb has for a parameter that its command declares."""
+    return Parameter(help=ARGUMENTS[argument])
+
+
+_Pairs = Annotated[str, Parameter(metavar="PAIRS")]
+_AGAINST = Parameter(help=f"{ARGUMENTS['identify.against']} Repeatable.")
 _DRAWS = Parameter(help="Write the parameter draws: .csv, .parquet, or a folder of MJCF.")
 _More = Annotated[Path, Parameter(show=False)]
 _Save = Annotated[
@@ -30,36 +67,19 @@ _Limit = Annotated[
     int, Parameter(metavar="N", validator=Number(gte=1), help="Number of candidates to print.")
 ]
 
-_WITHOUT = {
-    "select": ("terms",),
-    "validate": ("others",),
-    **dict.fromkeys(("compare", "inspect"), ("hand_mass",)),
-    "campaign": ("callbacks", "change", "known", "step"),
-}
-"""Parameters of verbs, or options of their methods, that are no options of their commands."""
 
-
-def __getattr__(name: str) -> Callable[..., ExitCode]:
-    """Return the command of a verb; only the module of that verb is imported."""
-    if name not in dir(bf):
-        raise AttributeError(name)
-    return command(verb_named(name), globals().get(f"_{name}", _shown), _WITHOUT.get(name, ()))
-
-
-def _shown(ask: Ask, *, page: Report = NO_REPORT) -> ExitCode:
-    return show(ask(), **vars(page))
-
-
-def _design(ask: Ask, *, limit: _Limit = 12, page: Report = NO_REPORT) -> ExitCode:
-    return show(ask(), **vars(page), rows=limit)
-
-
-def _validate(ask: Ask, /, *more: _More, page: Report = NO_REPORT) -> ExitCode:
-    return show(ask(others=more), **vars(page))
-
-
-def _inspect(ask: Ask, *, page: Report = NO_REPORT, facts: DataOptions = SILENT) -> ExitCode:
-    answer = ask(root=facts.root, **facts.description())
+def inspect(
+    data: Annotated[Path, _says("inspect.source")],
+    /,
+    *,
+    options: OptionsOfInspect = INSPECT,
+    page: Report = NO_REPORT,
+    facts: DataOptions = SILENT,
+) -> ExitCode:
+    """Show what `butterfly.inspect` answers, and the command after it."""
+    answer = bf.inspect(
+        data, **options.keywords(), track=show_progress, root=facts.root, **facts.description()
+    )
     if not isinstance(answer, bf.Inspection):
         return show(answer, **vars(page))
     identifiable = any(forecast.half_width is not None for forecast in answer.before_fit)
@@ -72,53 +92,121 @@ def _inspect(ask: Ask, *, page: Report = NO_REPORT, facts: DataOptions = SILENT)
     return ended
 
 
-def _identify(
-    ask: Ask,
-    data: Path,
+def identify(
+    data: Annotated[Path, _says("identify.data")],
     /,
     *more: _More,
-    against: tuple[Annotated[str, Parameter(metavar="PAIRS")], ...] = (),
+    against: Annotated[tuple[_Pairs, ...], _AGAINST] = (),
+    options: OptionsOfIdentify = IDENTIFY,
     save: _Save = None,
     page: Report = NO_REPORT,
     facts: DataOptions = SILENT,
+    fit: FitOfOne = FIT_OF_ONE,
 ) -> ExitCode:
+    """Show what `butterfly.identify` answers, and the command after it."""
     from butterfly.cli.next_command import next_command  # noqa: PLC0415 - slow to import
 
+    keywords = fit.keywords()
     others = {text: parse_pairs(text, "--against") for text in against}
     paths = [data, *more]
     logs = bf.read(paths, root=facts.root, track=show_progress, **facts.description())
-    answer = ask(data=logs, against=others)
+    answer = bf.identify(
+        logs, against=others, **options.keywords(), track=show_progress, **keywords
+    )
     ended = show(answer, **vars(page), save=save)
     if not asked.silent:  # whole, however long: to be pasted
         put(f"Next: {next_command(answer, asked.words, [*paths, *facts.words()], save)}")
     return ended
 
 
-def _predict(
-    ask: Ask,
+def select(
+    data: Annotated[Path, _says("select.data")],
+    /,
     *,
-    result: Annotated[str, Parameter(name="--with", metavar="RESULT")],
+    options: OptionsOfSelect = SELECT,
+    page: Report = NO_REPORT,
+    fit: FitOfTerms = FIT_OF_TERMS,
+) -> ExitCode:
+    """Show what `butterfly.select` answers."""
+    answer = bf.select(data, **options.keywords(), track=show_progress, **fit.keywords())
+    return show(answer, **vars(page))
+
+
+def design(
+    data: Annotated[Path, _says("design.data")],
+    /,
+    *,
+    options: OptionsOfDesign = DESIGN,
+    limit: _Limit = 12,
+    page: Report = NO_REPORT,
+) -> ExitCode:
+    """Show what `butterfly.design` answers."""
+    answer = bf.design(data, **options.keywords(), track=show_progress)
+    return show(answer, **vars(page), rows=limit)
+
+
+def validate(
+    data: Annotated[Path, _says("validate.data")],
+    /,
+    *more: _More,
+    options: OptionsOfValidate = VALIDATE,
+    page: Report = NO_REPORT,
+    fit: FitOfSeveral = FIT_OF_SEVERAL,
+) -> ExitCode:
+    """Show what `butterfly.validate` answers."""
+    answer = bf.validate(
+        data, others=more, **options.keywords(), track=show_progress, **fit.keywords()
+    )
+    return show(answer, **vars(page))
+
+
+def residual(
+    data: Annotated[Path, _says("residual.data")],
+    /,
+    *,
+    options: OptionsOfResidual = RESIDUAL,
+    page: Report = NO_REPORT,
+    fit: FitOfOne = FIT_OF_ONE,
+) -> ExitCode:
+    """Show what `butterfly.residual` answers."""
+    return show(bf.residual(data, **options.keywords(), **fit.keywords()), **vars(page))
+
+
+def predict(
+    data: Annotated[Path, _says("predict.data")],
+    /,
+    *,
+    result: Annotated[str, Parameter(name="--with", metavar="RESULT"), _says("predict.result")],
     bands: Annotated[bool, Parameter(help="Compute 95 % bands (always in a report).")] = False,
+    options: OptionsOfPredict = PREDICT,
     out: Annotated[Path | None, OUT, _DRAWS, OutputFile(("", ".csv", ".parquet"))] = None,
     page: Report = NO_REPORT,
 ) -> ExitCode:
+    """Show what `butterfly.predict` answers, and write what it drew."""
     pairs = "=" in result and not Path(result).exists()
     if out is not None and pairs:
         raise InputError("butterfly predict", "--out", out, "an identification to draw from")
     given = parse_pairs(result, "--with") if pairs else Path(result)
     banded = bands or (page.report is not None and not pairs)
-    chosen = ask.keywords["draws"], ask.keywords["seed"]
+    chosen = options.draws, options.seed
     drawn = bf.draws(result, *chosen) if out is not None and not banded else None
-    answer = ask(result=given, bands=banded)
+    answer = bf.predict(data, given, bands=banded, **options.keywords(), track=show_progress)
     ended = show(answer, **vars(page))
-    if out is not None:
-        (drawn or answer.drawn).write(out)
+    drawn = drawn or answer.drawn
+    if out is not None and drawn is not None:
+        drawn.write(out)
         say(f"Draws: {out}")
     return ended
 
 
-def _compare(
-    ask: Ask, data: Path, other: Path | None = None, /, *, page: Report = NO_REPORT
+def compare(
+    data: Path,
+    other: Path | None = None,
+    /,
+    *,
+    options: OptionsOfCompare = COMPARE,
+    page: Report = NO_REPORT,
+    fit: FitOfOne = FIT_OF_ONE,
 ) -> ExitCode:
     """Compare two saved results; or MuJoCo, the model and the logs.
 
@@ -133,17 +221,20 @@ def _compare(
     other
         The later saved result, or the other run.
     """
+    chosen = fit.keywords()
     if other is None:
-        return _shown(ask, page=page)
+        answer = bf.compare(data, **options.keywords(), track=show_progress, **chosen)
+        return show(answer, **vars(page))
     from butterfly.api.sources import names_result  # noqa: PLC0415 - slow to import
     from butterfly.api.verbs import options_text  # noqa: PLC0415
     from butterfly.cli.results import compare_runs, is_run  # noqa: PLC0415
 
-    unasked = {"data": data, "logs": None, "holdout": (), "track": show_progress}
-    given = [name for name, value in ask.keywords.items() if (name, value) not in unasked.items()]
-    if given:
+    plain: Mapping[str, object] = COMPARE.keywords()
+    given = [name for name, value in options.keywords().items() if value != plain[name]]
+    if given or chosen:
         expected = "no such option with two results"
-        raise InputError("butterfly compare", "option", options_text(given), expected)
+        text = options_text([*given, *chosen])
+        raise InputError("butterfly compare", "option", text, expected)
     if is_run(data) and is_run(other):
         if page.report is not None:
             expected = "no report: two runs of sweeps have none"
@@ -153,37 +244,41 @@ def _compare(
         if not names_result(path):
             expected = "a saved identification (.json), or two runs of sweeps (results/NAME/NUMBER)"
             raise InputError("butterfly compare", field, path, expected)
-    return _shown(partial(bf.changed, data, other), page=page)
+    return show(bf.changed(data, other), **vars(page))
 
 
-def _campaign(
-    ask: Ask,
+def campaign(
+    robot: Annotated[Path, _says("campaign.robot")],
+    /,
     *,
+    options: OptionsOfCampaign = CAMPAIGN,
     known: Annotated[tuple[str, ...], Parameter(help="Known value: NAME=VALUE. Repeatable.")] = (),
     yes: Annotated[
         bool,
         Parameter(negative="", help="Begin without waiting for Enter, also without a keyboard."),
     ] = False,
 ) -> ExitCode:
+    """Show what `butterfly.campaign` does and answers; ask for masses, and before a motor moves."""
     from butterfly.api.campaigns import names_motor  # noqa: PLC0415 - slow to import
     from butterfly.campaigns.drive import LeftOnError, SafetyStop  # noqa: PLC0415
     from butterfly.cli.campaign_terminal import CampaignTerminal  # noqa: PLC0415
 
+    keywords = options.keywords()
     pairs = parse_pairs(",".join(known), "--known") if known else None
-    moves, keyboard = names_motor(str(ask.keywords["robot"])), sys.stdin.isatty()
+    moves, keyboard = names_motor(str(robot)), sys.stdin.isatty()
     if moves and not keyboard:
         if not yes:
             expected = "a terminal, where Enter lets the motor move; or --yes, which does without"
             raise InputError("butterfly campaign", "standard input", "no keyboard", expected)
-        if len(ask.keywords["masses"] or ()) > 1:
+        if len(keywords["masses"] or ()) > 1:
             expected = "one mass: without a keyboard nobody can be asked to change it"
-            raise InputError("butterfly campaign", "--masses", ask.keywords["masses"], expected)
+            raise InputError("butterfly campaign", "--masses", keywords["masses"], expected)
     terminal = CampaignTerminal(asks=moves and not yes, moves=moves)
     change = terminal.mount if keyboard else None
-    folder = shlex.quote(str(ask.keywords["out"] or "campaign"))
+    folder = shlex.quote(str(options.out or "campaign"))
     state = f"the drive is off; finished runs are kept in {folder}, and the same command goes on"
     try:
-        answer = ask(known=pairs, change=change, callbacks=terminal)
+        answer = bf.campaign(robot, **keywords, known=pairs, change=change, callbacks=terminal)
     except KeyboardInterrupt:
         raise StoppedError(f"stopped: {state}") from None
     except LeftOnError:
@@ -197,32 +292,43 @@ def _campaign(
     return ended
 
 
-def _run(ask: Ask) -> ExitCode:
+def run(
+    experiment: Annotated[Path, _says("run.experiment")],
+    /,
+    *,
+    options: OptionsOfRun = RUN,
+) -> ExitCode:
     """Simulate an experiment or a sweep, identify the joint, and write a report.
 
     Compares true and estimated parameters. Finished runs are reused unless the experiment or
     butterfly's code has changed; an interrupted or extended sweep resumes where it stopped. Exit
     code 1: some runs of a sweep failed; 3: do not use the estimate.
     """
-    _warn_of_wide_swings(ask)
-    answer = ask()
+    _warn_of_wide_swings(experiment)
+    answer = bf.run(experiment, **options.keywords(), track=show_progress)
     ended = show(answer)
     for page in answer.reports:
         say(f"Report: {page}")
     return ExitCode.NO_RESULT if isinstance(answer, bf.Sweep) and answer.unsuccessful else ended
 
 
-def _simulate(ask: Ask, *, out: Annotated[Path, OUT, FOLDER]) -> ExitCode:
+def simulate(
+    experiment: Annotated[Path, _says("simulate.experiment")],
+    /,
+    *,
+    out: Annotated[Path, OUT, _says("simulate.out"), FOLDER],
+) -> ExitCode:
+    """Simulate as `butterfly.simulate` does, and write the logs."""
     from butterfly.experiment.simulate import simulate, write_logs  # noqa: PLC0415 - slow to import
 
-    _warn_of_wide_swings(ask)
-    plan = bf.read_experiment(ask.keywords["experiment"])
+    _warn_of_wide_swings(experiment)
+    plan = bf.read_experiment(experiment)
     say(f"Logs: {write_logs(plan, simulate(plan, track=show_progress), out)}")
     return ExitCode.DONE
 
 
-def _warn_of_wide_swings(ask: Ask) -> None:
-    for added, sine, swing in bf.read_experiment(ask.keywords["experiment"]).wide_swings():
+def _warn_of_wide_swings(experiment: Path) -> None:
+    for added, sine, swing in bf.read_experiment(experiment).wide_swings():
         warn(
             f"{added}, {sine.omega:g} rad/s: predicted swing {swing:.2g} rad; "
             "reduce the amplitude to stay at small angles"

@@ -4,13 +4,13 @@ from dataclasses import fields
 
 import pytest
 
-from butterfly.cli.estimator_options import fit_options
+from butterfly.cli.derived import texts_of
+from butterfly.cli.estimator_options import FitOfOne, FitOfSeveral, FitOfTerms, Terms, Tuning
 from butterfly.errors import InputError
 from butterfly.experiment.methods import ESTIMATORS
 from butterfly.identification.estimators import Loss
 
-Fit = fit_options()
-HELP = {each.name: each.type.__metadata__[0].help for each in fields(Fit)}
+HELP = texts_of(Tuning) | texts_of(Terms) | texts_of(FitOfOne)
 OWN = {
     method: [each.name for each in fields(kind) if each.name != "method"]
     for method, kind in ESTIMATORS.items()
@@ -28,14 +28,16 @@ PAIRS = [(method, name) for method, own in OWN.items() for name in own]
 @pytest.mark.parametrize(("method", "name"), PAIRS)
 def test_every_option_of_every_estimator_can_be_said(method, name):
     said, meant = SAID[name]
-    assert Fit(method=method, **{name: said}).estimator() == ESTIMATORS[method](**{name: meant})
+    assert FitOfOne(method=method, **{name: said}).estimator() == ESTIMATORS[method](
+        **{name: meant}
+    )
 
 
 def test_nothing_said_is_every_estimator_s_default():
     for method, kind in ESTIMATORS.items():
-        assert Fit(method=method).estimator() == kind()
-    assert Fit().keywords() == {}
-    assert Fit(terms="").keywords() == {"terms": ()}
+        assert FitOfOne(method=method).estimator() == kind()
+    assert FitOfOne().keywords() == {}
+    assert FitOfOne(terms="").keywords() == {"terms": ()}
 
 
 @pytest.mark.parametrize(
@@ -44,7 +46,7 @@ def test_nothing_said_is_every_estimator_s_default():
 )
 def test_an_option_of_another_estimator_is_refused_with_the_valid_ones(method, name):
     with pytest.raises(InputError) as refused:
-        Fit(method=method, **{name: SAID[name][0]}).estimator()
+        FitOfOne(method=method, **{name: SAID[name][0]}).estimator()
     text = str(refused.value)
     assert f"--method {method}" in text
     assert f"--{name.replace('_', '-')}" in text
@@ -62,8 +64,8 @@ def test_help_is_what_the_docstrings_say_with_owners_terms_and_defaults():
 
 
 def test_commands_leave_out_what_they_settle():
-    kind = fit_options("output-error", ("terms",), several=True)
-    assert "terms" not in {each.name for each in fields(kind)}
-    assert kind().method == "output-error"
-    several = kind(method="linear,thesis", loss="huber").keywords()
+    assert "terms" not in {each.name for each in fields(FitOfTerms)}
+    assert FitOfTerms().keywords() == {}
+    assert FitOfTerms(method="linear").keywords() == {"method": "linear"}
+    several = FitOfSeveral(method="linear,thesis", loss="huber").keywords()
     assert several == {"method": ("linear", "thesis"), "loss": "huber"}

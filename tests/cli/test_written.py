@@ -2,8 +2,9 @@
 
 import json
 import shutil
-from importlib import import_module
-from inspect import signature
+from dataclasses import is_dataclass
+from pathlib import Path
+from typing import get_args, get_type_hints
 
 import pytest
 
@@ -36,8 +37,7 @@ CALLS = {name: f"{name} {about}" for name, about in ABOUT.items()}
 
 
 def command_of(name):
-    module, _, function = COMMANDS[name].path.partition(":")
-    return getattr(import_module(f"butterfly.cli.{module}"), function)
+    return COMMANDS[name].functions()[name]
 
 
 def _outputs(name):
@@ -82,13 +82,21 @@ def _contents(folder):
     return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
+def _paths(command):
+    """Return the names of options that are paths, in dataclasses too."""
+    for name, hint in get_type_hints(command).items():
+        if is_dataclass(hint):
+            yield from _paths(hint)
+        elif Path in (hint, *get_args(hint)):
+            yield name
+
+
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_option_that_is_a_path_beside_the_inputs_says_what_it_writes(name):
     known = {"data", "more", "other", "source", "experiment", "folder", "robot", "root"}
-    writing = {way[0] for way in options_of(command_of(name))}
-    for each in signature(command_of(name)).parameters.values():
-        if "Path" in str(each.annotation) or "Folder" in str(each.annotation):
-            assert each.name in known | writing, f"what is written by {each.name}?"
+    writing = {way[-1] for way in options_of(command_of(name))}
+    for option in _paths(command_of(name)):
+        assert option in known | writing, f"what is written by {option}?"
 
 
 @pytest.mark.parametrize(("name", "option"), WRITING)
