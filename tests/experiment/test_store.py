@@ -109,7 +109,7 @@ def test_a_foreign_record_counts_as_none(tmp_path, text):
     [
         ('{"fields": [], "runs": []}', "no record"),
         ("[" * 100_000, "no record"),
-        ('{"schema": 5, "versions": {"butterfly": "0.3.0"}}', "a damaged record"),
+        ('{"schema": 6, "versions": {"butterfly": "0.3.0"}}', "a damaged record"),
         ('{"schema": 2, "versions": {"butterfly": "0.1"}}', "schema 2 of butterfly 0.1"),
     ],
 )

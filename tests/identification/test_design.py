@@ -122,12 +122,12 @@ def test_the_first_advice_reaches_the_goal_and_gives_the_half_widths_that_it_pro
         logs = list(simulate_runs(rig, zip(MASSES[::2], sines, strict=True), 6.5, [seed, 9]))
         before = bf.identify(logs)
         best = next_runs(before.data, before.estimate, duration=20.0, goal=0.005)[0]
-        said = bf.design(before, duration=20.0, goal="0.5%").summary[-1]
+        said = bf.design(before, duration=20.0, goal="0.5%").summary[0]
         run = best.recipe.log.added_mass, best.recipe.signal
         assert said.startswith(f"Run next: {best.recipe.what}, with {run[0]}, {best.runs} run")
         logs += simulate_runs(rig, [run] * best.runs, 20.0, range(10, 10 + best.runs))
         after = bf.identify(logs)
-        assert "No run is needed" in bf.design(after, goal=0.005).summary[-1]
+        assert "No run is needed" in bf.design(after, goal=0.005).summary[0]
         reached = after.estimate.farther / wanted(after.estimate, after.data.logs, 0.005)
         ratios.append(np.max(reached) / best.expected[1])
     assert 0.5 < np.median(ratios) < 2

@@ -136,7 +136,7 @@ def test_the_next_command_plans_the_run_that_closes_it(found):
     assert next_command(found, ["identify", "my"], ["my"]).endswith("--save joint.json")
     assert next_command(found, ["identify", "my"], ["my"], "a.json") == "butterfly design a.json"
     plan = bf.design(found.data)
-    assert plan.summary[-1].startswith("Run next: ")
+    assert plan.summary[0].startswith("Run next: ")
 
 
 def test_its_page_has_no_sliders_and_names_it_open(found, tmp_path):
