@@ -139,7 +139,7 @@ def report(scores):
     """Return a table by kind."""
     lines = [
         "| kind | reached | median s | changes | wrong claims | held | farthest rad |",
-        "|---" * 7,
+        "|---" * 7 + "|",
     ]
     for kind in dict.fromkeys(each.kind for each in scores):
         every = [each for each in scores if each.kind == kind]

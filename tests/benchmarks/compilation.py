@@ -25,7 +25,7 @@ MANIFEST = "results/quickstart/manifest.yaml"
 COMMANDS = {
     "run": ("run", str(QUICKSTART)),
     "identify": ("identify", MANIFEST),
-    "campaign": ("campaign", str(QUICKSTART), "--folder", "results/campaign"),
+    "campaign": ("campaign", str(QUICKSTART), "--out", "results/campaign"),
 }
 
 

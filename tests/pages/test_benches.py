@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from tests.benchmarks import kept, page
+from tests.benchmarks import kept
 
 BENCHES = kept.parts()
 
@@ -18,7 +18,7 @@ def test_a_part_says_its_command_day_machine_and_code(name):
     assert text.strip()
 
 
-@pytest.mark.parametrize("path", [kept.PAGE, page.PAGE], ids=lambda path: path.name)
+@pytest.mark.parametrize("path", [kept.PAGE], ids=lambda path: path.name)
 def test_no_cell_is_empty_or_unknown(path):
     text = path.read_text("utf-8")
     assert "unknown" not in text
