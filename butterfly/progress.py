@@ -126,16 +126,27 @@ def tell(sentence: str) -> None:
     """Tell a waiting user what is being done; here nobody waits."""
 
 
+_TIMERS: set[threading.Timer] = set()
+
+
 @contextmanager
 def phase(description: str) -> Iterator[None]:
     """Tell a waiting user what is being done, if it takes long: nothing long is silent."""
     waiting = threading.Timer(SILENT, lambda: tell(f"{description} …"))
     waiting.daemon = True
+    _TIMERS.add(waiting)
     waiting.start()
     try:
         yield
     finally:
         waiting.cancel()
+        _TIMERS.discard(waiting)
+
+
+def end_phases() -> None:
+    """Tell nothing of what is done no longer, where an error ended it."""
+    while _TIMERS:
+        _TIMERS.pop().cancel()
 
 
 def untracked(items: Iterable[_T], description: str) -> Iterable[_T]:  # noqa: ARG001 - a Track
@@ -145,7 +156,8 @@ def untracked(items: Iterable[_T], description: str) -> Iterable[_T]:  # noqa: A
 
 def tracked(track: Track, description: str, work: Callable[..., _R], *arguments: object) -> _R:
     """Return the result of one piece of work, with progress."""
-    (result,) = [work(*arguments) for _ in track([None], description)]
+    for _ in track([None], description):  # an error ends the loop, and what shows its progress
+        result = work(*arguments)
     return result
 
 

@@ -194,3 +194,30 @@ def test_a_long_phase_is_told_once_and_a_short_one_not(monkeypatch):
     with progress.phase("Simulating"):
         pass
     assert lines == ["Identifying …"]
+
+
+def _in_line(items, description):
+    with progress.phase(description):
+        yield from items
+
+
+def test_a_phase_that_an_error_ended_is_not_told_later(monkeypatch):
+    lines = []
+    monkeypatch.setattr(progress, "tell", lines.append)
+    monkeypatch.setattr(progress, "SILENT", 0.05)
+    with pytest.raises(ZeroDivisionError) as kept:
+        progress.tracked(_in_line, "Fitting", lambda: 1 / 0)
+    time.sleep(0.2)
+    assert (lines, kept.type) == ([], ZeroDivisionError)
+
+
+def test_at_the_end_of_a_command_no_phase_is_told_though_an_error_left_it_open(monkeypatch):
+    lines = []
+    monkeypatch.setattr(progress, "tell", lines.append)
+    monkeypatch.setattr(progress, "SILENT", 0.05)
+    broken = _in_line([1], "Reading")
+    next(broken)
+    progress.end_phases()
+    time.sleep(0.2)
+    assert not lines
+    broken.close()

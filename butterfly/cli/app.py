@@ -346,6 +346,7 @@ def _run() -> None:
         _leave_stdout()
         _end(str(error), ExitCode.BAD_INPUT)
     finally:
+        progress.end_phases()
         asked.__dict__.update(vars(OutputOptions()))
 
 
