@@ -132,11 +132,17 @@ class FreeRunModel:
         nested = nested_about(there, at, len(self.every.keys))
         return offers_in(replace(nested, settings=dict(settings)), fitted, rows, self.masses)
 
-    def equations(self, there: Problem, values: Samples) -> Linearisation | None:
-        """Return the equations of a problem in other terms about (n,) values; None of no motion."""
+    def equations(
+        self, there: Problem, values: Samples, *, slopes: bool = True
+    ) -> Linearisation | None:
+        """Return the equations of a problem in other terms about (n,) values; None of no motion.
+
+        Without ``slopes`` they are errors alone, and have no prior.
+        """
         try:
-            at = there.equations(values, self.fit.linearisation)
-            at = there.with_scaled_prior(at.counting(there.options.loss))
+            at = there.equations(values, self.fit.linearisation, slopes=slopes)
+            at = at.counting(there.options.loss)
+            at = there.with_scaled_prior(at) if slopes else at
         except IdentifiabilityError:
             return None
         return at if at.is_finite else None
@@ -213,13 +219,9 @@ class FreeRunModel:
             return False
         terms = [name for name in rival if rival[name] != value_if_absent(name)]
         there = self._with([name for name in terms if name not in FOLLOWERS], rival)
-        try:
-            at = there.equations(there.initial, self.fit.linearisation, slopes=False)
-        except IdentifiabilityError:
+        at = self.equations(there, there.initial, slopes=False)
+        if at is None:
             return False
-        if not at.is_finite:
-            return False
-        at = at.counting(there.options.loss)
         its = nested_about(there, at, len(self.every.keys)).equations.squares
         return as_good(np.sqrt(its), np.sqrt(self.nested.equations.squares))
 

@@ -49,11 +49,11 @@ CLEARLY = -NormalDist().inv_cdf(ACCUSED / 2)
 MATTERS = 0.01
 """Share of a value below which a change is negligible."""
 
-SHOWS = 1e-3
-"""The same where errors are known, as those of steady responses are."""
-
 MATERIAL = 0.05
 """Share of the squared errors that a missing term or a contrast explains if it is one."""
+
+SHOWS = 1e-3
+"""The same where errors are known, as those of steady responses are."""
 
 LOST = 0.5
 """Largest unexplained share of a motion, or of an effect, of a model that follows."""
