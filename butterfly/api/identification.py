@@ -125,7 +125,7 @@ class Identification(Identified, Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result as a JSON document, with the true values if known (see `Result`)."""
-        estimate, basis = self.estimate, self.basis()
+        estimate, basis, in_model = self.estimate, self.basis(), model_rows(self)
         of_logs = {key: value for key, value in self.saved.items() if key != "summary"}
         if self.logs is not None:
             of_logs = {
@@ -142,9 +142,7 @@ class Identification(Identified, Result):
                 "fit": self.fit.numbers(),
                 **{name: getattr(self, name) for name in _OF_LOGS},
                 "physical": physical_numbers(self.separated()),
-                **(
-                    {"model": [row.numbers() for row in rows]} if (rows := model_rows(self)) else {}
-                ),
+                **({"model": [row.numbers() for row in in_model]} if in_model else {}),
                 "chosen": basis["chosen"],
                 **of_logs,
             },

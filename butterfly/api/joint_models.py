@@ -52,21 +52,16 @@ def with_model(manifest: Manifest) -> Manifest:
     poses = [{**manifest.pose, **(entry.pose or {})} for entry in entries]
     facts = robot.facts(poses, manifest.link_masses)
     for name, value in (("joint", facts.kind), ("gravity", facts.gravity)):
-        if name in said and getattr(manifest, name) not in {
-            value,
-            Manifest.model_fields[name].default,
-        }:
-            expected = f"{value:g}" if name == "gravity" else str(value)
-            raise InputError(
-                source, name, getattr(manifest, name), f"{expected}, as the model has it"
-            )
+        given = getattr(manifest, name)
+        if name in said and given not in {value, Manifest.model_fields[name].default}:
+            raise InputError(source, name, given, f"{value}, as {path.name} has it")
     whole = [robot.pose_facts(pose) for pose in poses]
     update = {
         "model": os.path.relpath(path, manifest.root),
         "facts": facts,
         "joint": facts.kind,
         "gravity": facts.gravity,
-        "known": {**_known(manifest, facts), **manifest.known},
+        "known": {**_known(facts), **manifest.known},
         "logs": _with_poses(manifest, entries, facts, whole),
     }
     return manifest.model_copy(update=update)
@@ -101,6 +96,7 @@ def neighbour_positions(manifest: Manifest, entry: LogEntry) -> dict[str, np.nda
     """Return the (n,) positions of the other joints in a log that has columns of them."""
     positions = {}
     columns = entry.columns or manifest.columns or {}
+    rest: dict[str, str | int]
     rest = {field: columns[field] for field in ("time", "input") if field in columns}
     for name, column in (entry.neighbours or {}).items():
         log = read_log(
@@ -113,7 +109,7 @@ def neighbour_positions(manifest: Manifest, entry: LogEntry) -> dict[str, np.nda
     return positions
 
 
-def _known(manifest: Manifest, facts: ModelFacts) -> dict[str, Any]:
+def _known(facts: ModelFacts) -> dict[str, Any]:
     """Return what the model lets be known: gravity, or the scale of what poses add."""
     share = facts.links.uncertainty
     if facts.kind is JointKind.SLIDE:

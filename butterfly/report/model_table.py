@@ -60,7 +60,5 @@ def model_sentences(identified: Identified) -> Iterator[str]:
         first = facts.poses[0].pose
         at = ", ".join(f"{name} {with_error(first[name], 0.001)}" for name in unseen)
         poses = f" in the first of {len(facts.poses)} poses" if len(facts.poses) > 1 else ""
-        yield (
-            f"The logs have no columns of other joints: they are taken to stand still at {at}{poses}."
-        )
+        yield f"Other joints have no columns: they are taken to stand still at {at}{poses}."
     yield from facts.warnings

@@ -219,9 +219,9 @@ class RobotModel:
         """Yield the numbers of the actuators of the joint."""
         kinds = {mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT}
         for k in range(self.model.nu):
-            if self.model.actuator_trntype[k] in kinds:
-                if self.model.actuator_trnid[k, 0] == self.joint:
-                    yield k
+            number = self.model.actuator_trnid[k, 0]
+            if self.model.actuator_trntype[k] in kinds and number == self.joint:
+                yield k
 
     def _rotors(self, values: NDArray[np.float64] | None = None) -> float:
         """Return what actuators add at the joint: their armature, or (nu,) other values."""

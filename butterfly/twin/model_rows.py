@@ -159,7 +159,7 @@ def _of_actuators(facts: ModelFacts, identified: Identified) -> Iterator[ModelRo
     drive = drive_at_joint(Twin.identified(identified)) if kind is InputKind.SETPOINT else None
     for actuator in facts.actuators[:1]:
         element = actuator.shortcut
-        about = {"element": element, "name": actuator.name}
+        about: dict[str, Any] = {"element": element, "name": actuator.name}
         force = "N" if facts.kind is JointKind.SLIDE else "N m"
         per = "m" if facts.kind is JointKind.SLIDE else "rad"
         if drive is None and kind is not InputKind.NONE and "p4" in estimate.names:
