@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from os import PathLike
@@ -50,6 +51,7 @@ from butterfly.report.parameter_table import (
 from butterfly.report.summary import facts, summary, tables
 from butterfly.result import Result, document, text, texts
 from butterfly.twin.forms import DEFAULTS, Options
+from butterfly.twin.model_rows import model_rows
 from butterfly.verdict import Verdict
 
 if TYPE_CHECKING:
@@ -123,7 +125,7 @@ class Identification(Identified, Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result as a JSON document, with the true values if known (see `Result`)."""
-        estimate, basis = self.estimate, self.basis()
+        estimate, basis, in_model = self.estimate, self.basis(), model_rows(self)
         of_logs = {key: value for key, value in self.saved.items() if key != "summary"}
         if self.logs is not None:
             of_logs = {
@@ -140,6 +142,7 @@ class Identification(Identified, Result):
                 "fit": self.fit.numbers(),
                 **{name: getattr(self, name) for name in _OF_LOGS},
                 "physical": physical_numbers(self.separated()),
+                **({"model": [row.numbers() for row in in_model]} if in_model else {}),
                 "chosen": basis["chosen"],
                 **of_logs,
             },
@@ -159,7 +162,7 @@ class Identification(Identified, Result):
         if manifest is not None and manifest["root"] is not None:
             root = Path(manifest["root"])
             root = root.relative_to(folder) if root.is_relative_to(folder) else root
-            content["data"]["manifest"]["root"] = root.as_posix()
+            content["data"]["manifest"] |= {"root": root.as_posix(), "model": manifest["model"]}
         schema = content.pop("schema")
         write_document({"schema": schema, "saved": True, **content}, Path(path), sign=True)
 
@@ -168,7 +171,10 @@ class Identification(Identified, Result):
         manifest = self.origin["manifest"]
         chosen = chosen_options(self.made_by, self.estimate, self.estimator)
         return {
-            "data": {**self.origin, "manifest": manifest and {**manifest, "root": None}},
+            "data": {
+                **self.origin,
+                "manifest": manifest and {**manifest, "root": None, **_named_model(manifest)},
+            },
             "chosen": self.saved.get("chosen", chosen),
         }
 
@@ -428,6 +434,12 @@ class IdentifiedModel:
         options = Options(timestep=timestep, integrator=integrator)
         root = stand_alone(self.twin(added_mass, hand_mass=hand_mass), options).root
         return mujoco.MjSpec.from_string(text_of(root))
+
+
+def _named_model(manifest: Mapping[str, Any]) -> dict[str, str]:
+    """Return the name of a manifest's model, without its place; nothing without a model."""
+    path = manifest.get("model")
+    return {"model": Path(path).name} if path else {}
 
 
 def _whole(fit: dict[str, Any]) -> WholeRuns | None:

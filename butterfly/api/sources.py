@@ -11,6 +11,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, TypeAlias, TypeGuard
 
+from butterfly.api.joint_models import require_within, with_model
 from butterfly.arguments import checked
 from butterfly.errors import InputError
 from butterfly.files import locate, refuse_binary, require_as_signed
@@ -45,7 +46,13 @@ _OF_LOGS = re.compile(
 _BEGINNING = 4096  # bytes
 _YAML = {".yaml", ".yml"}
 _PATTERN = frozenset("*?[")
-_OF_FOLDERS = ("name", "description", "root", "logs")  # what manifests of the same facts differ in
+_OF_FOLDERS = (
+    "name",
+    "description",
+    "root",
+    "logs",
+    "model",
+)  # what manifests of the same facts differ in
 _OF_READ_LOGS = {"known", "zero", "repair", "name"}  # what may be given of logs that are read
 _READ = (DataSet, Identified, Log)
 
@@ -83,7 +90,8 @@ def read(
         Fields of a manifest (see `Manifest`). If none gives them: ``arm``, ``input``,
         ``intersample``. In place of its own: ``name``, ``columns``, ``joint``, ``gravity``,
         ``sign``, ``zero``, ``interval``. Added to its own: ``units``, such as ``{"time": "ms"}``;
-        ``known``, such as ``{"p4": (1.0, 0.02)}``; ``loop``, such as ``{"law": "dynamixel-x",
+        ``known``, such as ``{"p4": (1.0, 0.02)}``; ``model`` and ``of``: MJCF or URDF of a robot,
+        and its joint that moved; ``pose`` of its others; ``loop``, such as ``{"law": "dynamixel-x",
         "kp": 400}``; ``repair``; ``holdout``. Also ``piece``: start and end in s of the section to
         use, such as ``(1.5, None)``; ``restarts``: split a file where its clock restarts.
     """
@@ -139,6 +147,8 @@ def _given(description: Mapping[str, Any]) -> dict[str, Any]:
     some = {name: value for name, value in description.items() if value is not None}
     if "input_kind" in some:
         some["input"] = some.pop("input_kind")
+    if "model" in some:
+        some["model"] = str(Path(some["model"]).absolute())
     if some.pop("restarts", False):
         some["split"] = Recordings.RESTARTS
     if "piece" in some:
@@ -194,9 +204,11 @@ def _of_files(
     for path, manifest in zip(_paths(sources), manifests, strict=True):
         require_said(path, manifest)
     whole = _joined(manifests, given)
+    parts = [read_data_set(one, track) for one in ([whole] if whole else manifests)]
+    for part in parts:
+        require_within(part)
     if whole is not None:
-        return read_data_set(whole, track)
-    parts = [read_data_set(manifest, track) for manifest in manifests]
+        return parts[0]
     return _union(parts, {"name": "logs", **given})
 
 
@@ -268,7 +280,8 @@ def _manifests(
     except OSError as error:  # of a folder that may not be looked into
         reason = error.strerror or str(error)
         raise InputError(error.filename, "path", reason, "a readable file or folder") from None
-    return [manifest.piece(given.get("from"), given.get("to")) for manifest in manifests]
+    pieces = [manifest.piece(given.get("from"), given.get("to")) for manifest in manifests]
+    return [with_model(piece) for piece in pieces]
 
 
 def _described(

@@ -65,6 +65,7 @@ _COLUMNS = _fact("columns", "Such as time=t,input=tau,angle=q.", metavar="PAIRS"
 _UNITS = _fact("units", "Such as time=ms,angle=-deg,input=counts/4096.", metavar="PAIRS")
 _LOOP = _fact("loop", "With --input setpoint, such as law=dynamixel-x,kp=400.", metavar="PAIRS")
 _KNOWN = _fact("known", "Such as p4=1,p3=0.05+-0.001,resistance=2.", metavar="PAIRS")
+_POSE = _fact("pose", "Such as wrist=0.5,gripper=0.", metavar="PAIRS")
 _ZERO = _fact("zero", "Such as 0.1+-0.01.", metavar="rad", allow_leading_hyphen=True, **_DETAIL)
 _ROOT = Parameter(metavar="FOLDER", help="Folder of the logs, if not the manifest's.", **_DETAIL)
 _HOLD = _fact("intersample", "Default: both are compared.", **_DETAIL)
@@ -87,6 +88,9 @@ class Facts:
     loop: Annotated[str | None, _LOOP] = None
     arm: Annotated[float | None, _fact("arm", metavar="m")] = None
     known: Annotated[str | None, _KNOWN] = None
+    model: Annotated[Path | None, _fact("model", metavar="FILE")] = None
+    of: Annotated[str | None, _fact("of", metavar="JOINT")] = None
+    pose: Annotated[str | None, _POSE] = None
     zero: Annotated[str | None, _ZERO] = None
     root: Annotated[Path | None, _ROOT] = None
     intersample: Annotated[Literal["zero_order_hold", "first_order_hold"] | None, _HOLD] = None
@@ -101,7 +105,7 @@ class Facts:
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         values |= {
             name: parse_pairs(values[name], f"--{name}")
-            for name in ("columns", "units", "known", "loop")
+            for name in ("columns", "units", "known", "loop", "pose")
             if values[name] is not None
         }
         values["repair"] = values["repair"] or None

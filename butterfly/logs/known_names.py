@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 from butterfly.logs.log import InputKind
 from butterfly.logs.unit_words import counts_without_turn, plain_text, quantity_of
@@ -97,14 +98,56 @@ def _fields_by_unit(words: set[str]) -> set[str]:
     return fields | ({"angle"} if any(map(counts_without_turn, words)) else set())
 
 
-def columns_meant(names: Sequence[str], kind: InputKind | None = None) -> dict[str, str]:
+def columns_meant(
+    names: Iterable[str],
+    kind: InputKind | None = None,
+    said: Mapping[str, str] = MappingProxyType({}),
+) -> dict[str, str]:
     """Return the columns of time, input and angle, by field, where exactly one name fits.
 
     An input of the given ``kind``, if there is one; and rather one that is called a command.
+    ``said``: what is to be read of a name in place of it.
     """
-    meant = {name: meaning_of(name) for name in names}
-    candidates = {f: [n for n in names if meant[n].field == f] for f in ("time", "input", "angle")}
+    meant = {name: meaning_of(said.get(name, name)) for name in names}
+    candidates = {f: [n for n in meant if meant[n].field == f] for f in ("time", "input", "angle")}
     inputs = [n for n in candidates["input"] if kind is None or meant[n].kind in {kind, None}]
     inputs = [n for n in inputs if kind and meant[n].kind is kind] or inputs
     candidates["input"] = [n for n in inputs if meant[n].commanded] or inputs
     return {field: columns[0] for field, columns in candidates.items() if len(columns) == 1}
+
+
+def columns_by_joint(names: Sequence[str], joints: Iterable[str]) -> dict[str, dict[str, str]]:
+    """Return for each joint its columns, and what each says besides the joint's name.
+
+    A column of ``wrist_roll`` is none of ``wrist``; one that is called as the joint is an angle.
+    """
+    words = {joint: tuple(part.lower() for part in parts_of(joint)) for joint in joints}
+    longest = sorted(words, key=lambda joint: -len(words[joint]))
+    columns: dict[str, dict[str, str]] = {joint: {} for joint in words}
+    for name in names:
+        parts = parts_of(name)
+        lower = tuple(part.lower() for part in parts)
+        for joint in longest:
+            size = len(words[joint])
+            places = (
+                k for k in range(len(lower) - size + 1) if lower[k : k + size] == words[joint]
+            )
+            if size and (place := next(places, None)) is not None:
+                rest = " ".join(parts[:place] + parts[place + size :])
+                columns[joint][name] = rest or "angle"
+                break
+    return columns
+
+
+def columns_of_joint(
+    names: Sequence[str], joint: str, joints: Iterable[str], kind: InputKind | None = None
+) -> dict[str, str]:
+    """Return the columns of time, and of a joint's input and angle (see `columns_meant`)."""
+    of_joint = columns_by_joint(names, {*joints, joint})
+    others = {name for columns in of_joint.values() for name in columns} - {*of_joint[joint]}
+    mine = [name for name in names if name not in others]
+    meant = columns_meant(mine, kind, of_joint[joint])
+    general = {field: name for field, name in meant.items() if name not in of_joint[joint]}
+    own = columns_meant(of_joint[joint], kind, of_joint[joint])
+    time = {field: name for field, name in general.items() if field == "time"}
+    return time | own

@@ -31,6 +31,7 @@ from butterfly.logs import thesis_logs
 from butterfly.logs.formats import column_names, unsaid
 from butterfly.logs.health import DEFAULT_REPAIRS, Repair
 from butterfly.logs.log import InputKind, Intersample, Sine
+from butterfly.logs.model_facts import LinkMasses, ModelFacts
 from butterfly.logs.units import Units
 from butterfly.model.parameters import GRAVITY, AddedMass, JointKind, rounded
 from butterfly.model.prior import Known, Prior, known_of, plain
@@ -114,6 +115,10 @@ class LogEntry(StrictModel):
     """Start in s of the piece to use, on the clock of the file."""
     end: Annotated[float | None, Field(alias="to")] = None
     """End in s of the piece to use."""
+    pose: dict[str, float] | None = None
+    """Positions of the other joints of the ``model`` in this log, in rad or m."""
+    neighbours: dict[str, str | int] | None = None
+    """Columns of the positions of other joints of the ``model``, by joint."""
     part: Annotated[int, Field(ge=1)] | None = None
     """Number of the recording in the file, from 1; a recording ends where the clock falls back."""
     split: Recordings | None = None
@@ -198,6 +203,16 @@ class Manifest(StrictModel):
     """Shape in pictures and exported models: a plain bar, or the Butterfly robot's hand."""
     gravity: Annotated[float, Field(ge=0)] = GRAVITY
     """Gravity in m/s^2, perpendicular to the axis; 0 for a vertical axis."""
+    model: str | None = None
+    """MJCF or URDF of the whole robot, of which the logs move one joint."""
+    of: str | None = None
+    """Name of the joint in that model."""
+    pose: Annotated[dict[str, float], _Rule.ADDS] = Field(default={})
+    """Positions of that model's other joints in rad or m. Default: their columns, its keyframe."""
+    link_masses: LinkMasses = LinkMasses()
+    """How well that model's masses are known: 5 % (0.05), all by one factor."""
+    facts: ModelFacts | None = None
+    """What the model says of the joint; read from it."""
     encoder: Literal["joint", "motor"] = "joint"
     """``motor`` if angle, velocity, setpoint and the loop's gains are those before a gear; its
     ``gear_ratio`` must be ``known``."""
@@ -310,7 +325,20 @@ class Manifest(StrictModel):
             arm_uncertainty=of_arm * arm.uncertainty,
             gravity=self.gravity,
             joint=self.joint,
+            label=self._pose_label(entry),
         )
+
+    def _pose_label(self, entry: LogEntry) -> str:
+        """Return how the pose of a log is called, where logs have different ones."""
+        if self.facts is None or len(self.facts.poses) < 2 or not entry.pose:  # noqa: PLR2004 - two
+            return ""
+        first = self.facts.poses[0].pose
+        moved = {
+            name: angle
+            for name, angle in entry.pose.items()
+            if any(pose.pose.get(name) != first.get(name) for pose in self.facts.poses)
+        }
+        return "pose " + ", ".join(f"{name} {angle:.4g}" for name, angle in moved.items())
 
     def excitation(self, entry: LogEntry) -> Sine | None:
         """Return the commanded sine of a log, if any; its amplitude is positive."""
@@ -337,6 +365,7 @@ class Manifest(StrictModel):
 
 _SELDOM = (
     *("shape", "sign", "loop", "encoder", "joint", "gravity", "known", "zeros", "units", "holdout"),
+    *("pose", "link_masses"),
 )
 """Fields that are not written at their default."""
 

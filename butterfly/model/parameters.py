@@ -202,6 +202,8 @@ class AddedMass:
         In m/s^2, perpendicular to the axis; 0 for a vertical axis.
     joint
         Kind of the joint.
+    label
+        How it is called, where it is no piece of metal: a pose of the other joints.
     """
 
     mass: float = 0.0
@@ -211,6 +213,7 @@ class AddedMass:
     arm_uncertainty: float = 0.0
     gravity: float = GRAVITY
     joint: JointKind = JointKind.HINGE
+    label: str = ""
 
     def __post_init__(self) -> None:
         placed = {name: getattr(self, name) for name in ("arm", "arm_uncertainty", "own_inertia")}
@@ -225,11 +228,11 @@ class AddedMass:
                 object.__setattr__(self, name, 0.0)
 
     @cached_property
-    def key(self) -> tuple[float, float, float, float, JointKind]:
-        """Mass, arm, own inertia, gravity (rounded) and joint, for comparison."""
+    def key(self) -> tuple[float, float, float, float, JointKind, str]:
+        """Mass, arm, own inertia, gravity (rounded), joint and label, for comparison."""
         numbers = (self.mass, self.arm, self.own_inertia, self.gravity)
         mass, arm, inertia, gravity = map(rounded, numbers)
-        return mass, arm, inertia, gravity, self.joint
+        return mass, arm, inertia, gravity, self.joint, self.label
 
     def __eq__(self, other: object) -> bool:
         return self.key == other.key if isinstance(other, AddedMass) else NotImplemented
@@ -270,11 +273,13 @@ class AddedMass:
     @property
     def inertia_and_moment(self) -> tuple[float, float]:
         """Z and X (81) of the `key`: its effect on the motion, except friction by its weight."""
-        mass, arm, own_inertia, gravity, joint = self.key
+        mass, arm, own_inertia, gravity, joint, _ = self.key
         inertia = mass if joint is JointKind.SLIDE else mass * arm**2 + own_inertia
         return rounded(inertia), rounded(mass * gravity * arm)
 
     def __str__(self) -> str:
+        if self.label:
+            return self.label
         if not self.mass:
             return "no added mass"
         if self.joint is JointKind.SLIDE:

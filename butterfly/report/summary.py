@@ -25,6 +25,7 @@ from butterfly.report.agreement_texts import agreement_table
 from butterfly.report.finding_texts import REMEDY, estimate_verdict, grave_notes, minor_notes
 from butterfly.report.format import counted, fit_text, times_text, upwards
 from butterfly.report.inspection import conditions_text
+from butterfly.report.model_table import model_sentences, model_table
 from butterfly.report.page import Fact, PageTable
 from butterfly.report.parameter_table import parameter_texts, physical_table
 from butterfly.signals.frequency_response import ResponsePoint, response_point
@@ -66,6 +67,7 @@ def summary(identification: Identified) -> list[str]:
         *held_out_sentences(identification.held_out),
         _basis(identification),
         *([means] if used != sound else []),
+        *model_sentences(identification),
         *_known(data, estimate),
         *minor_notes(estimate),
         *([] if unsound else [health]),
@@ -126,6 +128,8 @@ def tables(identification: Identified) -> list[PageTable]:
         values_table(f"{identification.origin['name']}: {estimate.method}", rows),
         _columns("Errors and intervals", rows, "error", "interval", "left_out", detail=True),
     ]
+    if (of_model := model_table(identification)).rows:
+        parts.insert(1, of_model)
     if estimate.agreement:
         parts.append(agreement_table(estimate.agreement))
     if (derived := physical_table(identification.separated(), identification.zeros)).rows:

@@ -93,7 +93,7 @@ def as_urdf(twin: Twin, options: Options) -> Written:
 def as_actuator(twin: Twin, options: Options) -> Written:
     """Return the fields of a twin's actuator in mjlab and in Isaac Lab."""
     p, steps = twin.loaded, _late_steps(twin, options)
-    stiffness, damping, effort, speed = _drive(twin)
+    stiffness, damping, effort, speed = drive_at_joint(twin)
     known = {name: quantity.value for name, quantity in twin.known.physical.items()}
     joints = ["slide" if twin.shape is Shape.SLIDE else "hinge"]
     shared = {"stiffness": stiffness, "damping": damping}
@@ -157,7 +157,7 @@ def as_actuator(twin: Twin, options: Options) -> Written:
     return Written(text=json_text(content), about=about, left_out=tuple(notes), accuracy=error)
 
 
-def _drive(twin: Twin) -> tuple[float, float, float, float]:
+def drive_at_joint(twin: Twin) -> tuple[float, float, float, float]:
     """Return stiffness, damping with the back EMF, effort at standstill and speed without load.
 
     Without a servo's loop its gains are 0; a limit that is not known is `math.inf`.
