@@ -13,10 +13,12 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from butterfly.api.joint_models import of_joint
 from butterfly.api.results import Separated
 from butterfly.arguments import checked
 from butterfly.errors import InputError, visible
 from butterfly.files import write_document
+from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import WholeRuns
 from butterfly.identification.identified import Identified
@@ -177,6 +179,11 @@ class Identification(Identified, Result):
             },
             "chosen": self.saved.get("chosen", chosen),
         }
+
+    @cached_property
+    def data(self) -> DataSet:
+        """The logs, read again if it was loaded; InputError if they cannot be."""
+        return super().data if self.logs is not None else of_joint(super().data)
 
     @property
     def title(self) -> str:  # type: ignore[override]
