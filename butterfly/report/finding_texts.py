@@ -484,8 +484,8 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "{percent:.1g} %, the others by less of their intervals. These include it."
     ),
     FindingKind.NEIGHBOURS_MOVED: (
-        "{names} moved by up to {number:.2g} rad (or m), which nothing corrects: hold them, or give "
-        "p4 (their torque is taken off the input where that is one)."
+        "{names} moved by up to {number:.2g} rad (or m), which nothing corrects: hold them, or "
+        "give p4 (their torque is then taken off the input)."
     ),
     FindingKind.NEIGHBOURS_STILL: "Without their columns {names} are taken to stand still.",
     FindingKind.NEIGHBOURS_CORRECTED: (
