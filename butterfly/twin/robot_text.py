@@ -9,7 +9,7 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from butterfly import outputs
 from butterfly.errors import InputError, nearest
@@ -18,6 +18,7 @@ from butterfly.twin.xml_text import (
     AttributeChange,
     Splice,
     XmlElement,
+    XmlSource,
     XmlText,
     changed,
     inserted,
@@ -39,12 +40,14 @@ _FOLDERS = ("meshdir", "texturedir", "assetdir")  # of MJCF's compiler
 class Edit(NamedTuple):
     """Attributes of the element of a tag and name, as they shall be; None removes one.
 
-    The tag is ``joint``, that of an actuator, `ACTUATOR`, or `DYNAMICS` with the joint's name.
+    The tag is ``joint``, that of an actuator, `ACTUATOR`, or `DYNAMICS` with the joint's name. An
+    actuator without a name is found ``by`` its joint's.
     """
 
     tag: str
     name: str
     attributes: Mapping[str, str | None]
+    by: Literal["name", "joint"] = "name"
 
 
 class TextChange(NamedTuple):
@@ -132,7 +135,8 @@ class EditedText:
                 raise InputError(out, "path", f"a file in {out.parent}", expected)
             if target == Path(os.path.normpath(out)):
                 raise InputError(out, "path", "the name of an included file", "another name")
-            targets[target] = content
+            if not (target.is_file() and target.read_bytes() == content):
+                targets[target] = content
         return targets | {out: self.contents[original.path]}
 
 
@@ -149,19 +153,19 @@ def with_attributes(path: Path, edits: Iterable[Edit]) -> EditedText:
     root = text.elements[0].tag
     if root not in {_MJCF, _URDF}:
         raise InputError(path, "content", f"<{root}>", "MJCF (<mujoco>) or URDF (<robot>)")
-    wanted: dict[tuple[XmlElement, str], dict[str, str | None]] = {}
-    for tag, name, attributes in edits:
-        element, new = _element(text, tag, name), ""
-        if tag == DYNAMICS:
-            there = [child for child in element.children if child.tag == DYNAMICS]
-            element, new = (_only(text, there, tag, name), "") if there else (element, DYNAMICS)
-        wanted.setdefault((element, new), {}).update(attributes)
+    wanted: dict[tuple[XmlElement, str, str], dict[str, str | None]] = {}
+    for edit in edits:
+        element, title, new = *_element(text, edit), ""
+        if edit.tag == DYNAMICS:
+            title, new = f"{DYNAMICS} of {title}", DYNAMICS
+            if there := [child for child in element.children if child.tag == DYNAMICS]:
+                element, new = _only(text, there, DYNAMICS, edit.name), ""
+        wanted.setdefault((element, title, new), {}).update(edit.attributes)
     splices: dict[Path, list[Splice]] = {file: [] for file in text.sources}
     changes: list[TextChange] = []
-    for (element, new), attributes in wanted.items():
+    for (element, title, new), attributes in wanted.items():
         source = text.sources[element.file]
-        more, replaced = _changes(text, element, new, attributes)
-        title = f"{new} of {_title(element)}" if new else _title(element)
+        more, replaced = _changes(source, element, new, attributes)
         splices[element.file] += replaced
         changes += (
             TextChange(source.path, one.line, title, one.attribute, one.before, one.after)
@@ -172,28 +176,28 @@ def with_attributes(path: Path, edits: Iterable[Edit]) -> EditedText:
 
 
 def _changes(
-    text: XmlText, element: XmlElement, new: str, attributes: Mapping[str, str | None]
+    source: XmlSource, element: XmlElement, new: str, attributes: Mapping[str, str | None]
 ) -> tuple[list[AttributeChange], list[Splice]]:
     """Return what changes in an element, or by a new child of it."""
-    source = text.sources[element.file]
     if not new:
         return changed(source, element, attributes)
     present = {name: value for name, value in attributes.items() if value is not None}
     return inserted(source, element, new, present) if present else ([], [])
 
 
-def _element(text: XmlText, tag: str, name: str) -> XmlElement:
-    """Return the element of a tag and name; of `DYNAMICS` the joint."""
+def _element(text: XmlText, edit: Edit) -> tuple[XmlElement, str]:
+    """Return the element that an edit means, of `DYNAMICS` the joint, and what to call it."""
+    tag, name, _, by = edit
     is_urdf = text.elements[0].tag == _URDF
     if is_urdf != (tag == DYNAMICS) and tag != _JOINT:
         expected = f"joint or {DYNAMICS} in URDF" if is_urdf else "joint or an actuator in MJCF"
         raise InputError(text.path, "tag", tag, expected)
-    valid = [one for one in text.elements if "name" in one.attributes and _is(one, tag, is_urdf)]
-    alike = [one for one in valid if one.attributes["name"] == name]
+    valid = [one for one in text.elements if by in one.attributes and _is(one, tag, is_urdf)]
+    alike = [one for one in valid if one.attributes[by] == name]
     kind = _JOINT if tag == DYNAMICS else tag
     if not alike:
-        names = [one.attributes["name"] for one in valid]
-        expected = nearest(name, names) if names else f"a file with a {kind} that has a name"
+        names = dict.fromkeys(one.attributes[by] for one in valid)
+        expected = nearest(name, names) if names else f"{kind}s with a {by}; there are none"
         if makers := {one.tag for one in text.elements} & set(_MAKERS):
             made = " and ".join(f"<{maker}>" for maker in sorted(makers))
             expected += f" (what {made} makes has no text of its own)"
@@ -202,7 +206,8 @@ def _element(text: XmlText, tag: str, name: str) -> XmlElement:
     if maker := next((one for one in element.above if one.tag in _MAKERS), None):
         value = f"{name}, which <{maker.tag}> of {text.place(maker)} makes"
         raise InputError(text.path, kind, value, f"a {kind} with a text of its own")
-    return element
+    named = element.attributes.get("name")
+    return element, f"{element.tag} {named!r}" if named else f"{element.tag} of joint {name!r}"
 
 
 def _is(element: XmlElement, tag: str, is_urdf: bool) -> bool:
@@ -219,17 +224,8 @@ def _only(text: XmlText, elements: Sequence[XmlElement], tag: str, name: str) ->
     """Return the one element that there is of a tag and name."""
     if len(elements) > 1:
         places = " and ".join(map(text.place, elements))
-        raise InputError(
-            text.path, tag, f"{name} {len(elements)} times ({places})", "one of a name"
-        )
+        raise InputError(text.path, tag, f"{name} {len(elements)} times ({places})", "only one")
     return elements[0]
-
-
-def _title(element: XmlElement) -> str:
-    """Return what to call an element."""
-    if "name" not in element.attributes and element.parent is not None:
-        return f"{element.tag} of {_title(element.parent)}"
-    return f"{element.tag} {element.attributes.get('name')!r}"
 
 
 def _not_found(text: XmlText, folder: Path) -> tuple[str, ...]:

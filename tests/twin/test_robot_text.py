@@ -211,6 +211,24 @@ def test_dampratio_gives_way_to_the_kv_that_mujoco_makes_of_it(tmp_path):
     assert differing(path, out) <= {"dof_armature"} | DERIVED
 
 
+UNNAMED = """<mujoco><worldbody><body><joint name="a"/><geom size=".1"/></body></worldbody>
+<actuator><motor joint="a"/></actuator></mujoco>"""
+
+
+def test_an_actuator_without_a_name_is_found_by_its_joint(tmp_path):
+    path = saved(tmp_path, UNNAMED)
+    for tag in (ACTUATOR, "motor"):
+        edited = with_attributes(path, [Edit(tag, "a", {"gear": "2"}, by="joint")])
+        text = UNNAMED.replace('<motor joint="a"', '<motor joint="a" gear="2"')
+        assert edited.contents[path].decode() == text
+        assert edited.changes == (TextChange(path, 2, "motor of joint 'a'", "gear", None, "2"),)
+    with pytest.raises(InputError, match=r"expected actuators with a name; there are none$"):
+        with_attributes(path, [Edit(ACTUATOR, "a", {"gear": "2"})])
+    saved(tmp_path, ARM)
+    edited = with_attributes(path, [Edit("motor", "elbow", {"gear": "2"}, by="joint")])
+    assert [change.element for change in edited.changes] == ["motor 'elbow'"]
+
+
 def test_changes_have_file_line_element_attribute_and_both_values(tmp_path):
     path = saved(tmp_path, ARM)
     edits = [JOINT, Edit("joint", "elbow", {"range": None, "axis": "0 1 0"})]
@@ -356,6 +374,9 @@ def test_nothing_of_the_original_and_no_other_file_is_written_over(parted, tmp_p
     with pytest.raises(InputError, match=r"upper\.xml: path: got an existing file"):
         edited.write(tmp_path / "other/robot.xml")
     assert not (tmp_path / "other/robot.xml").exists()
+    saved(tmp_path / "other", PARTS["parts/upper.xml"], "parts/upper.xml")
+    edited.write(tmp_path / "other/robot.xml")
+    assert differing(parted, tmp_path / "other/robot.xml") == set()
     with pytest.raises(InputError, match=r"expected \.xml$"):
         edited.write(tmp_path / "robot.urdf")
     assert before == {path: path.read_bytes() for path in before}
@@ -391,7 +412,7 @@ REPLICATED = """<mujoco><worldbody>
     [
         (ARM, "joint", "elbwo", r"joint: got elbwo; expected 'elbow' .*'shoulder', 'elbow'$"),
         (ARM, "motor", "shoulder", r"motor: got shoulder; expected one of 'elbow'$"),
-        (ARM, "dcmotor", "a", r"expected a file with a dcmotor that has a name$"),
+        (ARM, "dcmotor", "a", r"expected dcmotors with a name; there are none$"),
         (ARM, DYNAMICS, "elbow", r"tag: got dynamics; expected joint or an actuator in MJCF$"),
         (REPLICATED, "joint", "k", r"got k 2 times \(robot\.xml line 3 and robot\.xml line 3\)"),
         (REPLICATED, "joint", "j", r"got j, which <replicate> of robot\.xml line 2 makes"),
