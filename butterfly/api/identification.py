@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from os import PathLike
@@ -63,6 +63,7 @@ if TYPE_CHECKING:
 
     from butterfly.report.identification_figures import IdentificationPlots
     from butterfly.twin.twin import Twin, Written
+    from butterfly.twin.written_back import WrittenBack
 
 _UNITS = {"fit.horizon": "s", "fit.longest": "s", "zeros": "rad"} | dict.fromkeys(
     ("fit", "fits", "velocity_fits", "held_out", "open_loop_fits", "against.fit"), "%"
@@ -250,6 +251,43 @@ class Identification(Identified, Result):
             `butterfly.model.prior.PHYSICAL`: a number, or ``(0.3, 0.01)`` with its uncertainty.
         """
         return Separated.of(self.separated(known), self.origin["name"], self.judged)
+
+    @checked
+    def write_back(
+        self,
+        model: str | PathLike[str],
+        path: str | PathLike[str],
+        *,
+        others: Sequence[Identified] = (),
+        overwrite: bool = False,
+    ) -> WrittenBack:
+        """Write what was identified into a copy of the robot's own MJCF or URDF.
+
+        Only attributes whose value in the file lies outside their interval change; every other
+        byte of the text stays. The written model is then moved by the logs.
+
+        Parameters
+        ----------
+        model
+            The robot's file, which is never written.
+        path
+            The file to write.
+        others
+            Results of further joints, to be written into the same file.
+        overwrite
+            Whether an existing file may be replaced.
+
+        Raises
+        ------
+        InputError
+            Identified without ``model=`` and ``of=``, or the file cannot be read or written.
+        """
+        from butterfly.twin.written_back import write_back  # noqa: PLC0415 - slow to import
+
+        results = (self, *others)
+        for result in results:
+            require_values(result.estimate, "a model of the robot")
+        return write_back(results, Path(model), Path(path), overwrite=overwrite)
 
     @property
     def plot(self) -> IdentificationPlots:
