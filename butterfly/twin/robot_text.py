@@ -209,14 +209,13 @@ def _element(text: XmlText, edit: Edit) -> tuple[XmlElement, str]:
 
 def _elsewhere(text: XmlText) -> str:
     """Say where elements come from that are not written in the text."""
-    tags = {one.tag for one in text.elements}
-    models = [one.attributes.get("file", "") for one in text.elements if one.tag == "model"]
-    places = {
-        "attach": f"<attach> takes more from {' and '.join(filter(None, models))}: change it there",
-        "replicate": "what <replicate> makes has no text of its own",
-    }
-    where = "; ".join(places[maker] for maker in _MAKERS if maker in tags)
-    return f" ({where})" if where else ""
+    files = [
+        file for one in text.elements if one.tag == "model" and (file := one.attributes.get("file"))
+    ]
+    if files:
+        return f" (<attach> takes more from {' and '.join(files)}: change it there)"
+    makers = sorted({f"<{one.tag}>" for one in text.elements if one.tag in _MAKERS})
+    return f" (what {' and '.join(makers)} makes has no text of its own)" if makers else ""
 
 
 def _is(element: XmlElement, tag: str, is_urdf: bool) -> bool:
