@@ -23,7 +23,7 @@ from butterfly.logs.formats import DEFAULT_COLUMNS, column_names, read_log
 from butterfly.logs.known_names import columns_by_joint, columns_meant, columns_of_joint
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.logs.manifest import LogEntry, Manifest
-from butterfly.logs.model_facts import ModelFacts, PoseFacts
+from butterfly.logs.model_facts import STILL, ModelFacts, PoseFacts
 from butterfly.model.parameters import JointKind
 from butterfly.model.prior import Known
 
@@ -31,7 +31,7 @@ ZERO_UNCERTAINTY = 0.05
 """Standard uncertainty in rad of a model's angle of hanging: of how its parts are mounted."""
 
 _BEYOND = 0.1  # rad or m, by which a log may leave the joint's range
-_STILL = 5e-3  # rad or m, by which joints may move and count as still
+_DIGITS = 4  # decimals of a mean position
 _TINY = 1e-300
 _LONG = 1.0  # m, longest arm of the mass that stands for a pose
 
@@ -103,12 +103,14 @@ def _poses(manifest: Manifest, entries: Sequence[LogEntry]) -> list[dict[str, fl
     corrected, means = "p4" in manifest.prior.parameters, list[dict[str, float]]()
     for entry in entries:
         there = neighbours(manifest, entry)
-        mean = {name: float(np.mean(log.angle)) for name, log in there.items()}
+        mean = {
+            name: round(float(np.mean(log.angle)), _DIGITS) + 0.0 for name, log in there.items()
+        }
         same = (
             known
             for known in means
             if known.keys() == mean.keys()
-            and (corrected or all(abs(known[n] - angle) <= _STILL for n, angle in mean.items()))
+            and (corrected or all(abs(known[n] - angle) <= STILL for n, angle in mean.items()))
         )
         means.append(next(same, mean))
     pairs = zip(means, entries, strict=True)
@@ -180,7 +182,7 @@ def _remarks(
     )
     if unseen:
         remarks.append(Finding(FindingKind.NEIGHBOURS_STILL, unseen))
-    moving = tuple(name for name, reach in moved.items() if reach > _STILL)
+    moving = tuple(name for name, reach in moved.items() if reach > STILL)
     if shares and moving:
         share = max(shares)
         remarks.append(Finding(FindingKind.NEIGHBOURS_CORRECTED, moving, number=share))
