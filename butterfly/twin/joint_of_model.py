@@ -120,7 +120,8 @@ class RobotModel:
         """Raise InputError if the joint cannot be moved without moving others."""
         model, below = self.model, self._below()
         for k in range(model.neq):
-            kind, pair = model.eq_type[k], (int(model.eq_obj1id[k]), int(model.eq_obj2id[k]))
+            kind = mujoco.mjtEq(int(model.eq_type[k]))  # an array's number is in no set of kinds
+            pair = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
             name = model.equality(k).name or f"number {k}"
             if kind == mujoco.mjtEq.mjEQ_JOINT:
                 bound = self.joint in pair
@@ -219,8 +220,8 @@ class RobotModel:
         """Yield the numbers of the actuators of the joint."""
         kinds = {mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT}
         for k in range(self.model.nu):
-            number = self.model.actuator_trnid[k, 0]
-            if self.model.actuator_trntype[k] in kinds and number == self.joint:
+            kind = mujoco.mjtTrn(int(self.model.actuator_trntype[k]))
+            if kind in kinds and self.model.actuator_trnid[k, 0] == self.joint:
                 yield k
 
     def _rotors(self, values: NDArray[np.float64] | None = None) -> float:
