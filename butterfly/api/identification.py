@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from os import PathLike
@@ -13,10 +13,12 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from butterfly.api.joint_models import of_joint
 from butterfly.api.results import Separated
 from butterfly.arguments import checked
 from butterfly.errors import InputError, visible
 from butterfly.files import write_document
+from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import WholeRuns
 from butterfly.identification.identified import Identified
@@ -61,6 +63,7 @@ if TYPE_CHECKING:
 
     from butterfly.report.identification_figures import IdentificationPlots
     from butterfly.twin.twin import Twin, Written
+    from butterfly.twin.written_back import WrittenBack
 
 _UNITS = {"fit.horizon": "s", "fit.longest": "s", "zeros": "rad"} | dict.fromkeys(
     ("fit", "fits", "velocity_fits", "held_out", "open_loop_fits", "against.fit"), "%"
@@ -178,6 +181,11 @@ class Identification(Identified, Result):
             "chosen": self.saved.get("chosen", chosen),
         }
 
+    @cached_property
+    def data(self) -> DataSet:
+        """The logs, read again if it was loaded; InputError if they cannot be."""
+        return super().data if self.logs is not None else of_joint(super().data)
+
     @property
     def title(self) -> str:  # type: ignore[override]
         """Method, data, and the FIT."""
@@ -243,6 +251,43 @@ class Identification(Identified, Result):
             `butterfly.model.prior.PHYSICAL`: a number, or ``(0.3, 0.01)`` with its uncertainty.
         """
         return Separated.of(self.separated(known), self.origin["name"], self.judged)
+
+    @checked
+    def write_back(
+        self,
+        model: str | PathLike[str],
+        path: str | PathLike[str],
+        *,
+        others: Sequence[Identified] = (),
+        overwrite: bool = False,
+    ) -> WrittenBack:
+        """Write what was identified into a copy of the robot's own MJCF or URDF.
+
+        Only attributes whose value in the file lies outside their interval change; every other
+        byte of the text stays. The written model is then moved by the logs.
+
+        Parameters
+        ----------
+        model
+            The robot's file, which is never written.
+        path
+            The file to write.
+        others
+            Results of further joints, to be written into the same file.
+        overwrite
+            Whether an existing file may be replaced.
+
+        Raises
+        ------
+        InputError
+            Identified without ``model=`` and ``of=``, or the file cannot be read or written.
+        """
+        from butterfly.twin.written_back import write_back  # noqa: PLC0415 - slow to import
+
+        results = (self, *others)
+        for result in results:
+            require_values(result.estimate, "a model of the robot")
+        return write_back(results, Path(model), Path(path), overwrite=overwrite)
 
     @property
     def plot(self) -> IdentificationPlots:

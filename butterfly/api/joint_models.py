@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +18,12 @@ import numpy as np
 
 from butterfly.errors import InputError, nearest
 from butterfly.identification.data import DataSet
-from butterfly.logs.formats import column_names, read_log
+from butterfly.identification.findings import Finding, FindingKind
+from butterfly.logs.formats import DEFAULT_COLUMNS, column_names, read_log
 from butterfly.logs.known_names import columns_by_joint, columns_meant, columns_of_joint
+from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.logs.manifest import LogEntry, Manifest
-from butterfly.logs.model_facts import ModelFacts, PoseFacts
+from butterfly.logs.model_facts import STILL, ModelFacts, PoseFacts
 from butterfly.model.parameters import JointKind
 from butterfly.model.prior import Known
 
@@ -28,6 +31,8 @@ ZERO_UNCERTAINTY = 0.05
 """Standard uncertainty in rad of a model's angle of hanging: of how its parts are mounted."""
 
 _BEYOND = 0.1  # rad or m, by which a log may leave the joint's range
+_DIGITS = 4  # decimals of a mean position
+_TINY = 1e-300
 _LONG = 1.0  # m, longest arm of the mass that stands for a pose
 
 
@@ -49,7 +54,7 @@ def with_model(manifest: Manifest) -> Manifest:
     path = (Path(manifest.root) / manifest.model).resolve()
     robot = RobotModel.of(path, manifest.of)
     entries = [_with_columns(manifest, entry, robot.others) for entry in manifest.logs]
-    poses = [{**manifest.pose, **(entry.pose or {})} for entry in entries]
+    poses = _poses(manifest, entries)
     facts = robot.facts(poses, manifest.link_masses)
     for name, value in (("joint", facts.kind), ("gravity", facts.gravity)):
         given = getattr(manifest, name)
@@ -86,27 +91,105 @@ def _with_columns(manifest: Manifest, entry: LogEntry, others: Mapping[str, int]
         if name not in others:
             expected = nearest(name, others) if others else "no other joint"
             raise InputError(entry.file, f"neighbours.{name}", "no such joint", expected)
-    entry = entry.model_copy(update=update)
-    positions = neighbour_positions(manifest, entry)
-    held = {name: float(np.mean(angles)) for name, angles in positions.items()}
-    return entry.model_copy(update={"pose": {**held, **manifest.pose, **(entry.pose or {})}})
+    return entry.model_copy(update=update)
 
 
-def neighbour_positions(manifest: Manifest, entry: LogEntry) -> dict[str, np.ndarray]:
-    """Return the (n,) positions of the other joints in a log that has columns of them."""
-    positions = {}
-    columns = entry.columns or manifest.columns or {}
+def _poses(manifest: Manifest, entries: Sequence[LogEntry]) -> list[dict[str, float]]:
+    """Return the pose of the other joints in each log: as said, else as their columns have it.
+
+    Columns that differ by less than what counts as still are one pose. So are all of them where
+    their motion is corrected, which takes it off from one pose.
+    """
+    corrected, means = "p4" in manifest.prior.parameters, list[dict[str, float]]()
+    for entry in entries:
+        there = neighbours(manifest, entry)
+        mean = {
+            name: round(float(np.mean(log.angle)), _DIGITS) + 0.0 for name, log in there.items()
+        }
+        same = (
+            known
+            for known in means
+            if known.keys() == mean.keys()
+            and (corrected or all(abs(known[n] - angle) <= STILL for n, angle in mean.items()))
+        )
+        means.append(next(same, mean))
+    pairs = zip(means, entries, strict=True)
+    return [{**mean, **manifest.pose, **(entry.pose or {})} for mean, entry in pairs]
+
+
+def neighbours(manifest: Manifest, entry: LogEntry) -> dict[str, Log]:
+    """Return the motion of the other joints in a log that has columns of them, by joint."""
+    columns = entry.columns or manifest.columns or DEFAULT_COLUMNS
     rest: dict[str, str | int]
     rest = {field: columns[field] for field in ("time", "input") if field in columns}
-    for name, column in (entry.neighbours or {}).items():
-        log = read_log(
+    whole = manifest.model_copy(update={"loop": {}})
+    return {
+        name: read_log(
             Path(manifest.root) / entry.file,
             columns={**rest, "angle": column},
             units=manifest.scale(entry),
-            **manifest.model_copy(update={"loop": {}}).properties(entry),
+            **whole.properties(entry),
         )
-        positions[name] = log.angle
-    return positions
+        for name, column in (entry.neighbours or {}).items()
+    }
+
+
+def with_neighbours(data: DataSet) -> DataSet:
+    """Return logs without the torque that the motion of other joints made, and what to say of it.
+
+    It is taken off the input where that is a torque: where p4 is known. Motion that is not
+    corrected is a finding, and that some joints have no columns is another.
+    """
+    manifest = data.manifest
+    if manifest is None or manifest.facts is None or manifest.model is None:
+        return data
+    from butterfly.twin.joint_of_model import RobotModel  # noqa: PLC0415 - slow to import
+    from butterfly.twin.neighbours import Motion, coupling  # noqa: PLC0415
+
+    facts, gain = manifest.facts, data.known.parameters.get("p4")
+    driven = data.input_kind not in {InputKind.NONE, InputKind.SETPOINT}
+    logs, moved, shares = [], dict[str, float](), list[float]()
+    robot = RobotModel.of((Path(manifest.root) / manifest.model).resolve(), facts.joint)
+    for log, entry in zip(data.logs, manifest.logs, strict=True):
+        recorded = neighbours(manifest, entry)
+        others = {n: Motion.of(other.time, other.angle, log.time) for n, other in recorded.items()}
+        for name, motion in others.items():
+            moved[name] = max(moved.get(name, 0.0), motion.reach)
+        if others and driven and gain is not None and gain.value and not log.integrated:
+            own = Motion.of(log.time, log.angle, log.time)
+            torque = coupling(robot, own, others, entry.pose or {})
+            if log.between_samples is Intersample.ZERO_ORDER_HOLD:
+                torque = (torque + np.append(torque[1:], torque[-1:])) / 2  # mean until the next
+            shares.append(float(np.std(torque / gain.value)) / max(float(np.std(log.input)), _TINY))
+            log = replace(log, input=log.input - torque / gain.value)  # noqa: PLW2901 - corrected
+        logs.append(log)
+    corrected = dict(zip([log.name for log in data.logs], logs, strict=True))
+    remarks = _remarks(facts, manifest, moved, shares)
+    held = data.test_logs and with_neighbours(data.test_logs)
+    data = replace(data, test_logs=None).corrected(lambda log: corrected[log.name])
+    return replace(data, test_logs=held, remarks=remarks)
+
+
+def _remarks(
+    facts: ModelFacts, manifest: Manifest, moved: Mapping[str, float], shares: Sequence[float]
+) -> tuple[Finding, ...]:
+    """Return what is to be said of the other joints' motion."""
+    remarks = []
+    unseen = tuple(
+        name
+        for name in facts.others
+        if any(name not in (entry.neighbours or {}) for entry in manifest.logs)
+    )
+    if unseen:
+        remarks.append(Finding(FindingKind.NEIGHBOURS_STILL, unseen))
+    moving = tuple(name for name, reach in moved.items() if reach > STILL)
+    if shares and moving:
+        share = max(shares)
+        remarks.append(Finding(FindingKind.NEIGHBOURS_CORRECTED, moving, number=share))
+    elif moving:
+        reach = max(moved.values())
+        remarks.append(Finding(FindingKind.NEIGHBOURS_MOVED, moving, number=reach))
+    return tuple(remarks)
 
 
 def _known(facts: ModelFacts) -> dict[str, Any]:
@@ -160,6 +243,12 @@ def _as_mass(inertia: float, moment: float, facts: ModelFacts) -> dict[str, Any]
         "arm": arm,
         "inertia": max(inertia - mass * arm**2, 0.0),
     }
+
+
+def of_joint(data: DataSet) -> DataSet:
+    """Return the data of a model's joint, checked against it and corrected for its neighbours."""
+    require_within(data)
+    return with_neighbours(data)
 
 
 def require_within(data: DataSet) -> None:

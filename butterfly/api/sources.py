@@ -11,7 +11,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, TypeAlias, TypeGuard
 
-from butterfly.api.joint_models import require_within, with_model
+from butterfly.api.joint_models import of_joint, with_model
 from butterfly.arguments import checked
 from butterfly.errors import InputError
 from butterfly.files import locate, refuse_binary, require_as_signed
@@ -205,8 +205,7 @@ def _of_files(
         require_said(path, manifest)
     whole = _joined(manifests, given)
     parts = [read_data_set(one, track) for one in ([whole] if whole else manifests)]
-    for part in parts:
-        require_within(part)
+    parts = [of_joint(part) for part in parts]
     if whole is not None:
         return parts[0]
     return _union(parts, {"name": "logs", **given})

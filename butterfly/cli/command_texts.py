@@ -17,7 +17,8 @@ SUMMARIES = {
     "predict": "Predict logs, or a new experiment, with known parameters.",
     "compare": "Compare two saved results; or MuJoCo, the model and the logs.",
     "export": (
-        "Export the identified joint (its twin) to MuJoCo, URDF, C and others, or what cancels it."
+        "Export the identified joint (its twin) to MuJoCo, URDF, C and others, or into "
+        "your own model."
     ),
     "show": "Watch a run, or save it as a film or picture.",
     "run": "Simulate an experiment or a sweep, identify the joint, and write a report.",

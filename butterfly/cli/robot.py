@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -15,7 +16,9 @@ from butterfly.cli.options import OUT, WRITTEN, HandMass
 from butterfly.cli.output import ExitCode, asked, put, say, say_verdict, show_progress
 from butterfly.cli.written import OutputFile
 from butterfly.errors import InputError
+from butterfly.report.format import counted
 from butterfly.twin.forms import DEFAULTS, FORMS, INTEGRATORS, WITH_A_BODY, Options
+from butterfly.verdict import Verdict
 
 if TYPE_CHECKING:
     from butterfly.experiment.schema import Experiment
@@ -172,8 +175,9 @@ _Integrator: Any = Literal[INTEGRATORS]
 def export(
     source: Path,
     /,
-    *,
-    out: Annotated[Path, OUT, OutputFile(_TWINS)],
+    *more: Annotated[Path, Parameter(show=False)],
+    out: Annotated[Path, OUT, OutputFile(_TWINS, copies="into")],
+    into: Annotated[Path | None, Parameter(group=WRITTEN, metavar="FILE")] = None,
     to: Annotated[_Form, Parameter(group=WRITTEN)] = "mjcf",
     timestep: Annotated[
         float, Parameter(group=WRITTEN, metavar="s", validator=Number(gte=1e-6, lte=0.1))
@@ -184,7 +188,7 @@ def export(
     added_mass: AddedMass = 0.0,
     arm: Arm = None,
 ) -> ExitCode:
-    """Export the identified joint (its twin) to MuJoCo, URDF, C and others, or what cancels it.
+    """Export the identified joint (its twin) to MuJoCo, URDF, C and others, or into your own model.
 
     Also prints what the format cannot represent, and how far the twin's motion is from our own
     simulation at the given time step; of a compensation, how far its command may be off.
@@ -195,6 +199,9 @@ def export(
         A saved result; an experiment file or name; or logs, to identify first.
     out
         File to write.
+    into
+        Your robot's own MJCF or URDF: a copy of it is written in which only attributes of the
+        identified joint change. Several results, one a joint, may be given at once.
     to
         Format: MuJoCo model (mjcf), lines to paste into your MJCF (snippet), URDF (urdf), actuator
         settings for mjlab and Isaac Lab (actuator), a C99 header (c), JSON for BAM (bam), the
@@ -214,6 +221,11 @@ def export(
     from butterfly.files import locate  # noqa: PLC0415
     from butterfly.twin.forms import write_twin  # noqa: PLC0415
 
+    if into is not None:
+        return _export_into([source, *more], into, out)
+    if more:
+        expected = "one result, or --into FILE to write several joints into one model"
+        raise InputError("export", "source", f"{len(more) + 1} results", expected)
     if actuator and to != "bam":
         raise InputError("export", "--actuator", actuator, "--to bam as well")
     named = robot_of(source, hand_mass=hand_mass, added_mass=added_mass, arm=arm)
@@ -231,3 +243,27 @@ def export(
     if not asked.silent and is_data(locate(source)):
         put(f"Next: butterfly compare {shlex.quote(str(source))}")
     return ExitCode.of(named.judged)
+
+
+def _export_into(sources: Sequence[Path], into: Path, out: Path) -> ExitCode:
+    """Write saved results into a copy of a robot's own model."""
+    from butterfly.api.verbs import saved_identification  # noqa: PLC0415 - slow to import
+    from butterfly.files import locate  # noqa: PLC0415
+
+    results = []
+    for source in sources:
+        result = saved_identification(locate(source))
+        if result is None:
+            expected = "a saved result (butterfly identify --model --of --save)"
+            raise InputError(source, "--into", into, expected)
+        results.append(result)
+    first, *others = results
+    verdicts = {str(result.origin["manifest"]["of"]): result.judged for result in results}
+    verdict = Verdict.of_several(verdicts) if others else first.judged
+    say_verdict(verdict)
+    written = first.write_back(into, out, others=others)
+    count = len(written.changes)
+    say(f"{out}: {counted(count, 'attribute')} of {into} changed, nothing else.")
+    for sentence in written.sentences:
+        say(sentence)
+    return ExitCode.of(verdict)

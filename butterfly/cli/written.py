@@ -22,6 +22,7 @@ class OutputFile:
     endings: tuple[str, ...] = ()
     companion: str = ""  # ending of another file that is written with it
     documents: tuple[str, ...] = ()  # marks of JSON, if it holds any
+    copies: str = ""  # argument whose file, if given, is copied: the copy holds no mark
 
 
 SAVED = OutputFile((".json",), documents=(outputs.mark_of_document("identification", "saved"),))
@@ -73,9 +74,11 @@ def check(
         if taken.setdefault(path.resolve(), option) != option:
             other = taken[path.resolve()]
             raise InputError(path, option, f"the file of {other}", "another name for one of them")
-        documents = files[option.rpartition(" ")[2]][1].documents
+        written = files[option.rpartition(" ")[2]][1]
         if path.suffix:
-            marks = documents if path.suffix.lower() == ".json" else (outputs.mark_of(path),)
+            is_json = path.suffix.lower() == ".json"
+            marks = written.documents if is_json else (outputs.mark_of(path),)
+            marks = () if arguments.get(written.copies) is not None else marks
             outputs.require_free(path, *marks, option=option)
 
 

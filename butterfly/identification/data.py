@@ -75,6 +75,8 @@ class DataSet:
         Held-out logs, which are predicted but not fitted; None if there are none.
     correction
         Correction of ``logs`` in addition to repairs, if any.
+    remarks
+        What is to be said of the logs with every answer from them.
     """
 
     name: str
@@ -89,6 +91,7 @@ class DataSet:
     points: tuple[ResponsePoint | None, ...]
     test_logs: DataSet | None = None
     correction: Finding | None = None
+    remarks: tuple[Finding, ...] = ()
 
     @classmethod
     def of(

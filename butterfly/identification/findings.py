@@ -34,6 +34,7 @@ class FindingKind(StrEnum):
     EARLY = "early"  # a delay below 0
     NEGATIVE_GAIN = "negative-gain"
     SOURCES_CONFLICT = "sources-conflict"  # standard uncertainties between two given values
+    NEIGHBOURS_MOVED = "neighbours-moved"  # other joints; rad by which they moved, uncorrected
     CONTRADICTED = "contradicted"  # physical parameters below 0; standard errors
     # p4, the unit that the input was taken in, another in its file, its place, its kind of input
     UNIT_UNREAD = "unit-unread"
@@ -73,6 +74,9 @@ class FindingKind(StrEnum):
     FOLLOWED = "followed"  # rms error of free runs, over the rms motion
     MISFIT = "misfit"  # error of free runs, over the sensor noise
     NO_MISFIT = "no-misfit"  # the same, where sensor noise explains it
+    NEIGHBOURS_STILL = "neighbours-still"  # other joints without columns, taken to stand still
+    # other joints; the torque that their motion made, over that of the drive, rms
+    NEIGHBOURS_CORRECTED = "neighbours-corrected"
     ABSOLUTE = "absolute"
     RATIOS = "ratios"
     PLANT = "plant"  # share by which the simulator's own error moves the value that it hits most
@@ -87,6 +91,7 @@ _DOUBTING = {
     *(FindingKind.SEARCH_STOPPED, FindingKind.APPROXIMATE, FindingKind.ASKED),
     *(FindingKind.SOURCES_CONFLICT, FindingKind.CONTRADICTED),
     *(FindingKind.KNOWN_CONFLICT, FindingKind.PRIOR_CONFLICT, FindingKind.UNIT_UNREAD),
+    FindingKind.NEIGHBOURS_MOVED,
 }
 _GRAVITY = {str(kind): number for number, kind in enumerate(FindingKind)}
 

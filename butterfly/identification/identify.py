@@ -113,6 +113,7 @@ def diagnose(
     sure = estimate.with_evidence(*rivals).with_findings(
         *judge_physics(estimate, data.masses),
         *([data.correction] if data.correction else []),
+        *data.remarks,
         *_poor_fit(data, estimator, data.simulations.followed(estimate, followed)),
         *residuals.findings,
         *judge_input(estimate, data.input_kind),

@@ -31,7 +31,7 @@ from butterfly.logs import thesis_logs
 from butterfly.logs.formats import column_names, unsaid
 from butterfly.logs.health import DEFAULT_REPAIRS, Repair
 from butterfly.logs.log import InputKind, Intersample, Sine
-from butterfly.logs.model_facts import LinkMasses, ModelFacts
+from butterfly.logs.model_facts import STILL, LinkMasses, ModelFacts
 from butterfly.logs.units import Units
 from butterfly.model.parameters import GRAVITY, AddedMass, JointKind, rounded
 from butterfly.model.prior import Known, Prior, known_of, plain
@@ -336,9 +336,9 @@ class Manifest(StrictModel):
         moved = {
             name: angle
             for name, angle in entry.pose.items()
-            if any(pose.pose.get(name) != first.get(name) for pose in self.facts.poses)
+            if any(abs(pose.pose[name] - first[name]) > STILL for pose in self.facts.poses)
         }
-        return "pose " + ", ".join(f"{name} {angle:.4g}" for name, angle in moved.items())
+        return "pose " + ", ".join(f"{name} {angle:.3g}" for name, angle in moved.items())
 
     def excitation(self, entry: LogEntry) -> Sine | None:
         """Return the commanded sine of a log, if any; its amplitude is positive."""

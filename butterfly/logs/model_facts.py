@@ -11,6 +11,9 @@ from pydantic import Field, NonNegativeFloat
 from butterfly.model.parameters import JointKind
 from butterfly.yaml_files import StrictModel
 
+STILL = 5e-3
+"""Rad or m, by which a joint may move and counts as still."""
+
 _SHORTEST = 0.02  # m, arm of the mass that stands for a pose
 _ENOUGH = 0.2  # share of the largest gravity moment that is left to tell the scale by
 

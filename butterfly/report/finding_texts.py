@@ -34,7 +34,9 @@ _UNEXPLAINED = 1.2  # times the sensor noise, below which nothing is left that a
 _LOOK = "Look at the residuals of each log."
 _IN_VERDICT = {
     *(FindingKind.FOLLOWED, FindingKind.MISFIT, FindingKind.NO_MISFIT, FindingKind.MISSING_TERM),
+    *(FindingKind.NEIGHBOURS_STILL, FindingKind.NEIGHBOURS_CORRECTED),
 }
+_ASSUMED = {FindingKind.NEIGHBOURS_STILL, FindingKind.NEIGHBOURS_CORRECTED}  # end the first line
 
 
 def estimate_sentences(estimate: Estimate) -> list[str]:
@@ -101,6 +103,7 @@ def estimate_verdict(estimate: Estimate) -> Verdict:
     sentences = [finding_text(finding, values_of(estimate)) for finding in findings]
     if not forbidden:
         sentences.append(values_sentence(estimate))
+        sentences += [finding_text(f, {}) for f in estimate.findings if f.kind in _ASSUMED]
     elif estimate.unsettled:
         sentences.append("The fit did not converge.")
     closing = "" if forbidden else closing_sentence(estimate)
@@ -479,6 +482,14 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     FindingKind.PLANT: (
         "All values rest on the simulator, too: solved more finely it moves {names} by "
         "{percent:.1g} %, the others by less of their intervals. These include it."
+    ),
+    FindingKind.NEIGHBOURS_MOVED: (
+        "{names} moved by up to {number:.2g} rad (or m), which nothing corrects: hold them, or "
+        "give p4 (their torque is then taken off the input)."
+    ),
+    FindingKind.NEIGHBOURS_STILL: "Without their columns {names} are taken to stand still.",
+    FindingKind.NEIGHBOURS_CORRECTED: (
+        "The motion of {names} made {percent:.2g} % of the drive's torque, which is taken off it."
     ),
     FindingKind.ABSOLUTE: "Absolute values, scaled by the known masses.",
     FindingKind.RATIOS: (

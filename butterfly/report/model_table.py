@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterator
 
 from butterfly.identification.identified import Identified
-from butterfly.report.format import with_error
 from butterfly.report.page import PageTable
 from butterfly.report.parameter_table import with_limit
 from butterfly.twin.model_rows import ModelRow, facts_of, model_rows
@@ -50,15 +49,8 @@ def model_sentences(identified: Identified) -> Iterator[str]:
     share = f"{100 * facts.links.uncertainty:.3g} %"
     how = "each by itself" if facts.links.independent else "all by one factor"
     yield f"Masses of the links are taken from {facts.file}, ± {share}, {how}."
-    manifest = identified.origin["manifest"]
-    unseen = [
-        n
-        for n in facts.others
-        if any(n not in (e.get("neighbours") or {}) for e in manifest["logs"])
-    ]
-    if unseen:
-        first = facts.poses[0].pose
-        at = ", ".join(f"{name} {with_error(first[name], 0.001)}" for name in unseen)
-        poses = f" in the first of {len(facts.poses)} poses" if len(facts.poses) > 1 else ""
-        yield f"Other joints have no columns: they are taken to stand still at {at}{poses}."
+    if facts.others:
+        first, several = facts.poses[0].pose, len(facts.poses) > 1
+        at = ", ".join(f"{name} {angle:.4g}" for name, angle in first.items())
+        yield f"Pose of the others{f' (first of {len(facts.poses)})' * several}: {at}."
     yield from facts.warnings

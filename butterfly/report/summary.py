@@ -96,7 +96,8 @@ def _basis(identification: Identified) -> str:
     laws = dict.fromkeys(log.servo.law for log in data.logs if log.closed and log.servo)
     drive += f", servo loop ({', '.join(laws)})" if laws else ""
     masses = data.masses
-    added = str(masses[0]) if len(masses) == 1 else f"{len(masses)} added masses"
+    several = "poses of the others" if masses[0].label else "added masses"
+    added = str(masses[0]) if len(masses) == 1 else f"{len(masses)} {several}"
     method = identification.estimate.method
     return f"{counted(len(data.logs), 'log')}, {added}, {drive}, method {method}."
 

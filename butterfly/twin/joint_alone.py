@@ -17,6 +17,9 @@ from butterfly.twin.joint_of_model import RobotModel
 _HELD = 1e12
 """Armature of a held joint in kg m^2, or kg."""
 
+_PRECISE = 1e-20
+"""Tolerance of MuJoCo's solver, in which the held joints' armatures weigh: angles err by 1e-9."""
+
 _OFF = (
     mujoco.mjtDisableBit.mjDSBL_CONTACT
     | mujoco.mjtDisableBit.mjDSBL_LIMIT
@@ -38,7 +41,7 @@ class JointAlone:
         model.dof_armature[others] = _HELD
         model.dof_frictionloss[others] = 0.0
         model.opt.disableflags |= int(_OFF)
-        model.opt.tolerance = 0.0  # which is relative to all inertias, the held ones too
+        model.opt.tolerance = _PRECISE
         self._drive = None if actuator is None else int(model.actuator(actuator).id)
 
     @property

@@ -30,8 +30,8 @@ _NO_GRAVITY = 1e-9  # share of the largest torque of gravity that rounding leave
 _SHORTCUTS = {True: "position", False: "velocity"}
 
 
-def compiled(path: Path) -> mujoco.MjModel:
-    """Compile an MJCF or URDF; InputError with MuJoCo's own line if it cannot be.
+def compiled(path: Path) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
+    """Parse and compile an MJCF or URDF; InputError with MuJoCo's own line if it cannot be.
 
     Meshes that are not there are left out where the file gives the inertia of their body.
     """
@@ -41,11 +41,12 @@ def compiled(path: Path) -> mujoco.MjModel:
     except ValueError as error:
         raise _refused(path, error) from None
     try:
-        return spec.compile()
+        return spec, spec.compile()
     except ValueError as error:
         first = error
     try:
-        return _without_shapes(mujoco.MjSpec.from_file(str(path))).compile()
+        spec = _without_shapes(mujoco.MjSpec.from_file(str(path)))
+        return spec, spec.compile()
     except ValueError:
         raise _refused(path, first) from None
 
@@ -80,20 +81,21 @@ class RobotModel:
     """A compiled model, and the joint that is asked about."""
 
     path: Path
+    spec: mujoco.MjSpec
     model: mujoco.MjModel
     joint: int  # number of the joint
 
     @classmethod
     def of(cls, path: Path, name: str) -> RobotModel:
         """Compile a model and find a hinge or slide by name; InputError names what it has."""
-        model = compiled(path)
+        spec, model = compiled(path)
         names = joint_names(model)
         if name not in names:
             raise InputError(path, "joint", name, nearest(name, names) if names else "a joint")
         number = names[name]
         if int(model.jnt_type[number]) not in _MOVES:
             raise InputError(path, "joint", f"{name}, free or ball", "a hinge or a slide")
-        robot = cls(path=path, model=model, joint=number)
+        robot = cls(path=path, spec=spec, model=model, joint=number)
         robot.require_alone()
         return robot
 
@@ -253,6 +255,8 @@ class RobotModel:
                 kv=0.0 - gear**2 * damping,
                 effort=force if limited else None,
                 shortcut=shortcut,
+                # where MuJoCo's parser has put a ratio, until it compiles
+                by_ratio=float(self.spec.actuators[k].biasprm[2]) > 0,
             )
 
     def facts(self, poses: Iterable[Mapping[str, float]], links: LinkMasses) -> ModelFacts:

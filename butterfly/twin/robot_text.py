@@ -33,7 +33,7 @@ DYNAMICS = "dynamics"
 """The tag of an `Edit` of the ``dynamics`` of a joint of URDF, inserted if there are none."""
 
 _MJCF, _URDF, _JOINT = "mujoco", "robot", "joint"
-_MAKERS = ("replicate", "attach")  # of MJCF: what they make has other names, and no text
+_MAKERS = ("attach", "replicate")  # of MJCF: what they make has other names, and no text
 _FOLDERS = ("meshdir", "texturedir", "assetdir")  # of MJCF's compiler
 
 
@@ -198,16 +198,24 @@ def _element(text: XmlText, edit: Edit) -> tuple[XmlElement, str]:
     if not alike:
         names = dict.fromkeys(one.attributes[by] for one in valid)
         expected = nearest(name, names) if names else f"{kind}s with a {by}; there are none"
-        if makers := {one.tag for one in text.elements} & set(_MAKERS):
-            made = " and ".join(f"<{maker}>" for maker in sorted(makers))
-            expected += f" (what {made} makes has no text of its own)"
-        raise InputError(text.path, kind, name, expected)
+        raise InputError(text.path, kind, name, f"{expected}{_elsewhere(text)}")
     element = _only(text, alike, kind, name)
     if maker := next((one for one in element.above if one.tag in _MAKERS), None):
         value = f"{name}, which <{maker.tag}> of {text.place(maker)} makes"
         raise InputError(text.path, kind, value, f"a {kind} with a text of its own")
     named = element.attributes.get("name")
     return element, f"{element.tag} {named!r}" if named else f"{element.tag} of joint {name!r}"
+
+
+def _elsewhere(text: XmlText) -> str:
+    """Say where elements come from that are not written in the text."""
+    files = [
+        file for one in text.elements if one.tag == "model" and (file := one.attributes.get("file"))
+    ]
+    if files:
+        return f" (<attach> takes more from {' and '.join(files)}: change it there)"
+    makers = sorted({f"<{one.tag}>" for one in text.elements if one.tag in _MAKERS})
+    return f" (what {' and '.join(makers)} makes has no text of its own)" if makers else ""
 
 
 def _is(element: XmlElement, tag: str, is_urdf: bool) -> bool:

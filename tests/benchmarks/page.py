@@ -9,6 +9,7 @@ import hashlib
 import os
 import platform
 import re
+from datetime import date
 from importlib.metadata import version
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from tests.benchmarks.bars import BARS, ROWS
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "performance.md"
 TIMED = tuple(ROOT / "butterfly" / each for each in ("identification", "model", "signals", "plant"))
-HEADS = ("what is measured", "found", "asked", "as a multiple of", "")
+HEADS = ("what is measured", "found", "asked", "as a multiple of", "remark")
 COSTS = []
 """CPU time in s, and peak memory in MB or None, of what was run once: (what, s, MB)."""
 
@@ -28,13 +29,16 @@ _TEXT = """# Performance
 
 ## Commands
 
+In this order after an installation: the first that needs a kernel compiles it, which no later run
+does (`inspect` takes 4 s when it is repeated).
+
 {costs}
 
 ## Ratios
 
 {ratios}
 
-{machine}
+Measured {day}. {machine}
 
 Code of identification, model, signals and plant: `{code}`.
 """
@@ -79,7 +83,7 @@ def outdated():
 
 def table(rows, heads=HEADS):
     """Return the rows as Markdown."""
-    lines = [heads, ("---",) * len(heads), *rows]
+    lines = [heads, ("---",) * len(heads), *([cell or "–" for cell in row] for row in rows)]
     return "\n".join(f"| {' | '.join(row)} |" for row in lines)
 
 
@@ -98,6 +102,7 @@ def write():
         parts = {
             "costs": table(costs, ("command", "CPU time", "peak memory")),
             "ratios": table(ROWS[what] for what in BARS),
+            "day": date.today().isoformat(),
             "machine": machine(),
             "code": code(),
         }

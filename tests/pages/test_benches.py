@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from tests.benchmarks import kept
+from tests.benchmarks import kept, page
 
 BENCHES = kept.parts()
 
@@ -18,12 +18,19 @@ def test_a_part_says_its_command_day_machine_and_code(name):
     assert text.strip()
 
 
-def test_no_cell_is_empty_or_unknown():
-    text = kept.PAGE.read_text("utf-8")
+@pytest.mark.parametrize("path", [kept.PAGE, page.PAGE], ids=lambda path: path.stem)
+def test_no_cell_is_empty_or_unknown(path):
+    text = path.read_text("utf-8")
     assert "unknown" not in text
     rows = [line for line in text.splitlines() if line.startswith("|")]
     assert rows
     assert not [row for row in rows if re.search(r"\|\s*\|", row)]
+
+
+def test_the_page_of_costs_says_its_day_machine_and_code():
+    text = page.PAGE.read_text("utf-8")
+    assert re.search(r"^Measured \d{4}-\d\d-\d\d\. Linux .* cores; ", text, re.M)
+    assert re.search(r"signals and plant: `[0-9a-f]{16}`\.", text)
 
 
 def _number(name, before):

@@ -406,6 +406,9 @@ REPLICATED = """<mujoco><worldbody>
   <body><joint name="k"/><joint name="k"/></body>
 </worldbody></mujoco>"""
 
+ATTACHED = """<mujoco><asset><model name="m" file="arm.xml"/></asset>
+<worldbody><attach model="m" prefix="left_"/></worldbody></mujoco>"""
+
 
 @pytest.mark.parametrize(
     ("text", "tag", "name", "message"),
@@ -417,6 +420,8 @@ REPLICATED = """<mujoco><worldbody>
         (REPLICATED, "joint", "k", r"got k 2 times \(robot\.xml line 3 and robot\.xml line 3\)"),
         (REPLICATED, "joint", "j", r"got j, which <replicate> of robot\.xml line 2 makes"),
         (REPLICATED, "joint", "j1", r"\(what <replicate> makes has no text of its own\)$"),
+        (ATTACHED.replace('"arm.xml"', '""'), "joint", "j", r"none \(what <attach> makes has no"),
+        (ATTACHED, "joint", "j", r"none \(<attach> takes more from arm\.xml: change it there\)$"),
         (URDF, "joint", "third", r"joint: got third; expected one of 'first', 'second'$"),
         (URDF, DYNAMICS, "t", r"joint: got t; expected one of 'first', 'second'$"),
         (URDF, "motor", "t", r"tag: got motor; expected joint or dynamics in URDF$"),

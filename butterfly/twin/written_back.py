@@ -1,0 +1,248 @@
+"""Identified values written into the robot's own MJCF or URDF, and how the written model moves.
+
+An attribute is written where the file's value lies outside the interval of the identified one. What
+makes MuJoCo move as identified is written with it: friction that grips within a step, quadratic
+drag, the drive's delay, and ``kv`` in place of a ``dampratio``, which would change with armature.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+
+from butterfly.arrays import Samples, joined
+from butterfly.errors import InputError
+from butterfly.identification.free_run import Setting, fit_of
+from butterfly.identification.identified import Identified
+from butterfly.logs.log import Log
+from butterfly.logs.manifest import LogEntry
+from butterfly.logs.model_facts import ActuatorFacts, ModelFacts
+from butterfly.model.parameters import JointKind
+from butterfly.signals import hold
+from butterfly.twin.joint_alone import JointAlone
+from butterfly.twin.joint_of_model import RobotModel, compiled
+from butterfly.twin.model_rows import ModelRow, facts_of, model_rows
+from butterfly.twin.robot_text import ACTUATOR, DYNAMICS, Edit, TextChange, with_attributes
+from butterfly.twin.twin import NO_DELAY, beyond, listed
+
+_GRIP = 0.12  # steps: time constant with which dry friction stops the joint
+_STIFF = "0.9999 0.9999 0.001 0.5 2"  # of MuJoCo's impedance: friction does not creep
+_HELD = {"p1", "p2", "p3", "p4", "p3_offset", "coulomb", "drag", "delay", "gravity", "zero"}
+_OF_URDF = {"damping": "damping", "frictionloss": "friction"}
+_OFF = 0.01  # share of gravity, and rad, by which a file's may differ unsaid
+
+
+@dataclass(frozen=True, kw_only=True)
+class WrittenBack:
+    """What was written into a robot's file for one joint or several."""
+
+    changes: tuple[TextChange, ...]
+    notes: tuple[str, ...]
+    """What the file cannot carry, and what was left as it is."""
+    fits: dict[str, tuple[float, float]]
+    """FIT in % of each log: of the answer, and of the written model with the others fixed."""
+    not_found: tuple[str, ...]
+    """Meshes and other files that are not found from the new place."""
+
+    @property
+    def sentences(self) -> list[str]:
+        """Say what changed, how the written model moves, and what it lacks."""
+        lines = [
+            f"{change.file.name}:{change.line}  {change.element}  {change.attribute}: "
+            f"{'nothing' if change.before is None else change.before} to "
+            f"{'nothing' if change.after is None else change.after}"
+            for change in self.changes
+        ]
+        if self.fits:
+            ours, theirs = zip(*self.fits.values(), strict=True)
+            worst = min(self.fits, key=lambda name: self.fits[name][1])
+            lines.append(
+                "Played with the logs, the other joints fixed, the written model has a median FIT "
+                f"of {median(theirs):.1f} % (the answer: {median(ours):.1f} %; worst "
+                f"{min(theirs):.1f} %, {worst})."
+            )
+        missing = ", ".join(self.not_found)
+        return [*lines, *self.notes, *([f"Not found from there: {missing}."] if missing else [])]
+
+
+def write_back(
+    results: Sequence[Identified], into: Path, out: Path, *, overwrite: bool = False
+) -> WrittenBack:
+    """Write what was identified into a copy of the robot's file, and move its joints by the logs.
+
+    Raises
+    ------
+    InputError
+        A result has no joint of a model, two have the same joint, the file lacks one of them, or
+        ``out`` may not be written (see `butterfly.twin.robot_text.EditedText.write`).
+    """
+    edits: list[Edit] = []
+    notes: list[str] = []
+    joints: list[str] = []
+    step = float(compiled(into)[1].opt.timestep)
+    for result in results:
+        facts = facts_of(result)
+        if facts is None:
+            expected = "a result identified with a model: --model robot.xml --of JOINT"
+            raise InputError(result.origin["name"], "model", "nothing", expected)
+        if facts.joint in joints:
+            raise InputError(result.origin["name"], "joint", facts.joint, "each joint once")
+        RobotModel.of(into, facts.joint)  # names what the file has, if not this joint
+        joints.append(facts.joint)
+        edits += _edits(facts, result, step)
+        notes += [f"{facts.joint}: {note}" for note in _notes(facts, result)]
+    edited = with_attributes(into, edits)
+    not_found = edited.write(out, overwrite=overwrite)
+    fits = {name: pair for result in results for name, pair in _fits(result, out).items()}
+    return WrittenBack(changes=edited.changes, notes=tuple(notes), fits=fits, not_found=not_found)
+
+
+def _written(facts: ModelFacts, result: Identified) -> dict[str, ModelRow]:
+    """Return the rows that are written, by attribute: possible, and not what the file says."""
+    rows = {row.attribute: row for row in model_rows(result)}
+    return {
+        name: row
+        for name, row in rows.items()
+        if row.writes and row.inside is False and row.value >= 0 and _holds(facts, row)
+    }
+
+
+def _holds(facts: ModelFacts, row: ModelRow) -> bool:
+    """Whether a file of this kind can hold an attribute."""
+    return not facts.urdf or row.attribute in _OF_URDF
+
+
+def _edits(facts: ModelFacts, result: Identified, step: float) -> Iterator[Edit]:
+    """Yield what changes in the file for one joint."""
+    rows = _written(facts, result)
+    if not facts.urdf:
+        joint = _of_joint(facts, result, rows, step)
+        if joint:
+            yield Edit("joint", facts.joint, joint)
+        for actuator in facts.actuators[:1]:
+            drive = _of_actuator(actuator, result, rows, step)
+            if drive and actuator.name:
+                yield Edit(ACTUATOR, actuator.name, drive)
+            elif drive:
+                yield Edit(ACTUATOR, facts.joint, drive, "joint")
+    elif rows:
+        some = {_OF_URDF[name]: _number(row.value) for name, row in rows.items()}
+        yield Edit(DYNAMICS, facts.joint, some)
+
+
+def _of_joint(
+    facts: ModelFacts, result: Identified, rows: Mapping[str, ModelRow], step: float
+) -> dict[str, str | None]:
+    """Return the attributes of a joint of MJCF."""
+    joint: dict[str, str | None]
+    joint = {name: _number(row.value) for name, row in rows.items() if row.element == "joint"}
+    drag = result.estimate.parameters.drag if "drag" in result.estimate.names else 0.0
+    if drag > 0:
+        damping = rows["damping"].value if "damping" in rows else facts.damping
+        joint["damping"] = f"{_number(damping)} {_number(drag)}"
+    if "damping" in joint:
+        joint["springdamper"] = None  # which would override it
+    friction = rows["frictionloss"].value if "frictionloss" in rows else facts.frictionloss
+    if friction > 0:
+        joint["solreffriction"] = f"-1 {_number(-2 / (_GRIP * step))}"
+        joint["solimpfriction"] = _STIFF
+    return joint
+
+
+def _of_actuator(
+    actuator: ActuatorFacts, result: Identified, rows: Mapping[str, ModelRow], step: float
+) -> dict[str, str | None]:
+    """Return the attributes of an actuator of MJCF."""
+    drive: dict[str, str | None]
+    drive = {name: _number(row.value) for name, row in rows.items() if row.element != "joint"}
+    if "forcerange" in drive:
+        most = rows["forcerange"].value
+        drive["forcerange"] = f"{_number(-most)} {_number(most)}"
+    if actuator.by_ratio and ("armature" in rows or "kv" in drive):
+        drive = {"kv": _number(actuator.kv / actuator.gear**2)} | drive | {"dampratio": None}
+    delay = result.estimate.parameters.delay
+    if "gear" in drive and delay > max(NO_DELAY, step / 2):
+        late = max(round(delay / step), 1)
+        drive |= {"delay": _number(late * step), "nsample": str(late + 1), "interp": "zoh"}
+    return drive
+
+
+def _number(value: float) -> str:
+    """Return a number as a file has it."""
+    return f"{value:.6g}"
+
+
+def _notes(facts: ModelFacts, result: Identified) -> Iterator[str]:
+    """Say what the file cannot carry, with its size, and what it keeps."""
+    written = _written(facts, result)
+    for row in model_rows(result):
+        if row.attribute in written:
+            continue
+        value = f"{row.value:.4g} ± {row.half_width:.2g} {row.unit}"
+        if row.inside:
+            yield f"{row.attribute} stays {row.now:.4g}, within {value}."
+        elif row.value < 0:
+            why = "is less than 0: check the masses of the links"
+            yield f"{row.attribute} is not written: {value} {why}."
+        else:
+            yield f"{row.attribute} is not written: {value} has no place in {facts.file}."
+    estimate = result.estimate
+    if rest := beyond(estimate.parameters, _HELD):
+        yield f"The file cannot carry {listed(estimate.parameters, rest, 'unit')}."
+    _, moment = facts.bare
+    if moment and "p3" in estimate.names and facts.kind is JointKind.HINGE:
+        share = estimate.parameters.p3 / moment - 1
+        if abs(share) > _OFF:
+            more = "more" if share > 0 else "less"
+            yield (
+                f"Gravity is {100 * abs(share):.2g} % {more} than that of the file's links: "
+                f"multiply their masses by {1 + share:.4g} (not written)."
+            )
+
+
+def _fits(result: Identified, path: Path) -> dict[str, tuple[float, float]]:
+    """Return the FIT in % of each log: of the answer, and of the written model."""
+    facts, data = facts_of(result), result.data
+    if facts is None or data.manifest is None:
+        return {}
+    fits = {}
+    for number, (log, entry) in enumerate(zip(data.logs, data.manifest.logs, strict=True)):
+        setting = data.simulations.setting(number, result.estimate)
+        if log.integrated:
+            continue
+        fits[f"{facts.joint}, {log.name}"] = _fit(path, facts, log.opened, entry, setting)
+    return fits
+
+
+def _fit(
+    path: Path, facts: ModelFacts, log: Log, entry: LogEntry, setting: Setting
+) -> tuple[float, float]:
+    """Return the FIT in % of a log: of our simulation, and of the written model in its pieces."""
+    robot = RobotModel.of(path, facts.joint)
+    pose = entry.pose or {}
+    shift = setting.zero - robot.pose_facts(pose).zero if facts.bare[1] else 0.0
+    alone, p = JointAlone(robot, pose), setting.parameters
+    simulation = setting.simulation(log)
+    motion = simulation.run(p, setting.zero, setting.velocity)
+    stamps, commands = log.command
+    delivered = p.p4 * p.drive.delivered(commands)
+    begins = [grid[0] for grid, *_ in motion.pieces[1:]]
+    groups = np.split(log.time, np.searchsorted(log.time, begins))
+    moved: list[Samples] = []
+    for (grid, angle, velocity), instants in zip(motion.pieces, groups, strict=True):
+        count = max(math.ceil((instants[-1] - grid[0]) / alone.step - 1e-9), 1)
+        edges = grid[0] + alone.step * np.arange(count + 1)
+        torques = hold.mean(stamps, delivered, edges - p.delay, log.between_samples)
+        angles = alone.moved(torques, angle[0] - shift, velocity[0])
+        moved.append(np.interp(instants, edges, angles) + shift)
+    with np.errstate(over="ignore", invalid="ignore"):
+        ours, theirs = (
+            float(np.sqrt(np.mean((some - log.angle) ** 2)))
+            for some in (motion.at(log.time), joined(moved))
+        )
+    return fit_of(ours, log.rms_measured), fit_of(theirs, log.rms_measured)

@@ -1,0 +1,187 @@
+"""One joint of the shipped arm, whose file has other values than the arm that made the logs."""
+
+import math
+
+import numpy as np
+import pytest
+
+import butterfly as bf
+from butterfly.errors import InputError
+from butterfly.identification.findings import FindingKind
+from butterfly.logs.manifest import read_manifest
+from butterfly.model.prior import Known
+from tests.arm_logs import ARM, TRUTH, write_log, write_logs
+
+OTHERS = ("pan", "shoulder", "wrist", "roll")
+POSE = {"pan": 0.0, "shoulder": 0.3, "wrist": 0.4, "roll": 0.0}
+TORQUE = {"model": ARM, "of": "elbow", "input": "torque"}
+KNOWN = {"known": {"p4": 1.0}}
+
+
+@pytest.fixture(scope="module")
+def still(tmp_path_factory):
+    """Two logs of the elbow, the others held, without their columns."""
+    return write_logs(tmp_path_factory.mktemp("still"), "elbow", [POSE, POSE])
+
+
+@pytest.fixture(scope="module")
+def read_still(still):
+    return bf.read(still, **TORQUE, **KNOWN, pose=POSE)
+
+
+@pytest.fixture(scope="module")
+def answer(read_still):
+    return bf.identify(read_still)
+
+
+def _rows(answer):
+    return {row["attribute"]: row for row in answer.to_dict()["model"]}
+
+
+def test_the_model_says_gravity_zero_and_kind_of_the_joint(read_still):
+    manifest = read_still.manifest
+    assert manifest.facts.joint == "elbow"
+    assert manifest.gravity == pytest.approx(9.81)
+    moment = 9.81 * math.hypot(0.3 * 0.135 + 0.4 * 0.18, 0.0)  # at least, whatever the wrist does
+    assert manifest.facts.poses[0].moment > moment
+    assert read_still.given.parameters["p3"].uncertainty == pytest.approx(
+        0.05 * manifest.facts.poses[0].moment
+    )
+    assert manifest.logs[0].columns == {
+        "time": "time",
+        "input": "elbow_torque",
+        "angle": "elbow_position",
+    }
+
+
+@pytest.mark.parametrize("attribute", TRUTH)
+def test_the_attributes_of_the_joint_are_found_in_their_intervals(answer, attribute):
+    row = _rows(answer)[attribute]
+    assert row["lower"] <= TRUTH[attribute] <= row["upper"]
+    assert row["upper"] - row["lower"] < 0.2 * TRUTH[attribute]
+
+
+def test_the_first_line_says_what_is_assumed_of_joints_without_columns(answer):
+    assert answer.verdict[0].endswith(
+        "Without their columns pan, shoulder, wrist, roll are taken to stand still."
+    )
+
+
+def test_the_answer_shows_the_file_beside_it(answer):
+    (table,) = [table for table in answer.tables() if table.name == "model"]
+    assert table.title == "Joint 'elbow' of arm.xml"
+    assert [row[0] for row in table.rows] == ["armature", "damping", "frictionloss"]
+    assert [row[2] for row in table.rows] == ["0.02", "0.08", "0.2"]
+    assert {row[4] for row in table.rows} == {"the file differs"}
+
+
+def test_a_saved_answer_knows_its_model_and_reads_its_logs_again(answer, tmp_path):
+    answer.save(tmp_path / "elbow.json")
+    loaded = bf.load(tmp_path / "elbow.json")
+    assert loaded.to_dict()["model"] == answer.to_dict()["model"]
+    for one, other in zip(loaded.data.logs, answer.data.logs, strict=True):
+        assert np.array_equal(one.input, other.input)
+
+
+def test_no_json_holds_the_place_of_the_model(answer):
+    assert answer.to_dict()["data"]["manifest"]["model"] == "arm.xml"
+
+
+def test_two_poses_set_the_scale_of_an_unknown_drive(tmp_path):
+    poses = [POSE | {"wrist": 0.0}, POSE | {"wrist": 1.6}] * 2
+    logs = write_logs(tmp_path / "poses", "elbow", poses, columns=OTHERS, gain=0.8)
+    answer = bf.identify(bf.read(logs, **TORQUE))
+    gain = answer.estimate.parameters.p4
+    assert len(answer.data.masses) == 2
+    assert [str(mass) for mass in answer.data.masses] == ["pose wrist 1.6", "pose wrist 0"]
+    half = answer.estimate.farther[answer.estimate.names.index("p4")]
+    assert abs(gain - 0.8) < half < 0.25
+    row = _rows(answer)["armature"]
+    assert row["lower"] <= TRUTH["armature"] <= row["upper"]
+
+
+@pytest.fixture(scope="module")
+def moving(tmp_path_factory):
+    """A log in which motors move the other joints by about .1 rad, with their columns."""
+    folder = tmp_path_factory.mktemp("moving")
+    return write_logs(folder, "elbow", [POSE, POSE], columns=OTHERS, swing=0.15)
+
+
+def test_the_torque_of_moving_neighbours_is_taken_off_the_drives(moving):
+    answer = bf.identify(bf.read(moving, **TORQUE, **KNOWN))
+    (said,) = [f for f in answer.estimate.findings if f.kind is FindingKind.NEIGHBOURS_CORRECTED]
+    assert set(said.parameters) <= set(OTHERS)
+    assert said.number > 0.05
+    for attribute, row in _rows(answer).items():
+        assert row["lower"] <= TRUTH[attribute] <= row["upper"], attribute
+
+
+def test_moving_neighbours_without_a_known_torque_are_at_best_for_use_with_care(moving):
+    answer = bf.identify(bf.read(moving, **TORQUE))
+    assert answer.standing != "good"
+    kinds = {finding.kind for finding in answer.estimate.findings}
+    assert FindingKind.NEIGHBOURS_MOVED in kinds
+
+
+def test_a_manifest_has_the_model_the_joint_and_a_pose_per_log(still, tmp_path):
+    path = tmp_path / "manifest.yaml"
+    path.write_text(
+        f"name: arm\nroot: {still}\ninput: torque\nmodel: {ARM}\nof: elbow\n"
+        "pose: {shoulder: 0.3}\n"
+        "link_masses: {uncertainty: 0.1, independent: true}\n"
+        "logs: [{file: 0.csv, pose: {wrist: 0.4}}, {file: 1.csv, pose: {wrist: 0.4}}]\n"
+    )
+    data = bf.read(path)
+    assert data.manifest.logs[0].pose == pytest.approx(POSE)
+    moment = data.manifest.facts.poses[0].moment
+    assert data.given.parameters["p3"] == Known(value=moment, uncertainty=0.1 * moment)
+    assert read_manifest(path).facts is None
+
+
+@pytest.mark.parametrize(
+    ("options", "field", "expected"),
+    [
+        ({"of": "elbo"}, "joint", "'elbow' (did you mean that?)"),
+        ({"pose": {"rist": 0.1}}, "pose.rist", "wrist"),
+        ({"model": None}, "of", "model as well"),
+        ({"of": None}, "of", "the name of the joint in the model"),
+        ({"gravity": 3.7}, "gravity", "9.81, as arm.xml has it"),
+        ({"joint": "slide"}, "joint", "hinge, as arm.xml has it"),
+    ],
+)
+def test_what_the_model_does_not_have_is_refused(still, options, field, expected):
+    with pytest.raises(InputError) as refused:
+        bf.read(still, **(TORQUE | options))
+    assert refused.value.field == field
+    assert expected in refused.value.expected
+
+
+def test_a_model_that_does_not_compile_is_refused_with_mujocos_line(still, tmp_path):
+    model = tmp_path / "bad.xml"
+    model.write_text("<mujoco><worldbody><body><joint name='elbow'/></body></worldbody></mujoco>")
+    with pytest.raises(InputError, match="mass and inertia of moving bodies") as refused:
+        bf.read(still, **(TORQUE | {"model": model}))
+    assert refused.value.field == "model"
+
+
+def test_an_angle_beyond_the_joints_range_is_refused(tmp_path):
+    write_log(tmp_path / "0.csv", "elbow", POSE, seconds=1.0)
+    text = (tmp_path / "0.csv").read_text().splitlines()
+    table = np.loadtxt(text[1:], delimiter=",")
+    table[:, 2] += 3.0
+    np.savetxt(tmp_path / "0.csv", table, delimiter=",", header=text[0], comments="")
+    with pytest.raises(InputError, match=r"the range of 'elbow' in arm\.xml"):
+        bf.read(tmp_path / "0.csv", **TORQUE)
+
+
+def test_a_turned_sign_is_named_where_the_range_shows_it(tmp_path):
+    text = ARM.read_text().replace('axis="0 1 0" range="-2.4 2.4"', 'axis="0 1 0" range="0.5 2.4"')
+    model = tmp_path / "arm.xml"
+    model.write_text(text)
+    write_log(tmp_path / "0.csv", "elbow", POSE | {"shoulder": 0.0}, seconds=1.0)
+    lines = (tmp_path / "0.csv").read_text().splitlines()
+    table = np.loadtxt(lines[1:], delimiter=",")
+    table[:, 2] *= -1
+    np.savetxt(tmp_path / "0.csv", table, delimiter=",", header=lines[0], comments="")
+    with pytest.raises(InputError, match="is its sign turned"):
+        bf.read(tmp_path / "0.csv", **(TORQUE | {"model": model}))

@@ -1,0 +1,63 @@
+"""Logs of one joint of the shipped arm, moved by MuJoCo with values that its file does not have."""
+
+import mujoco
+import numpy as np
+
+from butterfly.files import shipped
+from butterfly.twin.joint_of_model import RobotModel
+
+ARM = shipped("models/arm/arm.xml")
+TRUTH = {"armature": 0.03, "damping": 0.12, "frictionloss": 0.15}
+"""Of the joint that moves: the file's elbow has .02, .08 and .2."""
+
+STEP, RATE, NOISE = 5e-4, 200, 5e-4  # s, Hz, rad
+_HELD = 1e12  # armature of the others, which nothing moves then
+
+
+def write_log(path, joint, pose, *, seed=0, seconds=6.0, columns=(), swing=0.0, gain=1.0):
+    """Move a joint about where it hangs; the log has the positions of others in ``columns``.
+
+    ``swing``: rad by which a motor moves each other joint to and fro; ``gain``: N m for each unit
+    of the recorded input.
+    """
+    rng = np.random.default_rng(seed)
+    robot = RobotModel.of(ARM, joint)
+    model, data = robot.model, robot.configured(pose)
+    model.opt.timestep, model.opt.tolerance = STEP, 1e-20
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
+    dof, place = int(model.jnt_dofadr[robot.joint]), int(model.jnt_qposadr[robot.joint])
+    model.actuator_gainprm[:] = model.actuator_biasprm[:] = 0.0
+    others = np.arange(model.nv) != dof
+    model.dof_armature[others], model.dof_frictionloss[others] = (0.3 if swing else _HELD), 0.0
+    model.dof_armature[dof] = TRUTH["armature"]
+    model.dof_damping[dof] = TRUTH["damping"]
+    model.dof_frictionloss[dof] = TRUTH["frictionloss"]
+    model.dof_solref[dof] = [-1, -2 / (0.12 * STEP)]
+    home, facts = data.qpos.copy(), robot.pose_facts(pose)
+    middle = facts.zero + 0.2 if facts.moment else 0.0
+    data.qpos[place] = middle
+    pace, phase = rng.uniform(2.0, 14.0, 4), rng.uniform(0.0, 6.3, 4)
+    slow, rows = rng.uniform(0.8, 2.5, model.nv), []
+    every = round(1 / RATE / STEP)
+    for k in range(round(seconds * RATE)):
+        time = k / RATE
+        torque = 0.6 * np.sin(pace * time + phase).sum() - 0.05 * data.qvel[dof]
+        torque += 1.5 * (middle - data.qpos[place])
+        torque += facts.moment * np.sin(middle - facts.zero)
+        angles = data.qpos + rng.normal(0.0, NOISE, model.nq)
+        seen = [angles[model.jnt_qposadr[robot.others[name]]] for name in columns]
+        rows.append([time, torque / gain, angles[place], *seen])
+        goal = home + swing * np.sin(slow * time)
+        data.qfrc_applied[:] = swing and 200.0 * (goal - data.qpos) - 20.0 * data.qvel
+        data.qfrc_applied[dof] = torque
+        mujoco.mj_step(model, data, every)
+    names = ["time", f"{joint}_torque", f"{joint}_position", *(f"{n}_position" for n in columns)]
+    np.savetxt(path, rows, delimiter=",", header=",".join(names), comments="")
+
+
+def write_logs(folder, joint, poses, **options):
+    """Write a log for each pose of the other joints, and return the folder."""
+    folder.mkdir(exist_ok=True, parents=True)
+    for k, pose in enumerate(poses):
+        write_log(folder / f"{k}.csv", joint, pose, seed=k, **options)
+    return folder
