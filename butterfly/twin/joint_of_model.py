@@ -52,8 +52,9 @@ def compiled(path: Path) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
 
 
 def _refused(path: Path, error: ValueError) -> InputError:
-    line = next((text for text in str(error).splitlines() if text.strip()), "no reason given")
-    return InputError(path, "model", line.strip(), "a model that MuJoCo compiles")
+    lines = [text.strip() for text in str(error).splitlines() if text.strip()]
+    reason = "; ".join(lines) or "no reason given"  # the second says which element, and where
+    return InputError(path, "model", reason, "a model that MuJoCo compiles")
 
 
 def _without_shapes(spec: mujoco.MjSpec) -> mujoco.MjSpec:

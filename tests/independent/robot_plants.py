@@ -14,7 +14,9 @@ import numpy as np
 STEP = 0.5e-3
 """Step in s of the fourth-order Runge-Kutta method."""
 
-_STIFF = {"solref": (-1.0, -2.0 / (0.12 * STEP)), "solimp": (0.9999, 0.9999, 0.001, 0.5, 2.0)}
+_PER_STEP = 2.0 / 0.12  # damping of friction's constraint, over the step's inverse
+_STIFF = {"solref": (-1.0, -_PER_STEP / STEP), "solimp": (0.9999, 0.9999, 0.001, 0.5, 2.0)}
+_FINER = 8  # parts of a step about rest
 _SETTLING = 1.0  # s before a log begins
 
 
@@ -88,6 +90,8 @@ class Plant:
         self._data = mujoco.MjData(self.model)
         self._joint = joint
         self._dof = self._place(joint)
+        self._stiff = hidden.stiff
+        self._slow = 2.0 * STEP * hidden.frictionloss / hidden.armature if hidden.armature else 0.0
         for name, hold in self._holds.items():
             self.model.jnt_stiffness[self.model.joint(name).id] = hold.stiffness
             self.model.dof_damping[self._place(name)] = hold.damping
@@ -139,15 +143,12 @@ class Plant:
             commands[k] = law(k - settling, readings[k])
             for steps, sent in ((rest, k - late - 1), (timing.period - rest, k - late)):
                 data.qfrc_applied[dof] = commands[max(sent, 0)]
-                if not moved:
-                    mujoco.mj_step(model, data, steps)
-                    continue
                 for _ in range(steps):
                     for place, hold in moved:
                         pull = hold.stiffness * hold.place(data.time - _SETTLING)
                         pull += hold.damping * hold.rate(data.time - _SETTLING)
                         data.qfrc_applied[place] = bias[place] + pull
-                    mujoco.mj_step(model, data)
+                    self._step()
         used = slice(settling, None)
         names = [model.joint(k).name for k in range(model.nv)]
         return Recording(
@@ -157,6 +158,16 @@ class Plant:
             true=true[used],
             others={name: others[used, k] for k, name in enumerate(names) if name != self._joint},
         )
+
+    def _step(self):
+        """Step once, in finer steps where the joint may come to rest within the step."""
+        model, data = self.model, self._data
+        finer = self._stiff and abs(data.qvel[self._dof]) < self._slow
+        parts = _FINER if finer else 1
+        model.opt.timestep = STEP / parts
+        if self._stiff:
+            model.dof_solref[self._dof, 1] = -_PER_STEP * parts / STEP
+        mujoco.mj_step(model, data, parts)
 
 
 def built(model, pose, moving, hidden, joint):
