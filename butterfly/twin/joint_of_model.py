@@ -52,8 +52,9 @@ def compiled(path: Path) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
 
 
 def _refused(path: Path, error: ValueError) -> InputError:
-    line = next((text for text in str(error).splitlines() if text.strip()), "no reason given")
-    return InputError(path, "model", line.strip(), "a model that MuJoCo compiles")
+    lines = [text.strip() for text in str(error).splitlines() if text.strip()]
+    reason = "; ".join(lines) or "no reason given"  # the second says which element, and where
+    return InputError(path, "model", reason, "a model that MuJoCo compiles")
 
 
 def _without_shapes(spec: mujoco.MjSpec) -> mujoco.MjSpec:
@@ -122,7 +123,8 @@ class JointOfModel:
         """Raise InputError if the joint cannot be moved without moving others."""
         model, below = self.model, self._below()
         for k in range(model.neq):
-            kind, pair = model.eq_type[k], (int(model.eq_obj1id[k]), int(model.eq_obj2id[k]))
+            kind = mujoco.mjtEq(int(model.eq_type[k]))  # an array's number is in no set of kinds
+            pair = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
             name = model.equality(k).name or f"number {k}"
             if kind == mujoco.mjtEq.mjEQ_JOINT:
                 bound = self.joint in pair
@@ -221,8 +223,8 @@ class JointOfModel:
         """Yield the numbers of the actuators of the joint."""
         kinds = {mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT}
         for k in range(self.model.nu):
-            number = self.model.actuator_trnid[k, 0]
-            if self.model.actuator_trntype[k] in kinds and number == self.joint:
+            kind = mujoco.mjtTrn(int(self.model.actuator_trntype[k]))
+            if kind in kinds and self.model.actuator_trnid[k, 0] == self.joint:
                 yield k
 
     def _rotors(self, values: NDArray[np.float64] | None = None) -> float:

@@ -161,13 +161,15 @@ def _of_actuators(facts: ModelFacts, identified: Identified) -> Iterator[ModelRo
         force = "N" if facts.kind is JointKind.SLIDE else "N m"
         per = "m" if facts.kind is JointKind.SLIDE else "rad"
         if drive is None and kind is not InputKind.NONE and "p4" in estimate.names:
+            attribute, now = _said_of_gain(actuator)
+            value = gain * now / actuator.gain if actuator.gain else gain
             yield ModelRow(
                 **about,
-                attribute="gear" if element == "motor" else "gainprm",
+                attribute=attribute,
                 unit=f"{force}/{kind.unit}",
-                value=gain / _gain_per_gear(actuator) if element == "motor" else gain,
-                half_width=share * abs(gain),
-                now=actuator.gear if element == "motor" else actuator.gain,
+                value=value,
+                half_width=share * abs(value),
+                now=now,
                 writes=element == "motor" and not facts.rotors,
             )
         if drive is not None and drive[0]:
@@ -203,9 +205,11 @@ def _drive(identified: Identified) -> tuple[float, float, float, float]:
     return drive_at_joint(Twin.identified(identified))
 
 
-def _gain_per_gear(actuator: ActuatorFacts) -> float:
-    """Return an actuator's torque for ctrl 1 and gear 1."""
-    return actuator.gain / actuator.gear if actuator.gear and actuator.gain else 1.0
+def _said_of_gain(actuator: ActuatorFacts) -> tuple[str, float]:
+    """Return the attribute that an actuator's torque for ctrl 1 is said by, and its value."""
+    if actuator.shortcut == "motor":
+        return "gear", actuator.gear
+    return "gainprm", actuator.gain / actuator.gear if actuator.gear else 0.0
 
 
 def _relative(estimate: Estimate, name: str) -> float:
