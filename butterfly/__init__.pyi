@@ -2,6 +2,7 @@ from .api.campaigns import campaign as campaign
 from .api.experiments import run as run
 from .api.experiments import simulate as simulate
 from .api.identification import Identification as Identification
+from .api.identified_joints import identify_joints as identify_joints
 from .api.inspected import inspect as inspect
 from .api.predicted import Drawn as Drawn
 from .api.predicted import Predicted as Predicted
