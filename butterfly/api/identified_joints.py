@@ -9,16 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from butterfly.api.identification import Identification
-from butterfly.api.joint_models import of_joint, with_model
+from butterfly.api.joint_models import drives, of_joint, with_model
 from butterfly.api.sources import Named, manifest_of
 from butterfly.api.verbs import Method, identify
 from butterfly.arguments import checked
 from butterfly.errors import ButterflyError, InputError, listed, nearest
 from butterfly.identification.data import read_data_set
 from butterfly.identification.estimators import DEFAULT_METHOD
-from butterfly.logs.formats import column_names
-from butterfly.logs.known_names import columns_of_joint
-from butterfly.logs.log import InputKind
 from butterfly.logs.manifest import LogEntry, Manifest
 from butterfly.progress import Track, untracked
 from butterfly.report.format import fit_text
@@ -99,7 +96,7 @@ def _logs_by_joint(
     for name in wanted:
         if name not in names:
             raise InputError(model, "joint", name, nearest(name, names) if names else "a joint")
-    logs = {name: [e for e in manifest.logs if _is_of(manifest, e, name, names)] for name in wanted}
+    logs = {name: [e for e in manifest.logs if drives(manifest, e, name, names)] for name in wanted}
     lacking = [name for name, entries in logs.items() if not entries]
     if several != [ALL] and lacking:
         expected = f"logs with columns named after {listed(lacking)}, or of: in the manifest"
@@ -108,17 +105,6 @@ def _logs_by_joint(
         expected = f"logs with columns named after one of {listed(names)}, or of: in the manifest"
         raise InputError(manifest.name, "of", "all", expected)
     return {name: entries for name, entries in logs.items() if entries}
-
-
-def _is_of(manifest: Manifest, entry: LogEntry, joint: str, names: Sequence[str]) -> bool:
-    """Whether a log is of a joint."""
-    if entry.of is not None:
-        return entry.of == joint
-    place = {"at": entry.at} if entry.at else {}
-    columns = column_names(Path(manifest.root) / entry.file, **place)
-    kind = manifest.input if entry.input is None else entry.input
-    meant = columns_of_joint(columns, joint, names, kind)
-    return "angle" in meant and ("input" in meant or kind is InputKind.NONE)
 
 
 def _answer(

@@ -83,7 +83,19 @@ def of_one_joint(manifest: Manifest) -> tuple[Manifest, str]:
     logs = [entry for entry in manifest.logs if entry.of in {None, joint}]
     if not logs:
         raise InputError(manifest.name, "of", joint, nearest(joint, names))
+    logs = [entry for entry in logs if drives(manifest, entry, joint)] or logs
     return manifest.model_copy(update={"of": joint, "logs": logs}), joint
+
+
+def drives(manifest: Manifest, entry: LogEntry, joint: str, others: Sequence[str] = ()) -> bool:
+    """Whether a log is of a joint: it says so, or has columns of its motion and its command."""
+    if entry.of is not None:
+        return entry.of == joint
+    place = {"at": entry.at} if entry.at else {}
+    columns = column_names(Path(manifest.root) / entry.file, **place)
+    kind = manifest.input if entry.input is None else entry.input
+    meant = columns_of_joint(columns, joint, others, kind)
+    return "angle" in meant and ("input" in meant or kind is InputKind.NONE)
 
 
 def _with_columns(manifest: Manifest, entry: LogEntry, others: Mapping[str, int]) -> LogEntry:

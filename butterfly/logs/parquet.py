@@ -76,7 +76,7 @@ def _named_by_dataset(path: Path, parts: Mapping[str, Component]) -> dict[str, C
     try:
         features = json.loads(place.read_text("utf-8"))["features"]
         given = {column: feature.get("names") for column, feature in features.items()}
-    except (OSError, ValueError, KeyError, AttributeError):
+    except (OSError, ValueError, LookupError, TypeError, AttributeError):
         return {}  # another program's file of this name
     named = {}
     for column, names in given.items():
