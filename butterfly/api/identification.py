@@ -13,10 +13,9 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from butterfly.api.results import physical_answer
 from butterfly.arguments import checked
 from butterfly.errors import InputError, visible
-from butterfly.files import write_document
+from butterfly.files import finite, write_document
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import WholeRuns
 from butterfly.identification.identified import Identified
@@ -42,8 +41,9 @@ from butterfly.report.numbers import (
     finding_numbers,
     residual_numbers,
 )
-from butterfly.report.page import Fact, Page, PageTable, Section
+from butterfly.report.page import Fact, Page, PageTable, Section, views
 from butterfly.report.parameter_table import (
+    PHYSICAL_TITLE,
     parameter_texts,
     physical_numbers,
     physical_sentences,
@@ -231,7 +231,16 @@ class Identification(Identified, Answer):
             What is known of motor and hand besides what the data say of it, by names of
             `butterfly.model.prior.PHYSICAL`: a number, or ``(0.3, 0.01)`` with its uncertainty.
         """
-        return physical_answer(self.separated(known), self.origin["name"], self.judged)
+        parameters, title = self.separated(known), f"{PHYSICAL_TITLE} of {self.origin['name']!r}"
+        numbers = physical_numbers(parameters)
+        rows = finite([{"parameter": name} | row for name, row in numbers.items()])
+        return Answer(
+            kind="physical",
+            title=title,
+            summary=(*self.judged.lines, *physical_sentences(parameters)),
+            content={"rows": rows, **views([PageTable.of(title, rows)])},
+            judged=self.judged,
+        )
 
     @property
     def plot(self) -> IdentificationPlots:
