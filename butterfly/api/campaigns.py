@@ -65,7 +65,7 @@ def campaign_answer(
     tables = []
     if estimate is not None:
         ratios = bool(estimate.ratios)
-        tables.append(parameters_table("Parameters", numbers, ratios=ratios))
+        tables.append(parameters_table("Parameters", estimate, numbers))
     if rows:
         tables.append(runs_table("Runs", rows))
     gain = None if ratios else numbers.get("p4")

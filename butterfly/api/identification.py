@@ -44,7 +44,7 @@ from butterfly.report.numbers import (
 from butterfly.report.page import Fact, Page, PageTable, Section, views
 from butterfly.report.parameter_table import (
     PHYSICAL_TITLE,
-    parameter_texts,
+    parameter_table,
     physical_numbers,
     physical_sentences,
 )
@@ -190,10 +190,8 @@ class Identification(Identified, Answer):
 
     def printed(self) -> PageTable:
         """Return the table of parameters, rounded to their errors."""
-        columns = ("name", "value", "error", "interval", "unit", "meaning")
-        names = ("parameter", "value", "standard error", "95 % interval", "unit", "meaning")
-        rows = [*map(parameter_texts, self.estimate.table())]
-        return PageTable(self.title, names, [[row[name] for name in columns] for row in rows])
+        columns = ("parameter", "value", "standard error", "95 % interval", "unit", "meaning")
+        return parameter_table(self.title, self.estimate.table(), *columns)
 
     def tables(self) -> list[PageTable]:
         """Return the tables: parameters (beside the truth if known), physical ones, other FITs."""
