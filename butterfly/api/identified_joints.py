@@ -21,8 +21,7 @@ from butterfly.progress import Track, untracked
 from butterfly.report.format import fit_text
 from butterfly.report.model_table import model_table
 from butterfly.report.page import Fact, PageTable, views
-from butterfly.report.parameter_table import with_limit
-from butterfly.report.summary import values_table
+from butterfly.report.parameter_table import values_table, with_limit
 from butterfly.result import Answer
 from butterfly.twin.model_rows import model_rows
 from butterfly.verdict import Level, Verdict
