@@ -1,25 +1,13 @@
-from .api.campaigns import Campaign as Campaign
 from .api.campaigns import campaign as campaign
-from .api.changed import Changed as Changed
-from .api.compared import Compared as Compared
-from .api.compared import Leaderboard as Leaderboard
-from .api.experiments import Run as Run
-from .api.experiments import Sweep as Sweep
 from .api.experiments import run as run
 from .api.experiments import simulate as simulate
 from .api.identification import Identification as Identification
-from .api.inspected import Inspection as Inspection
-from .api.inspected import RobotModel as RobotModel
 from .api.inspected import inspect as inspect
 from .api.predicted import Drawn as Drawn
 from .api.predicted import Predicted as Predicted
 from .api.result_verbs import changed as changed
 from .api.result_verbs import draws as draws
 from .api.result_verbs import predict as predict
-from .api.results import Designed as Designed
-from .api.results import Residual as Residual
-from .api.results import Selection as Selection
-from .api.results import Validated as Validated
 from .api.saved import load as load
 from .api.sources import read as read
 from .api.verbs import compare as compare
@@ -41,6 +29,6 @@ from .logs.log import Log as Log
 from .logs.log import Sine as Sine
 from .model.parameters import AddedMass as AddedMass
 from .model.parameters import LumpedParameters as LumpedParameters
-from .result import Result as Result
+from .result import Answer as Answer
 
 __version__: str

@@ -1,20 +1,18 @@
-"""What all results share: text, rows, a data frame, a page, and one form of JSON.
+"""The answer of a verb: text, rows, a data frame, a page, and one form of JSON.
 
 Every document has the keys of `HEAD`; docs/commands.md describes all keys.
 """
 
 from __future__ import annotations
 
-import math
 import platform
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import version
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -32,14 +30,31 @@ if TYPE_CHECKING:
     from butterfly.report.page import Fact, Page, PageTable
 
 _SCHEMA_NUMBER = 3
-_THIRD = {"campaign", "comparison", "draws", "inspection", "residual", "sweep", "validation"}
+
+ANSWERS = (
+    {"identification": _SCHEMA_NUMBER}
+    | dict.fromkeys(("change", "design", "leaderboard", "model", "physical"), 4)
+    | dict.fromkeys(("prediction", "run", "selection"), 4)
+    | dict.fromkeys(("campaign", "comparison", "draws", "inspection"), 5)
+    | dict.fromkeys(("residual", "sweep", "validation"), 5)
+)
+"""Kinds of answers, which can be loaded, and the numbers of their schemas."""
+
+_ROWS = {"inspection": "logs", "leaderboard": "entries", "sweep": "recovery"}
+"""Keys of the rows of kinds that do not call them so."""
+
+_SHORT = {"change", "physical"}
+"""Kinds of which `print` shows the first table."""
+
+_OF_RUNS = {"run", "sweep"}
+"""Kinds that have no rows where every estimate failed."""
+
+_GOAL = 2  # first sentences of a campaign: whether its goal is reached, and what to do next
 
 HEAD = ("schema", "schema_number", "versions", "title", "verdict", "reasons", "summary", "units")
 """Keys that every document has."""
 
 _LIBRARIES = ("mujoco", "numba", "scipy")  # not imported, since a simulator is slow to
-
-_SIGNIFICANT, _WHOLE = 4, 1e6  # digits of a number; up to here whole ones have all of theirs
 
 
 @cache
@@ -55,7 +70,7 @@ def versions() -> dict[str, str]:
 
 def schema_number(kind: str) -> int:
     """Return the number of a kind's schema; raised when its keys change."""
-    return _SCHEMA_NUMBER + (kind in _THIRD)
+    return ANSWERS.get(kind, _SCHEMA_NUMBER)
 
 
 def document(
@@ -83,32 +98,83 @@ def document(
     return values
 
 
-class Result(ABC):
-    """A result that can be printed, tabulated, saved and reported."""
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Answer:
+    """What a verb answers: sentences, tables, figures, and numbers for programs.
 
-    kind: ClassVar[str]
-    """Kind of result, in files."""
+    All that is printed and drawn of it is in its content, as a file holds it.
+    """
 
-    short: ClassVar[bool] = False
-    """Whether `print` shows its table."""
-
-    brief: ClassVar[bool] = False
-    """Whether a command prints its rows with --verbose alone, below them `further` tables."""
-
-    sets_goal: ClassVar[bool] = False
-    """Whether its headline says if a goal is reached, which a command says with --quiet too."""
-
-    caption: ClassVar[str] = ""
-    """What a page says of its rows."""
+    kind: str
+    """The kind of answer, in files too."""
 
     title: str
     """Title in one line."""
 
-    summary: tuple[str, ...]
+    summary: tuple[str, ...] = ()
     """Sentences in plain English: any headline, the verdict, then the most important."""
 
-    judged: Verdict | None
+    content: dict[str, Any]
+    """What `to_dict` has besides `HEAD`: numbers, rows, tables, facts, names of figures."""
+
+    judged: Verdict | None = None
     """Verdict on the underlying estimate; None without one."""
+
+    units: dict[str, str] = field(default_factory=dict)
+    """Units that no key or column names, by dotted key."""
+
+    identifications: Mapping[str, Any] = field(default_factory=dict)
+    """Each `Identification` that it made or rests on, by estimator; none of most kinds."""
+
+    reports: tuple[Path, ...] = ()
+    """Pages that were written; none of most kinds, or if loaded."""
+
+    note: str = ""
+    """What was done before, or how many runs were done now; it is printed and not saved."""
+
+    live: Callable[[Page], Page] | None = None
+    """Adds figures of the logs to its page; None if loaded."""
+
+    def __post_init__(self) -> None:
+        """Say what a stopped search skipped, and hold what a file would."""
+        stopped = current_search().sentence
+        if stopped and stopped not in self.summary:
+            object.__setattr__(self, "summary", (*self.summary, stopped))
+        object.__setattr__(self, "content", finite(self.content))
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any], **more: Any) -> Self:  # noqa: ANN401 - fields
+        """Return the answer of `to_dict`'s values; ``more``: fields that are not saved.
+
+        Raises
+        ------
+        KeyError, TypeError, ValueError
+            If something is missing or invalid.
+        """
+        answer = cls(
+            kind=text(content["schema"]).removeprefix("butterfly."),
+            title=text(content["title"]),
+            summary=texts(content["summary"]),
+            content={key: content[key] for key in content if key not in HEAD},
+            judged=Verdict.of_numbers(content),
+            units={str(key): str(unit) for key, unit in content.get("units", {}).items()},
+            **more,
+        )
+        rows = answer.rows()
+        if not rows and answer.kind not in _OF_RUNS:
+            raise ValueError("no rows")
+        if "rows" in content and len({tuple(row) for row in rows}) > 1:
+            raise ValueError("rows with different columns")
+        for table in answer.tables():
+            widths = {len(texts([*row])) for row in table.rows}
+            if table.headers and widths != {len(texts(table.headers))}:
+                raise ValueError("lines and headers of different lengths")
+        return answer
+
+    @property
+    def identification(self) -> Any:  # noqa: ANN401 - an `Identification`
+        """The first of its identifications; None without one."""
+        return next(iter(self.identifications.values()), None)
 
     @property
     def standing(self) -> str | None:
@@ -124,63 +190,67 @@ class Result(ABC):
     def headline(self) -> tuple[str, ...]:
         """What leads the summary, above the verdict; nothing where that comes first."""
         first = next(iter(self.verdict), None)
-        return self.summary[: self.summary.index(first)] if first in self.summary else ()
+        if first in self.summary:
+            return self.summary[: self.summary.index(first)]
+        return self.summary[:_GOAL] if self.kind == "campaign" else ()
+
+    @property
+    def sets_goal(self) -> bool:
+        """Whether its headline says if a goal is reached, which a command says with --quiet too."""
+        return self.kind in {"campaign", "run"}
 
     @property
     def notes(self) -> list[str]:
         """The summary below the verdict."""
         return list(self.summary[len(self.headline) + len(self.verdict) :])
 
-    @abstractmethod
     def rows(self) -> list[dict[str, Any]]:
         """Return the rows of its table, with units in the column names."""
+        return [dict(row) for row in self.content[_ROWS.get(self.kind, "rows")]]
 
-    @abstractmethod
     def to_dict(self) -> dict[str, Any]:
-        """Return the result as plain values for JSON; None means unknown.
+        """Return the answer as plain values for JSON; None means unknown.
 
         The commands write it with ``--json``. It contains no path of this machine.
         """
-
-    def shown_rows(self) -> list[dict[str, str]]:
-        """Return `rows` formatted for reading."""
-        return [{name: cell_text(value) for name, value in row.items()} for row in self.rows()]
+        parts = self.kind, self.title, self.content
+        return document(*parts, verdict=self.judged, summary=self.summary, units=self.units)
 
     def paragraphs(self) -> list[str]:
-        """Return what a command prints above its tables, any verdict first."""
-        return list(self.summary)
+        """Return what a command prints above its tables: the summary, its note after the top."""
+        return [*self.summary[:1], *([self.note] if self.note else []), *self.summary[1:]]
 
     def tables(self) -> list[PageTable]:
-        """Return the tables that a command prints below the summary: its rows, and `further`."""
+        """Return the tables that a command prints below the summary."""
         from butterfly.report.page import PageTable  # noqa: PLC0415 - a view
 
-        rows = self.shown_rows()
-        lines = [tuple(row.values()) for row in rows]
-        more = self.brief, self.caption
-        tables = [PageTable(self.title, tuple(rows[0]), lines, *more)] if rows else []
-        return [*tables, *self.further()]
+        return [PageTable.of_plain(table) for table in self.content["tables"]]
 
-    def further(self) -> list[PageTable]:
-        """Return the tables besides its rows."""
-        return []
+    def printed(self) -> PageTable | None:
+        """Return the table that `print` shows, if any."""
+        return next(iter(self.tables()), None) if self.kind in _SHORT else None
 
     def shown_lines(self) -> list[str]:
-        """Return the table as `print` shows it, numbers right-aligned; nothing if not `short`."""
-        rows = self.shown_rows() if self.short else []
-        table = [list(row) for row in rows[:1]] + [list(row.values()) for row in rows]
-        widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+        """Return the lines of the table that `print` shows, numbers right-aligned."""
+        table = self.printed()
+        lines = [] if table is None else [[*map(str, r)] for r in (table.headers, *table.rows)]
+        widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
         return [
-            "  ".join([line[0].ljust(widths[0]), *map(str.rjust, line[1:], widths[1:])])
-            for line in table
+            "  ".join([first.ljust(widths[0]), *map(str.rjust, others, widths[1:])])
+            for first, *others in lines
         ]
 
     def figures(self) -> dict[str, Figure]:
-        """Return the figures of its page, by name."""
-        return {}
+        """Return the figures of its page that its numbers make, by name."""
+        from butterfly.report.answer_page import figures_of  # noqa: PLC0415 - slow to import
+
+        return figures_of(self.to_dict())
 
     def facts(self) -> list[Fact]:
         """Return the most important numbers, for the first screen of its page."""
-        return []
+        from butterfly.report.page import Fact  # noqa: PLC0415 - a view
+
+        return [Fact(**fact) for fact in self.content["facts"]]
 
     def to_dataframe(self) -> pd.DataFrame:
         """Return `rows` as a pandas frame.
@@ -199,7 +269,7 @@ class Result(ABC):
 
     @checked
     def save(self, path: str | PathLike[str]) -> None:
-        """Write the result as JSON for `butterfly.load`."""
+        """Write the answer as JSON for `butterfly.load`."""
         write_document(self.to_dict(), Path(path), sign=True)
 
     @checked
@@ -219,29 +289,16 @@ class Result(ABC):
 
     def page(self) -> Page:
         """Return the page of `report`."""
-        from butterfly.report.page import Page, Section  # noqa: PLC0415 - a view
+        from butterfly.report.answer_page import answer_page  # noqa: PLC0415 - slow to import
 
-        figures, numbers, tables = self.figures(), self.to_dict(), Result.tables(self)
-        if self.rows():
-            tables[0] = tables[0]._replace(title="In numbers")
-        sections = [Section(title=table.title, tables=(table.on_page(),)) for table in tables]
-        return Page(
-            name=self.title,
-            description=(numbers.get("data") or {}).get("description", ""),
-            kind=self.kind,
-            summary=[*self.headline, *self.notes],
-            verdict=self.judged,
-            facts=self.facts(),
-            lead=Section(title="At a glance", figures=figures) if figures else None,
-            sections=sections,
-            numbers=numbers,
-        )
+        plain = answer_page(self.to_dict())
+        return plain if self.live is None else self.live(plain)
 
     def __str__(self) -> str:
         return visible("\n".join([self.title, *self.summary, *self.shown_lines()]))
 
     def __repr__(self) -> str:
-        return visible(f"<{type(self).__name__}: {self.title}{self._unless_good()}>")
+        return visible(f"<{self.kind.capitalize()}: {self.title}{self._unless_good()}>")
 
     def _unless_good(self) -> str:
         """Return the level for one line; empty if good."""
@@ -251,72 +308,6 @@ class Result(ABC):
         from butterfly.report.page import cell_html  # noqa: PLC0415 - a view
 
         return cell_html(self.page())
-
-
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Answer(Result):
-    """A result that is its JSON: all that is printed and drawn of it comes from there."""
-
-    table: ClassVar[str] = "rows"
-    """Key of its rows."""
-
-    title: str
-    summary: tuple[str, ...] = ()
-    content: dict[str, Any]  # of `to_dict` besides `HEAD`; None means unknown
-    judged: Verdict | None = None
-    units: dict[str, str] = field(default_factory=dict)
-    live: Callable[[Page], Page] | None = None  # adds figures of the logs; None if loaded
-
-    def __post_init__(self) -> None:
-        """Say what a stopped search skipped, and hold what a file would."""
-        stopped = current_search().sentence
-        if stopped and stopped not in self.summary:
-            object.__setattr__(self, "summary", (*self.summary, stopped))
-        object.__setattr__(self, "content", finite(self.content))
-
-    @classmethod
-    def from_dict(cls, content: Mapping[str, Any], **more: Any) -> Self:  # noqa: ANN401 - own fields
-        """Return the result of `to_dict`'s values.
-
-        Raises
-        ------
-        KeyError, TypeError, ValueError
-            If something is missing or invalid.
-        """
-        rows = [dict(row) for row in content[cls.table]]
-        return cls(
-            title=text(content["title"]),
-            summary=texts(content["summary"]),
-            content={key: content[key] for key in content if key not in HEAD} | {cls.table: rows},
-            judged=Verdict.of_numbers(content),
-            units={str(key): str(unit) for key, unit in content.get("units", {}).items()},
-            **more,
-        )
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the document with its content (see `Result`)."""
-        parts = self.kind, self.title, self.content
-        return document(*parts, verdict=self.judged, summary=self.summary, units=self.units)
-
-    def rows(self) -> list[dict[str, Any]]:
-        """Return the rows of its table, with units in the column names."""
-        return [dict(row) for row in self.content[self.table]]
-
-    def page(self) -> Page:
-        """Return the page of `report`."""
-        plain = super().page()
-        return plain if self.live is None else self.live(plain)
-
-
-def cell_text(value: object) -> str:
-    """Return a cell formatted for reading."""
-    if value is None or (isinstance(value, float) and math.isnan(value)):
-        return "–"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, float) and value.is_integer() and abs(value) < _WHOLE:
-        return f"{value:.0f}"
-    return f"{value:.{_SIGNIFICANT}g}" if isinstance(value, float) else str(value)
 
 
 def text(value: object) -> str:

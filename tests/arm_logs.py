@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 
 from butterfly.files import shipped
-from butterfly.twin.joint_of_model import RobotModel
+from butterfly.twin.joint_of_model import JointOfModel
 
 ARM = shipped("models/arm/arm.xml")
 TRUTH = {"armature": 0.03, "damping": 0.12, "frictionloss": 0.15}
@@ -21,7 +21,7 @@ def write_log(path, joint, pose, *, seed=0, seconds=6.0, columns=(), swing=0.0, 
     of the recorded input.
     """
     rng = np.random.default_rng(seed)
-    robot = RobotModel.of(ARM, joint)
+    robot = JointOfModel.of(ARM, joint)
     model, data = robot.model, robot.configured(pose)
     model.opt.timestep, model.opt.tolerance = STEP, 1e-20
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_LIMIT)

@@ -181,6 +181,35 @@ def long_modules(most: int = 500) -> list[str]:
     ]
 
 
+def classes_of_results() -> list[str]:
+    """Return the classes that have `rows` and `to_dict`, and all that are based on one of these."""
+    nodes = {
+        node.name: (module, node)
+        for module, tree in trees().items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ClassDef)
+    }
+    results = {
+        name
+        for name, (_, node) in nodes.items()
+        if {"rows", "to_dict"} <= {getattr(part, "name", None) for part in node.body}
+    }
+    while more := {
+        name
+        for name, (_, node) in nodes.items()
+        if name not in results and {getattr(base, "id", None) for base in node.bases} & results
+    }:
+        results |= more
+    return sorted(f"{nodes[name][0]}.{name}" for name in results)
+
+
+def public_names() -> list[str]:
+    """Return the names that the package offers, but for its version."""
+    stub = ast.parse((PACKAGE / "__init__.pyi").read_text(encoding="utf-8"))
+    imports = (node for node in stub.body if isinstance(node, ast.ImportFrom))
+    return [alias.asname or alias.name for node in imports for alias in node.names]
+
+
 def names_that_say_nothing() -> list[str]:
     """Return where the package binds a name of `SAYS_NOTHING`, by module and line."""
     places = []

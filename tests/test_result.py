@@ -4,12 +4,13 @@ import json
 import math
 
 import numpy as np
+import pytest
 
 from butterfly.files import json_text, write_document
 from butterfly.identification.estimate import left_out_content
 from butterfly.identification.residuals import residual_units
 from butterfly.model.parameters import AddedMass, JointKind
-from butterfly.report.page import PageTable
+from butterfly.report.page import PageTable, views
 from butterfly.result import Answer, document
 
 
@@ -23,10 +24,41 @@ def test_numbers_that_are_not_finite_are_null_and_letters_stay_or_are_escaped(tm
     assert json.loads(json_text(made)) == made
 
 
-def test_a_page_without_rows_has_each_further_table_once(monkeypatch):
-    monkeypatch.setattr(Answer, "further", lambda _: [PageTable("More", ("a",), [("1",)])])
-    monkeypatch.setattr(Answer, "kind", "x", raising=False)
-    assert [each.title for each in Answer(title="t", content={"rows": []}).page().parts] == ["More"]
+def test_a_page_without_rows_has_each_table_once():
+    tables = [PageTable(title, ("a",), [("1",)]) for title in ("First", "More")]
+    answer = Answer(kind="x", title="t", content={"rows": [], **views(tables)})
+    assert answer.tables() == [table._replace(headers=["a"]) for table in tables]
+    assert [part.title for part in answer.page().parts] == ["In numbers", "More"]
+
+
+def test_a_cell_is_what_a_column_makes_of_a_row_and_a_dash_of_nothing():
+    columns = {
+        "half": lambda row: row / 2,
+        "none": lambda _: None,
+        "even": lambda row: row % 2 == 0,
+    }
+    table = PageTable.of("Numbers", [1.0, 4.0], columns)
+    assert table.headers == ("half", "none", "even")
+    assert table.rows == [("0.5", "–", "no"), ("2", "–", "yes")]
+    assert PageTable.of("Rows", [{"a": 1 / 3, "b": "x"}]).rows == [("0.3333", "x")]
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        {"rows": []},
+        {"rows": [{"a": 1}, {"b": 1}]},
+        {"tables": [{"title": "t", "headers": ["a"], "rows": [["1", "2"]]}]},
+        {"tables": [{"title": "t", "headers": ["a"], "rows": [[1]]}]},
+        {"tables": 3},
+    ],
+)
+def test_a_damaged_answer_is_not_loaded(damage):
+    rows = [{"a": 1}, {"a": 2}]
+    whole = Answer(kind="x", title="t", content={"rows": rows, **views([PageTable.of("t", rows)])})
+    assert Answer.from_dict(whole.to_dict()).to_dict() == whole.to_dict()
+    with pytest.raises((KeyError, TypeError, ValueError)):
+        Answer.from_dict(whole.to_dict() | damage)
 
 
 def test_what_a_slide_leaves_over_is_in_metres():

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from importlib import import_module
 from numbers import Real
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -24,7 +24,6 @@ from butterfly.campaigns.guard import Limits
 from butterfly.errors import InputError
 from butterfly.experiment.source import read_experiment
 from butterfly.files import locate
-from butterfly.identification.design import OF_GOAL
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 from butterfly.model.prior import Prior, plain
@@ -39,116 +38,67 @@ from butterfly.report.campaign_texts import (
     parameter_numbers,
     parameters_table,
     run_rows,
-    widest,
+    runs_table,
 )
 from butterfly.report.finding_texts import estimate_verdict
 from butterfly.report.format import counted
-from butterfly.result import Answer, cell_text
-
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure
-
-    from butterfly.report.page import Fact, Page, PageTable
+from butterfly.report.page import Fact, views
+from butterfly.result import Answer
 
 _UNITS = {"robot_time": "s"} | dict.fromkeys(
     ("held_out", "parameters.half_width", "parameters.wanted"), "%"
 )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Campaign(Answer):
-    """Result of a campaign: parameters with intervals against the goal, and its runs."""
-
-    kind: ClassVar[str] = "campaign"
-    sets_goal: ClassVar[bool] = True
-
-    page_path: Path | None = None
-    """The written report; None for a result that was loaded."""
-
-    identification: Identification | None = None
-    """Of all its logs; None if they determine nothing, or for a result that was loaded."""
-
-    @classmethod
-    def of(
-        cls, ended: CampaignResult, wish: CampaignOptions, folder: Path, remarks: Sequence[str] = ()
-    ) -> Campaign:
-        """Tabulate parameters and runs; ``remarks`` on an earlier campaign are last."""
-        journal, identified = ended.journal, ended.identified
-        estimate = campaign_estimate(ended)
-        verdict = None if estimate is None else estimate_verdict(estimate)
-        goal, remedy = headline(ended, wish, folder)
-        steps, notes = journal.steps, (*campaign_notes(ended, remedy), *remarks)
-        return cls(
-            title=f"Campaign {folder.name!r}",
-            summary=(goal, remedy, *(verdict.lines if verdict else ()), *notes),
-            judged=verdict,
-            content={
-                "goal": wish.goal,
-                "reached": ended.reached,
-                "ending": ended.ending,
-                "robot_time": steps[-1].seconds if steps else 0.0,
-                "changes": changes_of_mass(journal),
-                **journal.contact._asdict(),
-                "ratios": estimate is not None and estimate.ratios,
-                "parameters": parameter_numbers(ended),
-                "held_out": {} if identified is None else identified.held_out,
-                "rows": run_rows(journal, wish),
-            },
-            units=_UNITS | {"breakaway": InputKind(journal.input_kind).unit},
-            identification=None if identified is None else Identification.of(identified),
-        )
-
-    @property
-    def reached(self) -> bool:
-        """Whether all half-widths are within the goal, under a verdict *good*."""
-        return bool(self.content["reached"])
-
-    @property
-    def headline(self) -> tuple[str, ...]:
-        """Whether the goal is reached, and what to do next."""
-        return self.summary[:2]
-
-    def shown_rows(self) -> list[dict[str, str]]:
-        """Return the runs, each with the widest interval after it."""
-        columns = ("run", "played", "added mass", "robot time in s", "ended early", "verdict")
-        rows = self.rows()
-        names = [*columns, "the model misses"]
-        names = [name for name in names if any(row[name] != "" for row in rows)]
-        return [
-            {name: cell_text(row[name]) for name in names} | {"widest interval": widest(row)}
-            for row in rows
-        ]
-
-    def tables(self) -> list[PageTable]:
-        """Return the parameters beside the goal, then the runs."""
-        numbers, ratios = self.content["parameters"], bool(self.content["ratios"])
-        parameters = [parameters_table("Parameters", numbers, ratios=ratios)] if numbers else []
-        return [*parameters, *(table._replace(title="Runs") for table in super().tables())]
-
-    def figures(self) -> dict[str, Figure]:
-        """Return how intervals shrank, and what was played."""
-        from butterfly.report.campaign_page import played, shrinking  # noqa: PLC0415 - a view
-
-        rows = self.rows()
-        return {"shrinking": shrinking(rows, OF_GOAL), "played": played(rows)} if rows else {}
-
-    def facts(self) -> list[Fact]:
-        """Return the numbers that matter most."""
-        from butterfly.report.page import Fact  # noqa: PLC0415 - a view
-
-        content = self.content
-        return [
-            Fact("goal", f"{100 * content['goal']:.3g} %", "reached" if self.reached else "missed"),
-            Fact("robot time", f"{content['robot_time']:.0f} s", counted(len(self.rows()), "run")),
-            Fact("changes of mass", str(content["changes"])),
-            breakaway_fact(self.content, self.units["breakaway"]),
-        ]
-
-    def page(self) -> Page:
-        """Return the page: the goal first, then parameters, intervals by robot time, and runs."""
-        from butterfly.report.campaign_page import campaign_page  # noqa: PLC0415 - a view
-
-        return campaign_page(self)
+def campaign_answer(
+    ended: CampaignResult, wish: CampaignOptions, folder: Path, remarks: Sequence[str] = ()
+) -> Answer:
+    """Tabulate parameters and runs; ``remarks`` on an earlier campaign are last."""
+    journal, identified = ended.journal, ended.identified
+    estimate = campaign_estimate(ended)
+    verdict = None if estimate is None else estimate_verdict(estimate)
+    goal, remedy = headline(ended, wish, folder)
+    steps, notes = journal.steps, (*campaign_notes(ended, remedy), *remarks)
+    title, rows, ratios = f"Campaign {folder.name!r}", run_rows(journal, wish), False
+    numbers, unit = parameter_numbers(ended), InputKind(journal.input_kind).unit
+    seconds, changes = steps[-1].seconds if steps else 0.0, changes_of_mass(journal)
+    tables = []
+    if estimate is not None:
+        ratios = bool(estimate.ratios)
+        tables.append(parameters_table("Parameters", numbers, ratios=ratios))
+    if rows:
+        tables.append(runs_table("Runs", rows))
+    gain = None if ratios else numbers.get("p4")
+    facts = [
+        Fact("goal", f"{100 * wish.goal:.3g} %", "reached" if ended.reached else "missed"),
+        Fact("robot time", f"{seconds:.0f} s", counted(len(rows), "run")),
+        Fact("changes of mass", str(changes)),
+        breakaway_fact(journal.contact.breakaway, unit, gain),
+    ]
+    identifications = {}
+    if identified is not None:
+        identifications[identified.estimator] = Identification.of(identified)
+    return Answer(
+        kind="campaign",
+        title=title,
+        summary=(goal, remedy, *(verdict.lines if verdict else ()), *notes),
+        judged=verdict,
+        content={
+            "goal": wish.goal,
+            "reached": ended.reached,
+            "ending": ended.ending,
+            "robot_time": seconds,
+            "changes": changes,
+            **journal.contact._asdict(),
+            "ratios": ratios,
+            "parameters": numbers,
+            "held_out": {} if identified is None else identified.held_out,
+            "rows": rows,
+            **views(tables, facts, "shrinking", "played"),
+        },
+        units=_UNITS | {"breakaway": unit},
+        identifications=identifications,
+    )
 
 
 @checked
@@ -169,7 +119,7 @@ def campaign(
     known: Mapping[str, Any] | None = None,
     change: MountMass | None = None,
     callbacks: CampaignCallbacks | None = None,
-) -> Campaign:
+) -> Answer:
     """Run experiments on an unknown joint that choose themselves, until a goal is reached.
 
     Finds which way the drive turns, plays a safe probe, and after each run identifies the joint and
@@ -254,9 +204,9 @@ def campaign(
         for note in store.notes:
             (callbacks or CampaignCallbacks()).phase(note)
         ended = conduct(robot, wish, store, change, callbacks)
-        answer = Campaign.of(ended, wish, folder, store.notes)
+        answer = campaign_answer(ended, wish, folder, store.notes)
         answer.report(store.path / PAGE)
-    return replace(answer, page_path=folder / PAGE)
+    return replace(answer, reports=(folder / PAGE,))
 
 
 def _require_numbers(**given: float | None) -> None:

@@ -3,132 +3,101 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any
 
 from butterfly.api.identification import Identification
 from butterfly.comparison.change import Change, ParameterChange, change
 from butterfly.errors import InputError, listed
+from butterfly.files import finite
 from butterfly.identification.parameter import unit_of
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import JointKind
 from butterfly.model.terms import TERMS
-from butterfly.report.format import percent, with_error
-from butterfly.report.page import Fact
+from butterfly.report.format import is_relative, percent, with_error
+from butterfly.report.page import Fact, PageTable, views
 from butterfly.result import Answer
 from butterfly.verdict import Level
 
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure
-
 _PLACES = ("the first", "the second")
-_ROW = 40  # pixels of a parameter
 _LISTED = 4  # parameters whose detectable change is named
 
 
-class Changed(Answer):
-    """Whether the parameters of a joint have changed, and by how much."""
-
-    kind: ClassVar[str] = "change"
-    short: ClassVar[bool] = True
-
-    @classmethod
-    def of(cls, one: Identification, other: Identification) -> Changed:
-        """Compare two identifications; raise InputError if they are not comparable."""
-        for name in ("input", "joint"):
-            first, second = (result.origin.get(name, JointKind.HINGE) for result in (one, other))
-            if first != second:
-                raise InputError("changed", name, second, f"{first}, as in the first result")
-        comparison = change(one.estimate, other.estimate)
-        kind = InputKind(one.origin["input"])
-        joint = JointKind(one.origin.get("joint", JointKind.HINGE))
-        units = {
-            parameter.name: unit_of(parameter.name, kind, joint)
+def change_answer(one: Identification, other: Identification) -> Answer:
+    """Tell whether the parameters of a joint have changed; InputError if that makes no sense."""
+    for name in ("input", "joint"):
+        first, second = (result.origin.get(name, JointKind.HINGE) for result in (one, other))
+        if first != second:
+            raise InputError("changed", name, second, f"{first}, as in the first result")
+    comparison = change(one.estimate, other.estimate)
+    kind = InputKind(one.origin["input"])
+    joint = JointKind(one.origin.get("joint", JointKind.HINGE))
+    units = {
+        parameter.name: unit_of(parameter.name, kind, joint) for parameter in comparison.parameters
+    }
+    rows = finite(
+        [
+            {
+                "parameter": parameter.name,
+                "before": parameter.before,
+                "after": parameter.after,
+                "change in %": 100 * parameter.relative,
+                "lower": parameter.interval[0],
+                "upper": parameter.interval[1],
+                "standard_error": parameter.error,
+                "probability": parameter.corrected,
+                "detectable": parameter.detectable,
+                "changed": parameter.changed,
+                "unit": units[parameter.name],
+            }
             for parameter in comparison.parameters
-        }
-        return cls(
-            title=f"{other.origin['name']!r} after {one.origin['name']!r}",
-            summary=(
-                _reserve(one, other) + _answer(comparison, units),
-                *_warnings(one, other),
-                *_untested(comparison),
-            ),
-            content={
-                "identifications": [
-                    {
-                        **{key: result.origin[key] for key in ("name", "input", "logs")},
-                        "estimator": result.estimator,
-                        **result.judged.numbers(),
-                    }
-                    for result in (one, other)
-                ],
-                "rows": [
-                    {
-                        "parameter": parameter.name,
-                        "before": parameter.before,
-                        "after": parameter.after,
-                        "change in %": 100 * parameter.relative,
-                        "lower": parameter.interval[0],
-                        "upper": parameter.interval[1],
-                        "standard_error": parameter.error,
-                        "probability": parameter.corrected,
-                        "detectable": parameter.detectable,
-                        "changed": parameter.changed,
-                        "unit": units[parameter.name],
-                    }
-                    for parameter in comparison.parameters
-                ],
-            },
-        )
-
-    def shown_rows(self) -> list[dict[str, str]]:
-        """Return the rows formatted as text."""
-        return [_shown(row) for row in self.rows()]
-
-    def figures(self) -> dict[str, Figure]:
-        """Return the figures of its page, by name."""
-        from butterfly.report.figures import GREY, PALETTE, rows_panel  # noqa: PLC0415 - slow to import
-
-        rows = [row for row in self.rows() if _is_relative(row)]
-        moved = [row["change in %"] for row in rows]
-        upper = [100 * row["upper"] / abs(row["before"]) for row in rows]
-        across = "change in % (95 % interval)"
-        figure = rows_panel([row["parameter"] for row in rows], across, _ROW).add_scatter(
-            x=moved,
-            y=list(range(len(rows))),
-            error_x={"array": [most - shift for most, shift in zip(upper, moved, strict=True)]},
-            mode="markers",
-            marker={"color": [PALETTE[5 if row["changed"] else 0] for row in rows], "size": 9},
-        )
-        figure.add_vline(x=0, line={"color": GREY, "width": 1, "dash": "dash"})
-        return {"changes": figure}
-
-    def facts(self) -> list[Fact]:
-        """Return the numbers that matter most."""
-        rows = self.rows()
-        moved = [row["parameter"] for row in rows if row["changed"]]
-        sizes = {row["parameter"]: row for row in rows if _is_relative(row)}
-        seen = {name: row["detectable"] / abs(row["before"]) for name, row in sizes.items()}
-        least = min(seen, key=lambda name: seen[name], default="")
-        moves = {name: abs(row["change in %"]) for name, row in sizes.items()}
-        largest = max(moved, key=lambda name: moves.get(name, 0), default="")
-        facts = [Fact("changed", f"{len(moved)} of {len(rows)}", ", ".join(moved) or "none")]
-        if largest in sizes:
-            facts.append(Fact("largest change", f"{sizes[largest]['change in %']:+.2g} %", largest))
-        if least:
-            facts.append(Fact("detectable change", percent(seen[least]), f"in {least}, the least"))
-        return facts
+        ]
+    )
+    title = f"{other.origin['name']!r} after {one.origin['name']!r}"
+    return Answer(
+        kind="change",
+        title=title,
+        summary=(
+            _reserve(one, other)
+            + _answer(comparison, {row["parameter"]: row["unit"] for row in rows}),
+            *_warnings(one, other),
+            *_untested(comparison),
+        ),
+        content={
+            "identifications": [
+                {
+                    **{key: result.origin[key] for key in ("name", "input", "logs")},
+                    "estimator": result.estimator,
+                    **result.judged.numbers(),
+                }
+                for result in (one, other)
+            ],
+            "rows": rows,
+            **views([PageTable.of(title, [*map(_shown, rows)])], _facts(rows), "changes"),
+        },
+    )
 
 
-def _is_relative(row: Mapping[str, Any]) -> bool:
-    """Whether a row's change is given in per cent: its parameter is clearly not 0."""
-    return row["change in %"] is not None and math.isfinite(row["change in %"])
+def _facts(rows: Sequence[Mapping[str, Any]]) -> list[Fact]:
+    """Return the numbers that matter most."""
+    moved = [row["parameter"] for row in rows if row["changed"]]
+    sizes = {row["parameter"]: row for row in rows if is_relative(row)}
+    seen = {name: row["detectable"] / abs(row["before"]) for name, row in sizes.items()}
+    least = min(seen, key=lambda name: seen[name], default="")
+    moves = {name: abs(row["change in %"]) for name, row in sizes.items()}
+    largest = max(moved, key=lambda name: moves.get(name, 0), default="")
+    facts = [Fact("changed", f"{len(moved)} of {len(rows)}", ", ".join(moved) or "none")]
+    if largest in sizes:
+        facts.append(Fact("largest change", f"{sizes[largest]['change in %']:+.2g} %", largest))
+    if least:
+        facts.append(Fact("detectable change", percent(seen[least]), f"in {least}, the least"))
+    return facts
 
 
 def _shown(row: Mapping[str, Any]) -> dict[str, str]:
     before, after, error = (row[key] for key in ("before", "after", "standard_error"))
-    relative = _is_relative(row)
+    relative = is_relative(row)
     size, unit = (abs(before) / 100, " %") if relative else (1.0, "")
     # decimals that show the first digit of the error
     digits = f".{max(-math.floor(math.log10(error / size)), 0)}f" if relative else ".2g"

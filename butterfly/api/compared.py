@@ -1,26 +1,25 @@
-"""Results of comparisons: simulators with logs, and estimators with each other."""
+"""What comparisons answer: simulators with logs, and estimators with each other."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar
+from operator import itemgetter
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from butterfly.api.results import Tabulated, about_log
+from butterfly.api.results import Row, about_log, fit_facts, of_logs
 from butterfly.comparison.leaderboard import Entry, equals
+from butterfly.files import finite
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
-from butterfly.identification.parameter import or_nan
 from butterfly.identification.residuals import Residuals, residual_units
-from butterfly.model.parameters import JointKind
 from butterfly.model.terms import PARAMETERS
 from butterfly.report.finding_texts import estimate_verdict
-from butterfly.report.format import counted, fit_text
+from butterfly.report.format import counted, fit_text, label_of
 from butterfly.report.numbers import (
     RESIDUAL_CAPTION,
     RESIDUAL_COLUMNS,
@@ -29,7 +28,8 @@ from butterfly.report.numbers import (
     residual_row,
     rests_on,
 )
-from butterfly.report.page import Fact, PageTable
+from butterfly.report.page import Fact, PageTable, views
+from butterfly.result import Answer
 from butterfly.verdict import Level, Verdict
 
 if TYPE_CHECKING:
@@ -39,90 +39,70 @@ if TYPE_CHECKING:
 _STEPS = "MuJoCo is stepped as `run` steps it; `export` measures its file in its own steps."
 
 
-class Compared(Tabulated):
-    """MuJoCo, the grey-box model and the logs, given the same input."""
+def comparison_answer(
+    data: DataSet,
+    estimator: Estimator | None,
+    compared: Sequence[ThreeWay],
+    residuals: Residuals,
+    estimate: Estimate,
+) -> Answer:
+    """Tabulate MuJoCo, the grey-box model and the logs, given the same input."""
+    from butterfly.report.residual import residual_sentences  # noqa: PLC0415 - slow to import
+    from butterfly.report.three_way_page import with_courses  # noqa: PLC0415 - slow to import
 
-    kind: ClassVar[str] = "comparison"
-    plots: ClassVar[Mapping[str, str]] = {"fits": "fits", "frequency": "frequencies"}
-
-    @classmethod
-    def of(
-        cls,
-        data: DataSet,
-        estimator: Estimator | None,
-        compared: Sequence[ThreeWay],
-        residuals: Residuals,
-        estimate: Estimate,
-    ) -> Compared:
-        """Tabulate logs, each simulated twice, and their residuals."""
-        from butterfly.report.residual import residual_sentences  # noqa: PLC0415 - slow to import
-        from butterfly.report.three_way_page import with_courses  # noqa: PLC0415 - slow to import
-
-        verdict, way = estimate_verdict(estimate), data.joint.way
-        judged = {log.name: log for log in residuals.logs}
-        log_residuals = tuple(judged[comparison.log.name] for comparison in compared)
-        return cls(
-            title=f"MuJoCo, grey-box model and logs of {data.name!r}",
-            summary=(
-                *verdict.after(_comparison_sentence(compared)),
-                _STEPS,
-                *residual_sentences(replace(residuals, logs=log_residuals)),
-            ),
-            judged=verdict,
-            content={
-                **rests_on(data, estimate, estimator),
-                "rows": [
-                    {
-                        **about_log(comparison.log),
-                        **{f"FIT {name} in %": fit for name, fit in comparison.fits.items()},
-                        f"simulators apart in {way}": comparison.difference,
-                        **_responses(comparison),
-                        **residual_row(log),
-                    }
-                    for comparison, log in zip(compared, log_residuals, strict=True)
-                ],
-                "residuals": residual_numbers(residuals, estimate),
-            },
-            units=residual_units(data.joint),
-            live=partial(with_courses, compared, log_residuals),
-        )
-
-    def shown_rows(self) -> list[dict[str, str]]:
-        """Return FITs of both simulators and their difference, formatted as text."""
-        hidden = {*RESIDUAL_COLUMNS, *self._responses}
-        return [
-            {name: cell for name, cell in shown.items() if name not in hidden}
-            for shown in super().shown_rows()
+    verdict, way = estimate_verdict(estimate), data.joint.way
+    title, column = (
+        f"MuJoCo, grey-box model and logs of {data.name!r}",
+        f"simulators apart in {way}",
+    )
+    judged = {log.name: log for log in residuals.logs}
+    log_residuals = tuple(judged[one.log.name] for one in compared)
+    fits = {name: f"FIT {name} in %" for name in compared[0].fits}
+    responses = [*_responses(compared[0])]
+    rows = finite(
+        [
+            {
+                **about_log(one.log),
+                **{fits[name]: fit for name, fit in one.fits.items()},
+                column: one.difference,
+                **_responses(one),
+                **residual_row(log),
+            }
+            for one, log in zip(compared, log_residuals, strict=True)
         ]
-
-    def further(self) -> list[PageTable]:
-        """Return the errors of both in amplitude and phase, and the residuals of the grey box."""
-        shown, columns = super().shown_rows(), ("log", *RESIDUAL_COLUMNS)
-        unexplained = [[row[name] for name in columns] for row in shown]
-        errors = [
-            (cells["log"], *(_signed(row[name]) for name in self._responses))
-            for row, cells in zip(self.rows(), shown, strict=True)
-        ]
-        return [
-            PageTable("Amplitude and phase", ("log", *self._responses), errors, detail=True),
-            PageTable("Residuals", columns, unexplained, caption=RESIDUAL_CAPTION),
-        ]
-
-    @property
-    def _responses(self) -> list[str]:
-        """The columns of the errors in amplitude and phase."""
-        return [name for name in self.rows()[0] if re.match("(amplitude|phase) error ", name)]
-
-    def facts(self) -> list[Fact]:
-        """Return the numbers that matter most."""
-        rows, way = self.rows(), JointKind(self.content["data"]["joint"]).way
-        difference = max(or_nan(row[f"simulators apart in {way}"]) for row in rows)
-        return [
-            *self.fit_facts("FIT MuJoCo in %", "of MuJoCo"),
-            *self.fit_facts("FIT grey box in %", "of the grey box"),
-            Fact("MuJoCo − grey box", f"{difference:.2g} {way}", "largest difference"),
-            Fact("logs compared", str(len(rows)), f"of {self.content['data']['logs']}"),
-        ]
+    )
+    errors: dict[str, Callable[[Row], object]] = {"log": label_of}
+    errors |= {name: _signed(name) for name in responses}
+    tables = [
+        of_logs(title, rows, *fits.values(), column),
+        PageTable.of("Amplitude and phase", rows, errors, detail=True),
+        of_logs("Residuals", rows, *RESIDUAL_COLUMNS, caption=RESIDUAL_CAPTION),
+    ]
+    difference = f"{max(one.difference for one in compared):.2g} {way}"
+    facts = [
+        *fit_facts(rows, fits["MuJoCo"], "of MuJoCo"),
+        *fit_facts(rows, fits["grey box"], "of the grey box"),
+        Fact("MuJoCo − grey box", difference, "largest difference"),
+        Fact("logs compared", str(len(rows)), f"of {len(data.logs)}"),
+    ]
+    return Answer(
+        kind="comparison",
+        title=title,
+        summary=(
+            *verdict.after(_comparison_sentence(compared)),
+            _STEPS,
+            *residual_sentences(replace(residuals, logs=log_residuals)),
+        ),
+        judged=verdict,
+        content={
+            **rests_on(data, estimate, estimator),
+            "rows": rows,
+            "residuals": residual_numbers(residuals, estimate),
+            **views(tables, facts, "fits", "frequency"),
+        },
+        units=residual_units(data.joint),
+        live=partial(with_courses, compared, log_residuals),
+    )
 
 
 def _responses(comparison: ThreeWay) -> dict[str, float]:
@@ -135,9 +115,9 @@ def _responses(comparison: ThreeWay) -> dict[str, float]:
     return cells
 
 
-def _signed(error: float | None) -> str:
-    """Return an error with its sign; a dash for none."""
-    return "–" if error is None or np.isnan(error) else f"{error:+.2g}"
+def _signed(name: str) -> Callable[[Row], str]:
+    """Return the cell of an error, with its sign; a dash for none."""
+    return lambda row: "–" if row[name] is None else f"{row[name]:+.2g}"
 
 
 def _comparison_sentence(compared: Sequence[ThreeWay]) -> str:
@@ -156,70 +136,67 @@ def _comparison_sentence(compared: Sequence[ThreeWay]) -> str:
     )
 
 
-class Leaderboard(Tabulated):
-    """Ranking of methods on each data set."""
-
-    kind: ClassVar[str] = "leaderboard"
-    table: ClassVar[str] = "entries"
-    plots: ClassVar[Mapping[str, str]] = {"fit": "leaderboard"}
-
-    @classmethod
-    def of(cls, entries: Sequence[Entry]) -> Leaderboard:
-        """Tabulate the ranked estimators of each data set."""
-        sets = {entry.data: [e for e in entries if e.data == entry.data] for entry in entries}
-        verdict = Verdict.of_several(
-            {
-                f"{name}, {entry.method}": estimate_verdict(entry.estimate)
-                if entry.estimate
-                else Verdict(Level.WARNING, (entry.error,))
-                for name, (entry, *_) in sets.items()
-            }
-        )
-        winners = {
-            name: [entry.method for entry in equals(ranked)] for name, ranked in sets.items()
+def ranking_answer(entries: Sequence[Entry]) -> Answer:
+    """Tabulate the ranked estimators of each data set, the best of each first."""
+    sets = {entry.data: [e for e in entries if e.data == entry.data] for entry in entries}
+    verdict = Verdict.of_several(
+        {
+            f"{name}, {entry.method}": estimate_verdict(entry.estimate)
+            if entry.estimate
+            else Verdict(Level.WARNING, (entry.error,))
+            for name, (entry, *_) in sets.items()
         }
-        return cls(
-            title="Ranking of methods: " + ", ".join(sets),
-            summary=verdict.after(*map(_best_sentence, sets.values())),
-            judged=verdict,
-            content={"entries": [_entry(entry) for entry in entries], "winners": winners},
-            units={"entries.held_out": "%", "entries.in_sample": "%", "entries.seconds": "s"},
-        )
+    )
+    winners = {name: [entry.method for entry in equals(ranked)] for name, ranked in sets.items()}
+    title, rows = "Ranking of methods: " + ", ".join(sets), finite([*map(_entry, entries)])
+    facts = []
+    for name, methods in winners.items():
+        if (fit := sets[name][0].held_out) is not None:
+            label = "predict best, no clear winner" if len(methods) > 1 else "predicts best"
+            detail = f"held out: median FIT {fit_text(fit.median)} %, {name}"
+            facts.append(Fact(label, ", ".join(methods), detail))
+    facts.append(Fact("methods", str(len({entry.method for entry in entries}))))
+    facts.append(Fact("data sets", str(len(sets))))
+    return Answer(
+        kind="leaderboard",
+        title=title,
+        summary=verdict.after(*map(_best_sentence, sets.values())),
+        judged=verdict,
+        content={
+            "entries": rows,
+            "winners": winners,
+            **views([PageTable.of(title, rows, _RANKED)], facts, "leaderboard"),
+        },
+        units={"entries.held_out": "%", "entries.in_sample": "%", "entries.seconds": "s"},
+    )
 
-    def shown_rows(self) -> list[dict[str, str]]:
-        """Return a row for each method on each data set, the best of each first."""
-        rows = []
-        for row in self.rows():
-            parameters = row.get("parameters") or {}
-            fits = {
-                f"FIT {name.replace('_', ' ')}, {which} in %": fit_text(row[name][which])
-                if row[name]
-                else "–"
-                for name in ("held_out", "in_sample")
-                for which in ("median", "worst")
-            }
-            values = {
-                n: f"{parameters[n]['value']:#.4g}" if n in parameters else "–"
-                for n in PARAMETERS[:5]
-            }
-            rows.append(
-                {"estimator": row["method"], "data": row["data"], "verdict": row["verdict"] or "–"}
-                | fits
-                | {"time in s": f"{row['seconds']:.2f}", **values, "remark": row["error"]}
-            )
-        return rows
 
-    def facts(self) -> list[Fact]:
-        """Return the methods that predict best, and of how many."""
-        facts, rows, winners = [], self.rows(), self.content["winners"]
-        for name, methods in winners.items():
-            best = next(row for row in rows if row["data"] == name)
-            if best["held_out"]:
-                label = "predict best, no clear winner" if len(methods) > 1 else "predicts best"
-                fit = f"held out: median FIT {fit_text(best['held_out']['median'])} %, {name}"
-                facts.append(Fact(label, ", ".join(methods), fit))
-        count = str(len({row["method"] for row in rows}))
-        return [*facts, Fact("methods", count), Fact("data sets", str(len(winners)))]
+def _median_or_worst(name: str, which: str) -> Callable[[Row], str]:
+    return lambda row: fit_text(row[name] and row[name][which])
+
+
+def _value(name: str) -> Callable[[Row], str]:
+    def text(row: Row) -> str:
+        parameters = row.get("parameters") or {}
+        return f"{parameters[name]['value']:#.4g}" if name in parameters else "–"
+
+    return text
+
+
+_RANKED: dict[str, Callable[[Row], object]] = {
+    "estimator": itemgetter("method"),
+    "data": itemgetter("data"),
+    "verdict": itemgetter("verdict"),
+    **{
+        f"FIT {name.replace('_', ' ')}, {which} in %": _median_or_worst(name, which)
+        for name in ("held_out", "in_sample")
+        for which in ("median", "worst")
+    },
+    "time in s": lambda row: f"{row['seconds']:.2f}",
+    **{name: _value(name) for name in PARAMETERS[:5]},
+    "remark": itemgetter("error"),
+}
+"""Columns of a ranking, each of an entry."""
 
 
 def _best_sentence(entries: Sequence[Entry]) -> str:

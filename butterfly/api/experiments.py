@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, Literal
 
 from butterfly.api.identification import Identification
-from butterfly.api.saved import read_saved
+from butterfly.api.saved import answer_of, read_saved
 from butterfly.api.sources import Named
 from butterfly.arguments import checked
 from butterfly.errors import ButterflyError, InputError
@@ -28,16 +28,16 @@ from butterfly.experiment.workers import DaskEngine, Engine, LocalEngine
 from butterfly.files import locate
 from butterfly.identification.data import DataSet, read_data_set
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.parameter import Parameter, lumped_numbers
+from butterfly.identification.parameter import lumped_numbers
 from butterfly.logs.manifest import read_manifest
 from butterfly.logs.mat import write_mat
 from butterfly.outputs import call
 from butterfly.progress import Track, untracked
-from butterfly.report.finding_texts import estimate_notes, estimate_sentences, estimate_verdict
+from butterfly.report.finding_texts import estimate_sentences, estimate_verdict
 from butterfly.report.format import field_label, fit_text
 from butterfly.report.numbers import estimate_numbers
 from butterfly.report.orbit_page import degrees_said, orbit_headline, orbit_page
-from butterfly.report.page import PageTable, write_page
+from butterfly.report.page import Page, PageTable, views, write_page
 from butterfly.report.summary import values_table
 from butterfly.report.sweep_page import sweep_page
 from butterfly.result import Answer
@@ -49,163 +49,96 @@ RESULT = "result.json"
 _ORBIT_REPORT = "orbit.html"
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class _Done(Answer):
-    """Results of an experiment."""
+def run_answer(
+    record: RunRecord,
+    title: str,
+    *,
+    identifications: Mapping[str, Identification] = MappingProxyType({}),
+    orbit: Page | None = None,
+    **about: Any,  # noqa: ANN401 - of the experiment
+) -> Answer:
+    """Tabulate the record of a run: its estimates beside the true parameters, and its orbit.
 
-    brief: ClassVar[bool] = True
-
-    note: str = ""
-    """What was done and what was done before."""
-
-    reports: tuple[Path, ...] = ()
-    """The written reports."""
-
-    def paragraphs(self) -> list[str]:
-        """Return the summary, after its first sentence the note."""
-        return [*self.summary[:1], *([self.note] if self.note else []), *self.summary[1:]]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Run(_Done):
-    """Results of one run: estimates with the true parameters, and its orbit."""
-
-    kind: ClassVar[str] = "run"
-    sets_goal: ClassVar[bool] = True  # of an orbit
-    table: ClassVar[str] = "estimates"
-
-    identifications: Mapping[str, Identification]
-    """By estimator, of a single run; empty for a run of a sweep, which saves estimates only."""
-
-    @classmethod
-    def of(
-        cls,
-        record: RunRecord,
-        title: str,
-        *,
-        identifications: Mapping[str, Identification] = MappingProxyType({}),
-        orbit: Mapping[str, Any] | None = None,
-        **about: Any,  # noqa: ANN401 - of the experiment
-    ) -> Run:
-        """Tabulate the record of a run, with its ``identifications`` and ``orbit`` if known."""
-        content = json.loads(record.to_json())
-        for unsaid in ("schema", "digest", "versions"):
-            del content[unsaid]
-        notes, estimates = dict[str, Sequence[str]](), list[dict[str, Any]]()
-        orbit = content["orbit"] if orbit is None else orbit
-        headline = () if record.orbit is None else orbit_headline(record.orbit)
-        for entry in record.estimates:
-            identification = identifications.get(entry.estimator)
-            if identification is not None:
-                estimates.append(identification.to_dict())
-                lines = identification.paragraphs()
-                notes[entry.estimator] = lines if orbit else lines[len(identification.verdict) :]
-            elif entry.estimate is not None:
-                estimates.append(_numbers(entry, entry.estimate))
-                of_estimate = estimate_sentences if orbit else estimate_notes
-                notes[entry.estimator] = of_estimate(entry.estimate)
-        judged = _verdict(record)
-        of_orbit: Sequence[str] = ()
-        if orbit and orbit.get("summary"):  # by one run, whose estimators gave the first model
-            judged = Verdict.of_numbers(orbit)
-            of_orbit = orbit["summary"][len(headline) + len(judged.lines if judged else ()) :]
-        several = len([*filter(None, notes.values())]) + bool(of_orbit) > 1
-        return cls(
-            title=title,
-            judged=judged,
-            summary=(
-                *headline,
-                *(judged.lines if judged else ()),
-                *of_orbit,
-                *(f"{entry.estimator}: {entry.error}" for entry in record.estimates if entry.error),
-                *(
-                    f"{name}: " * several + text
-                    for name, sentences in notes.items()
-                    for text in sentences
-                ),
-                *(
-                    f"{entry.estimator}: held-out logs, median FIT{fit.over} "
-                    f"{fit_text(fit.median)} % (worst {fit_text(fit.worst)} %)."
-                    for entry in record.estimates
-                    if (fit := entry.held_out) is not None
-                ),
+    ``identifications`` and the page of the ``orbit`` are known of a single run; a run of a sweep
+    saves its estimates alone.
+    """
+    content, held = json.loads(record.to_json()), record.orbit is not None
+    for unsaid in ("schema", "digest", "versions"):
+        del content[unsaid]
+    judged, of_orbit, shown = _verdict(record), list[str](), list[PageTable]()
+    if orbit is not None:
+        judged, of_orbit, shown = orbit.verdict, [*orbit.summary], orbit.tables
+        content["orbit"] = orbit.numbers | {"tables": [table.plain() for table in shown]}
+    alone = bool(identifications or shown)
+    notes, estimates = dict[str, list[str]](), list[dict[str, Any]]()
+    for entry in record.estimates:
+        if entry.estimate is None:
+            continue
+        identification = identifications.get(entry.estimator)
+        if identification is None:
+            estimates.append(_numbers(entry, entry.estimate))
+            shown.append(values_table(entry.estimator, entry.parameters))
+            sentences = estimate_sentences(entry.estimate)
+        else:
+            estimates.append(identification.to_dict())
+            shown += identification.tables()
+            sentences = identification.paragraphs()
+        lines = () if held else estimate_verdict(entry.estimate).lines  # they are the run's
+        notes[entry.estimator] = [text for text in sentences if text not in lines]
+    several = len([*filter(None, notes.values())]) + bool(of_orbit) > 1
+    columns = ("value", "standard_error", "lower", "upper", "unit")
+    rows = [
+        {"estimator": estimate["estimator"], "parameter": name} | {key: row[key] for key in columns}
+        for estimate in estimates
+        for name, row in estimate["parameters"].items()
+    ]
+    content |= {"made_with": record.versions, "estimates": estimates, "rows": rows}
+    settings = PageTable("", (), _settings(content), detail=alone)
+    values = [PageTable.of(title, rows, detail=True)] if rows else []
+    return Answer(
+        kind="run",
+        title=title,
+        judged=judged,
+        summary=(
+            *(() if record.orbit is None else orbit_headline(record.orbit)),
+            *(judged.lines if judged else ()),
+            *of_orbit,
+            *(f"{entry.estimator}: {entry.error}" for entry in record.estimates if entry.error),
+            *(
+                f"{name}: " * several + text
+                for name, sentences in notes.items()
+                for text in sentences
             ),
-            content={
-                **about,
-                **content,
-                "made_with": record.versions,
-                "estimates": estimates,
-                "refused": [
-                    {"estimator": entry.estimator, "error": entry.error}
-                    for entry in record.estimates
-                    if entry.estimate is None
-                ],
-                "orbit": orbit,
-            },
-            units={"seconds": "s", "estimates.fit": "%", "estimates.held_out": "%"},
-            identifications=identifications,
-        )
-
-    @classmethod
-    def from_dict(cls, content: Mapping[str, Any], **more: Any) -> Self:  # noqa: ANN401 - own fields
-        """Return the result of `to_dict`'s values (see `Answer.from_dict` for what is raised)."""
-        results = [
-            Identification.from_dict(estimate)
-            for estimate in content["estimates"]
-            if "fits" in estimate
-        ]
-        named = {result.estimator: result for result in results}
-        return super().from_dict(content, identifications=named, **more)
-
-    def rows(self) -> list[dict[str, Any]]:
-        """Return the parameters of each estimate."""
-        columns = ("value", "standard_error", "lower", "upper", "unit")
-        return [
-            {"estimator": estimate["estimator"], "parameter": name}
-            | {key: row[key] for key in columns}
-            for estimate in self.content["estimates"]
-            for name, row in estimate["parameters"].items()
-        ]
-
-    def further(self) -> list[PageTable]:
-        """Return the tables of an orbit, of each estimate beside the truth, then the settings."""
-        about = self.content
-        names = ("key", "status", "seed", "error")
-        settings = {name: str(about[name]) for name in names if about[name] != ""}
-        settings |= {field_label(name): str(value) for name, value in about["overrides"].items()}
-        settings |= {f"seconds, {name}": f"{s:.3g}" for name, s in about["seconds"].items()}
-        settings |= {f"version, {name}": text for name, text in about["made_with"].items()}
-        tables = [PageTable(**table) for table in (about["orbit"] or {}).get("tables", [])]
-        alone = bool(self.identifications or tables)
-        for estimate in about["estimates"]:
-            name, rows = estimate["estimator"], estimate["parameters"].values()
-            identification = self.identifications.get(name)
-            values = [values_table(name, [Parameter(**row) for row in rows])]
-            tables += values if identification is None else identification.tables()
-        return [*tables, PageTable("", (), [*settings.items()], detail=alone)]
+            *(
+                f"{entry.estimator}: held-out logs, median FIT{fit.over} "
+                f"{fit_text(fit.median)} % (worst {fit_text(fit.worst)} %)."
+                for entry in record.estimates
+                if (fit := entry.held_out) is not None
+            ),
+        ),
+        content={
+            **about,
+            **content,
+            "refused": [
+                {"estimator": entry.estimator, "error": entry.error}
+                for entry in record.estimates
+                if entry.estimate is None
+            ],
+            **views([*values, *shown, settings]),
+        },
+        units={"seconds": "s", "estimates.fit": "%", "estimates.held_out": "%"},
+        identifications=identifications,
+    )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Sweep(_Done):
-    """Results of a sweep."""
-
-    kind: ClassVar[str] = "sweep"
-    table: ClassVar[str] = "recovery"
-
-    @classmethod
-    def from_dict(cls, content: Mapping[str, Any], **more: Any) -> Self:  # noqa: ANN401 - own fields
-        """Return the result of `to_dict`'s values (see `Answer.from_dict`)."""
-        note = f"{content['ok']} runs done, {content['unsuccessful']} failed."
-        return super().from_dict(content, **{"note": note, **more})
-
-    @property
-    def unsuccessful(self) -> int:
-        """Number of runs of the last call without a result."""
-        return int(self.content["unsuccessful"])
-
-    def further(self) -> list[PageTable]:
-        """Return the tables of its report."""
-        return [PageTable(**table) for table in self.content["tables"]]
+def _settings(run: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return the settings, times and versions of a run, as pairs of texts."""
+    names = ("key", "status", "seed", "error")
+    pairs = {name: str(run[name]) for name in names if run[name] != ""}
+    pairs |= {field_label(name): str(value) for name, value in run["overrides"].items()}
+    pairs |= {f"seconds, {name}": f"{s:.3g}" for name, s in run["seconds"].items()}
+    pairs |= {f"version, {name}": text for name, text in run["made_with"].items()}
+    return [*pairs.items()]
 
 
 @checked
@@ -254,7 +187,7 @@ def run(
     engine: Literal["local", "dask"] = "local",
     scheduler: str | None = None,
     track: Track = untracked,
-) -> Run | Sweep:
+) -> Answer:
     """Simulate an experiment or a sweep, identify the joint, and write a report.
 
     Compares true and estimated parameters. Finished runs are reused as long as neither the
@@ -298,9 +231,10 @@ def run(
         if record is not None and record.status == REFUSED:
             raise ButterflyError(record.reason)
         if record is not None and record.status == OK:
-            content = read_saved(folder / RESULT)
             note = "This run was already done; --force repeats it."
-            return Run.from_dict(content, note=note, reports=_reports(folder, record))
+            return answer_of(
+                read_saved(folder / RESULT), note=note, reports=_reports(folder, record)
+            )
         with call(folder=folder):
             return _run_once(plan, source, folder, jobs=jobs, figures=figures, track=track)
     workers: Engine = LocalEngine(jobs) if engine == "local" else DaskEngine(scheduler, jobs)
@@ -309,7 +243,10 @@ def run(
         summary = run_sweep(plan, folder, workers, force=force, only=only, track=track)
         store = ResultStore(folder)
         plain = sweep_page(store.sweep(), store.table(RUNS), store.table(ESTIMATES))
-        more = {"unsuccessful": summary.unsuccessful, "tables": plain.tables}
+        recovery = plain.numbers["recovery"]
+        rows = [PageTable.of(plain.numbers["title"], recovery, detail=True)] if recovery else []
+        shown = views([*rows, *plain.tables], plain.facts)
+        more = {"unsuccessful": summary.unsuccessful, **shown}
         page = replace(plain, numbers=plain.numbers | more)
         report = folder / "report.html"
         write_page(page, report, figures=figures)
@@ -317,12 +254,12 @@ def run(
         f"{summary.runs} runs: {summary.done} done now, {summary.reused} already done, "
         f"{summary.unsuccessful} failed."
     )
-    return Sweep.from_dict(page.numbers, note=counts, reports=(report,), live=lambda _: page)
+    return answer_of(page.numbers, note=counts, reports=(report,), live=lambda _: page)
 
 
 def _run_once(
     plan: SweepPlan, source: Source, folder: Path, *, jobs: int | None, figures: bool, track: Track
-) -> Run:
+) -> Answer:
     """Do a single run in this process, on all cores, and write its results."""
     store, experiment, (task,) = ResultStore(folder), plan.experiment, plan.tasks
     names = keep_experiment(source, folder)
@@ -341,10 +278,9 @@ def _run_once(
     orbit = None
     if result.orbit is not None:
         carried = result.orbit.calibration.rounds[0].logs[0].added_mass
-        page = orbit_page(result.orbit, truth.with_added_mass(carried))
-        write_page(page, folder / _ORBIT_REPORT, figures=figures)
-        orbit = page.numbers | {"tables": page.tables}
-    done = Run.of(
+        orbit = orbit_page(result.orbit, truth.with_added_mass(carried))
+        write_page(orbit, folder / _ORBIT_REPORT, figures=figures)
+    done = run_answer(
         record,
         f"Run of {experiment.name!r}",
         identifications=answers,

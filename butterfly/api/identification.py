@@ -8,13 +8,13 @@ from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from butterfly.api.joint_models import of_joint
-from butterfly.api.results import Separated
+from butterfly.api.results import physical_answer
 from butterfly.arguments import checked
 from butterfly.errors import InputError, visible
 from butterfly.files import write_document
@@ -51,7 +51,7 @@ from butterfly.report.parameter_table import (
     physical_sentences,
 )
 from butterfly.report.summary import facts, summary, tables
-from butterfly.result import Result, document, text, texts
+from butterfly.result import Answer, document, text, texts
 from butterfly.twin.forms import DEFAULTS, Options
 from butterfly.twin.model_rows import model_rows
 from butterfly.verdict import Verdict
@@ -79,15 +79,10 @@ _OF_LOGS = (
 _SAVED = ("summary", "chosen", "against", "residuals")
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Identification(Identified, Result):
-    """What was learnt from a data set."""
+class Identification(Identified, Answer):
+    """What was learnt from a data set; the answer is made of that where it is asked for."""
 
-    kind: ClassVar[str] = "identification"
-    short: ClassVar[bool] = True
-
-    saved: dict[str, Any] = field(default_factory=dict)
-    """What a file said that needs the logs: summary, options, other parameters, residuals."""
+    kind = "identification"
 
     @classmethod
     def of(cls, identified: Identified) -> Identification:
@@ -97,7 +92,7 @@ class Identification(Identified, Result):
         )
 
     @classmethod
-    def from_dict(cls, content: dict[str, Any]) -> Identification:
+    def from_dict(cls, content: Mapping[str, Any], **more: Any) -> Self:  # noqa: ANN401 - fields
         """Return the result of `to_dict`'s values (see `Estimate.from_dict` for what is raised)."""
         origin = dict(content["data"])
         InputKind(origin["input"])
@@ -120,6 +115,7 @@ class Identification(Identified, Result):
             whole=_whole(content["fit"]),
             truth=LumpedParameters(**true) if true else None,
             saved={key: content[key] for key in _SAVED if key in content},
+            **more,
         )
         result.separated()  # these three raise where a file names something that it does not hold
         finding_numbers(result.estimate.findings, result.estimate)
@@ -127,7 +123,7 @@ class Identification(Identified, Result):
         return result
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the result as a JSON document, with the true values if known (see `Result`)."""
+        """Return the result as a JSON document, with the true values if known (see `Answer`)."""
         estimate, basis, in_model = self.estimate, self.basis(), model_rows(self)
         of_logs = {key: value for key, value in self.saved.items() if key != "summary"}
         if self.logs is not None:
@@ -187,13 +183,13 @@ class Identification(Identified, Result):
         return super().data if self.logs is not None else of_joint(super().data)
 
     @property
-    def title(self) -> str:  # type: ignore[override]
+    def title(self) -> str:
         """Method, data, and the FIT."""
         fit, name = self.fit, self.origin["name"]
         return f"{self.estimator} of {name!r}, median FIT{fit.over} {fit_text(fit.median)} %"
 
     @cached_property
-    def summary(self) -> tuple[str, ...]:  # type: ignore[override]
+    def summary(self) -> tuple[str, ...]:
         """The verdict, then all that was found, gravest first."""
         return tuple(self.saved["summary"] if self.logs is None else summary(self))
 
@@ -205,14 +201,12 @@ class Identification(Identified, Result):
             for parameter in self.estimate.table()
         ]
 
-    def shown_rows(self) -> list[dict[str, str]]:
+    def printed(self) -> PageTable:
         """Return the table of parameters, rounded to their errors."""
         columns = ("name", "value", "error", "interval", "unit", "meaning")
         names = ("parameter", "value", "standard error", "95 % interval", "unit", "meaning")
-        return [
-            {name: row[column] for name, column in zip(names, columns, strict=True)}
-            for row in map(parameter_texts, self.estimate.table())
-        ]
+        rows = [*map(parameter_texts, self.estimate.table())]
+        return PageTable(self.title, names, [[row[name] for name in columns] for row in rows])
 
     def tables(self) -> list[PageTable]:
         """Return the tables: parameters (beside the truth if known), physical ones, other FITs."""
@@ -231,7 +225,7 @@ class Identification(Identified, Result):
         return visible(f"<Identification: {self.title}{self._unless_good()}: {values}>")
 
     @property
-    def judged(self) -> Verdict:  # type: ignore[override]
+    def judged(self) -> Verdict:
         """The verdict on its values."""
         return estimate_verdict(self.estimate)
 
@@ -241,7 +235,7 @@ class Identification(Identified, Result):
         require_values(self.estimate, "a model of the joint")
         return IdentifiedModel(self.parameters, self.estimate.joint, self)
 
-    def physical(self, **known: Any) -> Separated:  # noqa: ANN401 - see `known_of`
+    def physical(self, **known: Any) -> Answer:  # noqa: ANN401 - see `known_of`
         """Tell what the lumped parameters are made of, as far as it can be told.
 
         Parameters
@@ -250,7 +244,7 @@ class Identification(Identified, Result):
             What is known of motor and hand besides what the data say of it, by names of
             `butterfly.model.prior.PHYSICAL`: a number, or ``(0.3, 0.01)`` with its uncertainty.
         """
-        return Separated.of(self.separated(known), self.origin["name"], self.judged)
+        return physical_answer(self.separated(known), self.origin["name"], self.judged)
 
     @checked
     def write_back(
@@ -313,7 +307,7 @@ class Identification(Identified, Result):
 
     @checked
     def report(self, path: str | PathLike[str], *, figures: bool = False) -> None:
-        """Write the page, as `Result.report` does; its figures need the logs."""
+        """Write the page, as `Answer.report` does; its figures need the logs."""
         if figures:
             _ = self.data  # raises where there is nothing to draw
         super().report(path, figures=figures)

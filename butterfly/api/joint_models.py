@@ -26,6 +26,7 @@ from butterfly.logs.manifest import LogEntry, Manifest
 from butterfly.logs.model_facts import STILL, ModelFacts, PoseFacts
 from butterfly.model.parameters import JointKind
 from butterfly.model.prior import Known
+from butterfly.model.terms import TERMS
 
 ZERO_UNCERTAINTY = 0.05
 """Standard uncertainty in rad of a model's angle of hanging: of how its parts are mounted."""
@@ -38,7 +39,7 @@ _LONG = 1.0  # m, longest arm of the mass that stands for a pose
 
 def with_model(manifest: Manifest) -> Manifest:
     """Return a manifest with what its model says of the joint; one without a model as it is."""
-    source, said = manifest.name, manifest.model_fields_set
+    source, written = manifest.name, manifest.model_fields_set
     if manifest.model is None:
         for name in ("of", "pose"):
             if getattr(manifest, name):
@@ -49,16 +50,16 @@ def with_model(manifest: Manifest) -> Manifest:
         raise InputError(source, "of", "nothing", "the name of the joint in the model")
     if manifest.facts is not None:
         return manifest
-    from butterfly.twin.joint_of_model import RobotModel  # noqa: PLC0415 - slow to import
+    from butterfly.twin.joint_of_model import JointOfModel  # noqa: PLC0415 - slow to import
 
     path = (Path(manifest.root) / manifest.model).resolve()
-    robot = RobotModel.of(path, manifest.of)
+    robot = JointOfModel.of(path, manifest.of)
     entries = [_with_columns(manifest, entry, robot.others) for entry in manifest.logs]
     poses = _poses(manifest, entries)
     facts = robot.facts(poses, manifest.link_masses)
     for name, value in (("joint", facts.kind), ("gravity", facts.gravity)):
         given = getattr(manifest, name)
-        if name in said and given not in {value, Manifest.model_fields[name].default}:
+        if name in written and given not in {value, Manifest.model_fields[name].default}:
             raise InputError(source, name, given, f"{value}, as {path.name} has it")
     whole = [robot.pose_facts(pose) for pose in poses]
     update = {
@@ -80,13 +81,13 @@ def _with_columns(manifest: Manifest, entry: LogEntry, others: Mapping[str, int]
     kind = manifest.input if entry.input is None else entry.input
     update: dict[str, Any] = {}
     if entry.columns is None and manifest.columns is None and names:
-        own = columns_of_joint(names, str(manifest.of), others, kind)
-        if "angle" in own:
-            update["columns"] = own
+        columns = columns_of_joint(names, str(manifest.of), others, kind)
+        if "angle" in columns:
+            update["columns"] = columns
     if entry.neighbours is None and names:
         by_joint = columns_by_joint(names, {*others, str(manifest.of)})
-        found = {n: columns_meant(by_joint[n], None, by_joint[n]).get("angle") for n in others}
-        update["neighbours"] = {n: column for n, column in found.items() if column} or None
+        angles = {n: columns_meant(by_joint[n], None, by_joint[n]).get("angle") for n in others}
+        update["neighbours"] = {n: column for n, column in angles.items() if column} or None
     for name in entry.neighbours or ():
         if name not in others:
             expected = nearest(name, others) if others else "no other joint"
@@ -137,27 +138,29 @@ def neighbours(manifest: Manifest, entry: LogEntry) -> dict[str, Log]:
 def with_neighbours(data: DataSet) -> DataSet:
     """Return logs without the torque that the motion of other joints made, and what to say of it.
 
-    It is taken off the input where that is a torque: where p4 is known. Motion that is not
+    It is taken off the input where that is a torque: where p4 is known. JointMotion that is not
     corrected is a finding, and that some joints have no columns is another.
     """
     manifest = data.manifest
     if manifest is None or manifest.facts is None or manifest.model is None:
         return data
-    from butterfly.twin.joint_of_model import RobotModel  # noqa: PLC0415 - slow to import
-    from butterfly.twin.neighbours import Motion, coupling  # noqa: PLC0415
+    from butterfly.twin.joint_of_model import JointOfModel  # noqa: PLC0415 - slow to import
+    from butterfly.twin.neighbours import JointMotion, coupling  # noqa: PLC0415
 
     facts, gain = manifest.facts, data.known.parameters.get("p4")
     driven = data.input_kind not in {InputKind.NONE, InputKind.SETPOINT}
     logs, moved, shares = [], dict[str, float](), list[float]()
-    robot = RobotModel.of((Path(manifest.root) / manifest.model).resolve(), facts.joint)
+    robot = JointOfModel.of((Path(manifest.root) / manifest.model).resolve(), facts.joint)
     for log, entry in zip(data.logs, manifest.logs, strict=True):
         recorded = neighbours(manifest, entry)
-        others = {n: Motion.of(other.time, other.angle, log.time) for n, other in recorded.items()}
+        others = {
+            n: JointMotion.of(other.time, other.angle, log.time) for n, other in recorded.items()
+        }
         for name, motion in others.items():
             moved[name] = max(moved.get(name, 0.0), motion.reach)
         if others and driven and gain is not None and gain.value and not log.integrated:
-            own = Motion.of(log.time, log.angle, log.time)
-            torque = coupling(robot, own, others, entry.pose or {})
+            motion = JointMotion.of(log.time, log.angle, log.time)
+            torque = coupling(robot, motion, others, entry.pose or {})
             if log.between_samples is Intersample.ZERO_ORDER_HOLD:
                 torque = (torque + np.append(torque[1:], torque[-1:])) / 2  # mean until the next
             shares.append(float(np.std(torque / gain.value)) / max(float(np.std(log.input)), _TINY))
@@ -198,10 +201,10 @@ def _known(facts: ModelFacts) -> dict[str, Any]:
     if facts.kind is JointKind.SLIDE:
         return {}
     if len(facts.poses) > 1:
-        common = (
-            {} if facts.links.independent else {"mass_scale": Known(value=1.0, uncertainty=share)}
-        )
-        return {**common, "load": Known(value=0.0), "load_drag": Known(value=0.0)}
+        of_masses = (term.name for term in TERMS.values() if term.of_mass)
+        none = dict.fromkeys(of_masses, Known(value=0.0))  # no weight is added
+        scale = {"mass_scale": Known(value=1.0, uncertainty=share)}
+        return none if facts.links.independent else none | scale
     (pose,) = facts.poses
     if not pose.moment:
         return {}

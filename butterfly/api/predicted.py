@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from functools import partial
 from operator import itemgetter
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from butterfly.api.identification import Identification, IdentifiedModel
-from butterfly.api.results import Tabulated, about_log
+from butterfly.api.results import about_log, fit_facts, of_logs
 from butterfly.arguments import checked
-from butterfly.files import write_xml
+from butterfly.files import finite, write_xml
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FitSummary, WholeRuns, over_segments
 from butterfly.identification.parameter import unit_of
@@ -27,7 +27,8 @@ from butterfly.outputs import call, require_endings
 from butterfly.report.finding_texts import estimate_notes, estimate_verdict
 from butterfly.report.format import fit_text
 from butterfly.report.numbers import estimate_numbers, write_columns
-from butterfly.report.page import Fact
+from butterfly.report.page import Fact, PageTable, views
+from butterfly.result import Answer
 from butterfly.twin.forms import DEFAULTS, Options
 
 if TYPE_CHECKING:
@@ -37,15 +38,8 @@ if TYPE_CHECKING:
 _DEFAULTS = {field.name: field.default for field in fields(LumpedParameters)}
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Drawn(Tabulated):
+class Drawn(Answer):
     """Parameter draws of the bare joint in SI units: one row each, with equal weights."""
-
-    kind: ClassVar[str] = "draws"
-    plots: ClassVar[Mapping[str, str]] = {"corner": "corner"}
-
-    identification: Identification | None = None
-    """The identification; None for loaded draws."""
 
     @classmethod
     def of(
@@ -62,22 +56,22 @@ class Drawn(Tabulated):
         ]
         columns = [*estimate.names, *(key for key in fixed if key not in estimate.names)]
         units = {key: unit_of(key, kind, estimate.joint) for key in columns}
+        title = f"{len(draws.values)} parameter draws from {identification.title}"
+        rows = finite([{key: getattr(draw, key) for key in columns} for draw in draws.parameters])
+        facts = [Fact("draws", str(len(rows))), Fact("parameters", str(len(columns)))]
         return cls(
-            identification=identification,
-            title=f"{len(draws.values)} parameter draws from {identification.title}",
+            kind="draws",
+            identifications={identification.estimator: identification},
+            title=title,
             summary=(*identification.judged.lines, *more, *estimate_notes(estimate)),
             judged=identification.judged,
             units={f"rows.{name}": unit for name, unit in units.items()},
             content={
                 "joint": str(estimate.joint),
-                "rows": [{key: getattr(draw, key) for key in columns} for draw in draws.parameters],
+                "rows": rows,
+                **views([PageTable.of(title, rows)], facts, "corner"),
             },
         )
-
-    def facts(self) -> list[Fact]:
-        """Return the numbers that matter most."""
-        rows = self.rows()
-        return [Fact("draws", str(len(rows))), Fact("parameters", str(len(rows[0])))]
 
     @property
     def parameters(self) -> list[LumpedParameters]:
@@ -129,9 +123,8 @@ class Drawn(Tabulated):
 
         drawn = self.parameters
         joint = JointKind(self.content["joint"])
-        model = (
-            self.identification.model if self.identification else IdentifiedModel(drawn[0], joint)
-        )
+        identified = self.identification
+        model = identified.model if identified else IdentifiedModel(drawn[0], joint)
         options = Options(timestep=timestep, integrator=integrator)
         return models(drawn, model.twin(added_mass, hand_mass=hand_mass), options)
 
@@ -168,11 +161,8 @@ class Drawn(Tabulated):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Predicted(Tabulated):
+class Predicted(Answer):
     """Predicted logs, with 95 % bands."""
-
-    kind: ClassVar[str] = "prediction"
-    plots: ClassVar[Mapping[str, str]] = {"inside": "shares", "fits": "fits"}
 
     predictions: tuple[Prediction, ...] = ()
     """Free runs and bands; empty for a loaded result."""
@@ -196,8 +186,16 @@ class Predicted(Tabulated):
 
         verdict, log = estimate_verdict(estimate), predictions[0].run.log
         answer, *others = _followed(predictions, estimate.horizon, measured=measured)
+        title = f"{name!r} predicted"
+        rows = finite([_row(prediction, measured=measured) for prediction in predictions])
+        facts = fit_facts(rows, "FIT in %", "of the predictions") if measured else []
+        inside = f"{OF_NEW_LOG}: inside in %"
+        if shares := [row[inside] for row in rows if row.get(inside) is not None]:
+            worst = f"expected: 95 %; worst log {min(shares):.0f} %"
+            facts.append(Fact("samples inside the band", f"{np.mean(shares):.1f} %", worst))
         return cls(
-            title=f"{name!r} predicted",
+            kind="prediction",
+            title=title,
             summary=(
                 *verdict.after(answer),
                 *others,
@@ -208,26 +206,17 @@ class Predicted(Tabulated):
             content={
                 "data": {"name": name, "input": str(log.input_kind), "logs": len(predictions)},
                 **estimate_numbers(estimate),
-                "rows": [_row(prediction, measured=measured) for prediction in predictions],
+                "rows": rows,
+                **views(
+                    [of_logs(title, rows)],
+                    [*facts, Fact("logs", str(len(rows)))],
+                    *("inside", "fits"),
+                ),
             },
             predictions=tuple(predictions),
             drawn=drawn,
             live=partial(with_bands, predictions, measured) if predictions[0].bands else None,
         )
-
-    @property
-    def measured(self) -> bool:
-        """Whether the logs are recorded; otherwise planned."""
-        return "FIT in %" in self.rows()[0]
-
-    def facts(self) -> list[Fact]:
-        """Return the numbers that matter most."""
-        fits = self.fit_facts("FIT in %", "of the predictions") if self.measured else []
-        inside = f"{OF_NEW_LOG}: inside in %"
-        shares = [row[inside] for row in self.rows() if row.get(inside) is not None]
-        worst = f"expected: 95 %; worst log {min(shares, default=0.0):.0f} %"
-        band = Fact("samples inside the band", f"{np.mean(shares or [0]):.1f} %", worst)
-        return [*fits, *([band] if shares else []), Fact("logs", str(len(self.rows())))]
 
 
 def _row(prediction: Prediction, *, measured: bool) -> dict[str, Any]:

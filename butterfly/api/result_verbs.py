@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from butterfly.api.changed import Changed
+from butterfly.api.changed import change_answer
 from butterfly.api.identification import Identification
 from butterfly.api.predicted import Drawn, Predicted
 from butterfly.api.saved import load
@@ -41,6 +41,7 @@ from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Known
 from butterfly.progress import Track, untracked
 from butterfly.report.finding_texts import require_possible, require_values
+from butterfly.result import Answer
 
 BAND_DRAWS = 200
 """Default number of draws of a band: five are expected beyond either edge."""
@@ -163,7 +164,7 @@ def draws(result: Identification | Named, n: int = BAND_DRAWS, seed: int = 0) ->
 
 
 @checked
-def changed(before: Identification | Named, after: Identification | Named) -> Changed:
+def changed(before: Identification | Named, after: Identification | Named) -> Answer:
     """Test whether a joint has changed between two identifications from independent logs.
 
     Parameters
@@ -172,7 +173,7 @@ def changed(before: Identification | Named, after: Identification | Named) -> Ch
         Each an `Identification` or its saved file.
     """
     one, other = (_identified(result, "changed") for result in (before, after))
-    return Changed.of(one, other)
+    return change_answer(one, other)
 
 
 def _physical_draws(

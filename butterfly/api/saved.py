@@ -4,41 +4,29 @@ from __future__ import annotations
 
 import json
 import math
-from importlib import import_module
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from butterfly.api.identification import Identification
+from butterfly.api.predicted import Drawn, Predicted
 from butterfly.api.sources import root_of
 from butterfly.arguments import checked
 from butterfly.errors import InputError
 from butterfly.files import read_file, require_as_signed, whole
 from butterfly.progress import budget
-from butterfly.result import Result, schema_number
+from butterfly.result import ANSWERS, Answer
 
-_KINDS = {
-    "butterfly.campaign": ("api.campaigns", "Campaign"),
-    "butterfly.change": ("api.changed", "Changed"),
-    "butterfly.comparison": ("api.compared", "Compared"),
-    "butterfly.leaderboard": ("api.compared", "Leaderboard"),
-    "butterfly.run": ("api.experiments", "Run"),
-    "butterfly.sweep": ("api.experiments", "Sweep"),
-    "butterfly.model": ("api.inspected", "RobotModel"),
-    "butterfly.identification": ("api.identification", "Identification"),
-    "butterfly.draws": ("api.predicted", "Drawn"),
-    "butterfly.prediction": ("api.predicted", "Predicted"),
-    "butterfly.design": ("api.results", "Designed"),
-    "butterfly.residual": ("api.results", "Residual"),
-    "butterfly.selection": ("api.results", "Selection"),
-    "butterfly.validation": ("api.results", "Validated"),
-    "butterfly.inspection": ("api.inspected", "Inspection"),
-    "butterfly.physical": ("api.results", "Separated"),
+_WITH_MORE: dict[str, type[Answer]] = {
+    "draws": Drawn,
+    "identification": Identification,
+    "prediction": Predicted,
 }
-"""Module and class of results that can be saved, by schema; one is imported when it is loaded."""
+"""Answers that can do more than others."""
 
 
 @checked
-def load(path: str | PathLike[str], *, root: str | PathLike[str] | None = None) -> Result:
+def load(path: str | PathLike[str], *, root: str | PathLike[str] | None = None) -> Answer:
     """Load a saved result.
 
     Parameters
@@ -56,12 +44,11 @@ def load(path: str | PathLike[str], *, root: str | PathLike[str] | None = None) 
     file = Path(path)
     content = read_saved(file)
     schema = content.get("schema")
-    if not isinstance(schema, str) or schema not in _KINDS:
+    kind = schema.removeprefix("butterfly.") if isinstance(schema, str) else ""
+    if kind not in ANSWERS:
         expected = "a saved result (--save, or its method save; the JSON of a report is not one)"
         raise InputError(file, "schema", schema, expected)
-    module, name = _KINDS[schema]
-    kind: Any = getattr(import_module(f"butterfly.{module}"), name)
-    number, current = content.get("schema_number"), schema_number(kind.kind)
+    number, current = content.get("schema_number"), ANSWERS[kind]
     if number != current:
         newer = isinstance(number, int) and number > current
         remedy = "update butterfly" if newer else "identify and save again with this butterfly"
@@ -72,15 +59,24 @@ def load(path: str | PathLike[str], *, root: str | PathLike[str] | None = None) 
         if manifest is not None and (moved or manifest["root"]) is not None:
             manifest["root"] = str(root_of(file, manifest["root"], moved))
         with budget(math.inf):  # loading is complete, even while a search has a time limit
-            result: Result = kind.from_dict(content)
-        columns = {tuple(row) for row in result.shown_rows()}
-        if len(columns) > 1 or content.get("rows") == []:
-            raise ValueError("rows with different columns" if columns else "no rows")
-        result.tables(), result.facts()
+            answer = answer_of(content)
+            answer.tables(), answer.facts(), answer.printed()
     except (LookupError, TypeError, ValueError, AttributeError, StopIteration) as error:
         expected = "an undamaged saved result"
         raise InputError(file, "content", f"{type(error).__name__}: {error}", expected) from None
-    return result
+    return answer
+
+
+def answer_of(content: dict[str, Any], **more: Any) -> Answer:  # noqa: ANN401 - other fields
+    """Return the answer of a document; ``more``: fields of `Answer` that are not saved.
+
+    Raises as `Answer.from_dict` and `Estimate.from_dict` do.
+    """
+    of_logs = (entry for entry in content.get("estimates", ()) if "fits" in entry)
+    if identified := {entry["estimator"]: Identification.from_dict(entry) for entry in of_logs}:
+        more["identifications"] = identified
+    kind = content["schema"].removeprefix("butterfly.")
+    return _WITH_MORE.get(kind, Answer).from_dict(content, **more)
 
 
 def read_saved(file: Path) -> dict[str, Any]:

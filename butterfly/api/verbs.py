@@ -9,9 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from butterfly.api.compared import Compared, Leaderboard
+from butterfly.api.compared import comparison_answer, ranking_answer
 from butterfly.api.identification import Identification
-from butterfly.api.results import Designed, Residual, Selection, Validated
+from butterfly.api.results import (
+    design_answer,
+    residual_answer,
+    selection_answer,
+    validation_answer,
+)
 from butterfly.api.saved import load
 from butterfly.api.sources import Data, names_result, read
 from butterfly.arguments import checked
@@ -37,6 +42,7 @@ from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import COMMON, OF_ANGLE, offered
 from butterfly.progress import Track, phase, untracked
 from butterfly.report.finding_texts import require_possible, require_values
+from butterfly.result import Answer
 
 Method = str | Estimator
 
@@ -91,7 +97,7 @@ def select(
     nested: bool = False,
     track: Track = untracked,
     **options: Any,  # noqa: ANN401 - the fields of the estimator
-) -> Selection:
+) -> Answer:
     """Choose terms as identify does, and show what each choice predicts.
 
     Each round adds the term that predicts held-out logs best, or takes one away that does not help.
@@ -121,7 +127,7 @@ def select(
     chosen = estimator.with_terms(passed[-1].terms)
     _, estimate = judged(logs, chosen)
     anew = cross_validate_choice(logs, estimator, wanted, track=track) if nested else None
-    return Selection.of(logs, chosen, wanted, passed, estimate=estimate, nested=anew)
+    return selection_answer(logs, chosen, wanted, passed, estimate=estimate, nested=anew)
 
 
 @checked
@@ -136,7 +142,7 @@ def validate(
     bootstrap: int = 0,
     track: Track = untracked,
     **options: Any,  # noqa: ANN401 - the fields of the estimator
-) -> Validated | Leaderboard:
+) -> Answer:
     """Cross-validate an estimator on held-out logs, or rank several.
 
     With several methods or data sets, ranks the methods by their median FIT on held-out logs.
@@ -179,13 +185,13 @@ def validate(
         if not estimators:
             raise InputError("validate", "method", "none", "at least one method")
         sets = [read(source).holding_out(holdout) for source in (data, *others)]
-        return Leaderboard.of(leaderboard(sets, estimators, split=Split(split), track=track))
+        return ranking_answer(leaderboard(sets, estimators, split=Split(split), track=track))
     logs, estimator = _prepared(data, method, options, holdout)
     (logs, whole), drawn = judged(logs, estimator), None
     held = cross_validate(logs, estimator, Split(split), folds=folds, track=track)
     if bootstrap:
         drawn = bootstrap_of(logs, estimator, whole, repetitions=bootstrap, track=track)
-    return Validated.of(logs, estimator, held, whole, drawn)
+    return validation_answer(logs, estimator, held, whole, drawn)
 
 
 @checked
@@ -196,7 +202,7 @@ def residual(
     logs: Sequence[int] | None = None,
     holdout: Sequence[str] = (),
     **options: Any,  # noqa: ANN401 - the fields of the estimator
-) -> Residual:
+) -> Answer:
     """Analyse the residuals, and name the terms that the model is missing.
 
     Compares each log's free-run error with the sensor noise, and tests its correlations.
@@ -212,9 +218,8 @@ def residual(
         Numbers of the logs to show, from 0. Default: all.
     """
     whole, estimator, estimate = _estimated(data, method, options, holdout)
-    return Residual.of(
-        whole, estimator, estimate, numbers_of_logs("residual", logs, len(whole.logs))
-    )
+    numbers = numbers_of_logs("residual", logs, len(whole.logs))
+    return residual_answer(whole, estimator, estimate, numbers)
 
 
 @checked
@@ -227,7 +232,7 @@ def compare(
     holdout: Sequence[str] = (),
     track: Track = untracked,
     **options: Any,  # noqa: ANN401 - the fields of the estimator
-) -> Compared:
+) -> Answer:
     """Simulate logs in MuJoCo and with the grey-box model, both with the identified parameters.
 
     Parameters
@@ -247,7 +252,7 @@ def compare(
     require_values(estimate, "a simulation in MuJoCo")
     numbers = numbers_of_logs("compare", logs, len(whole.logs))
     compared = compare_three(whole, estimate, numbers, mass=hand_mass, track=track)
-    return Compared.of(whole, estimator, compared, residuals_of(whole, estimate), estimate)
+    return comparison_answer(whole, estimator, compared, residuals_of(whole, estimate), estimate)
 
 
 @checked
@@ -260,7 +265,7 @@ def design(
     swing: float | None = None,
     price: float = 120.0,
     track: Track = untracked,
-) -> Designed:
+) -> Answer:
     """Say which run to do next: the one from which a goal is reached for the least robot time.
 
     Candidates: sines, multisines and free decays, with each added mass and without. Each one is
@@ -289,7 +294,7 @@ def design(
     limits: dict[str, Any] = {"duration": duration, "command": command, "swing": swing}
     ranked = next_experiments(logs, estimate, aim, **limits, price=price, track=track)
     now = float(np.max(estimate.farther / aim))
-    return Designed.of(logs, estimator, estimate, ranked, goal=share, now=share * now)
+    return design_answer(logs, estimator, estimate, ranked, goal=share, now=share * now)
 
 
 def share_of(goal: float | str) -> float:

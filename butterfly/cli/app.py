@@ -131,7 +131,7 @@ EXAMPLES = {
     "butterfly inspect Data_52__8__002.mat --report log.html",
     "manifest": "butterfly manifest logs --units time=ms,angle=deg",
     "identify": "butterfly identify real-logs --report report.html --save result.json; "
-    "butterfly identify a.csv b.csv --columns time=t,input=tau,angle=q --input torque",
+    "butterfly identify arm.csv --model arm.xml --of elbow",
     "select": "butterfly select real-logs --candidates drag,stribeck",
     "design": "butterfly design result.json --goal 0.5% --swing 0.5",
     "validate": "butterfly validate real-logs --split mass; "

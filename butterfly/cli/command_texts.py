@@ -146,7 +146,7 @@ FACTS = {
     "loop": "Control loop of a servo: its law and gains",
     "begin": "Start in s of the piece to use, on the clock of the file",
     "end": "End in s of the piece to use",
-    "pose": "Positions of that model's other joints in rad or m",
+    "pose": "Positions of the model's other joints in rad or m",
     "neighbours": "Columns of the positions of other joints of the model, by joint",
     "part": (
         "Number of the recording in the file, from 1; a recording ends where the clock falls back"
@@ -161,7 +161,7 @@ FACTS = {
     "joint": "hinge or slide, whose angle is in m and p1 in kg",
     "shape": ("Shape in pictures and exported models: a plain bar, or the Butterfly robot's hand"),
     "gravity": "Gravity in m/s^2, perpendicular to the axis; 0 for a vertical axis",
-    "model": "MJCF or URDF of the whole robot, of which the logs move one joint",
+    "model": "MJCF or URDF of the robot whose joint the logs move",
     "of": "Name of the joint in that model",
     "link_masses": "How well that model's masses are known: 5 % (0.05), all by one factor",
     "facts": "What the model says of the joint; read from it",

@@ -24,7 +24,7 @@ from butterfly.errors import visible
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from butterfly.result import Result
+    from butterfly.result import Answer
     from butterfly.verdict import Verdict
 
 _PIPED = 80  # columns, where nobody says how many there are
@@ -136,7 +136,7 @@ def write_json(document: Mapping[str, Any]) -> None:
 
 
 def show(
-    result: Result,
+    result: Answer,
     *,
     report: Path | None = None,
     figures: bool = False,

@@ -72,10 +72,10 @@ def list_sweeps(folder: Folders = Path("results"), /) -> None:
 
 def show_run(folder: Folder, run: Run, /) -> None:
     """Show one run: settings, estimates, times and versions."""
-    from butterfly.api.experiments import Run as Answer  # noqa: PLC0415 - slow to import
+    from butterfly.api.experiments import run_answer  # noqa: PLC0415 - slow to import
 
     record, store = run_record(folder, run), ResultStore(folder)
-    show(Answer.of(record, f"Run {record.key}", data={"name": store.sweep().name}))
+    show(run_answer(record, f"Run {record.key}", data={"name": store.sweep().name}))
     logs = store.files_path(record.key)
     if logs.exists():
         say(f"Logs: {logs} (butterfly identify takes this folder)")
@@ -214,7 +214,7 @@ def run_record(folder: Path, run: str) -> RunRecord:
 
 def compare_runs(one: Path, other: Path) -> ExitCode:
     """Print the differences between the settings and estimates of two runs."""
-    from butterfly.api.experiments import Run as Answer  # noqa: PLC0415 - slow to import
+    from butterfly.api.experiments import run_answer  # noqa: PLC0415 - slow to import
 
     runs = [run_record(path.parent, path.name) for path in (one, other)]
     names = [path.name if one.parent == other.parent else str(path) for path in (one, other)]
@@ -244,7 +244,7 @@ def compare_runs(one: Path, other: Path) -> ExitCode:
                 if row.name in twins
             ],
         )
-    answers = [Answer.of(run, f"Run {run.key}").to_dict() for run in runs]
+    answers = [run_answer(run, f"Run {run.key}").to_dict() for run in runs]
     title = " beside ".join(answer["title"] for answer in answers)
     first = [
         f"{answer['title']}: {answer['summary'][0]}" for answer in answers if answer["summary"]

@@ -16,7 +16,6 @@ from butterfly.cli.options import OUT, WRITTEN, HandMass
 from butterfly.cli.output import ExitCode, asked, put, say, say_verdict, show_progress
 from butterfly.cli.written import OutputFile
 from butterfly.errors import InputError
-from butterfly.report.format import counted
 from butterfly.twin.forms import DEFAULTS, FORMS, INTEGRATORS, WITH_A_BODY, Options
 from butterfly.verdict import Verdict
 
@@ -249,6 +248,7 @@ def _export_into(sources: Sequence[Path], into: Path, out: Path) -> ExitCode:
     """Write saved results into a copy of a robot's own model."""
     from butterfly.api.verbs import saved_identification  # noqa: PLC0415 - slow to import
     from butterfly.files import locate  # noqa: PLC0415
+    from butterfly.report.format import counted  # noqa: PLC0415
 
     results = []
     for source in sources:

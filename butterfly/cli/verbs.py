@@ -77,18 +77,21 @@ def inspect(
     facts: DataOptions = SILENT,
 ) -> ExitCode:
     """Show what `butterfly.inspect` answers, and the command after it."""
+    from butterfly.api.inspected import require_usable, unusable_logs  # noqa: PLC0415 - slow to import
+
     answer = bf.inspect(
         data, **options.keywords(), track=show_progress, root=facts.root, **facts.description()
     )
-    if not isinstance(answer, bf.Inspection):
+    if answer.kind != "inspection":
         return show(answer, **vars(page))
-    identifiable = any(forecast.half_width is not None for forecast in answer.before_fit)
+    forecasts, unusable = answer.content["before_fit"], unusable_logs(answer)
+    identifiable = any(forecast["half_width"] is not None for forecast in forecasts)
     # options that `identify` has too
-    plain = identifiable and not answer.unusable and page.report is None
+    plain = identifiable and not unusable and page.report is None
     words = [*asked.words]
     words[words.index("inspect")] = "identify"
     ended = show(answer, **vars(page), after=f"butterfly {shlex.join(words)}" if plain else "")
-    answer.require_usable()
+    require_usable(answer)
     return ended
 
 
@@ -288,7 +291,7 @@ def campaign(
     finally:
         terminal.clear()
     ended = show(answer)
-    say(f"Report: {answer.page_path}")
+    _say_reports(answer)
     return ended
 
 
@@ -307,9 +310,13 @@ def run(
     _warn_of_wide_swings(experiment)
     answer = bf.run(experiment, **options.keywords(), track=show_progress)
     ended = show(answer)
+    _say_reports(answer)
+    return ExitCode.NO_RESULT if answer.content.get("unsuccessful") else ended
+
+
+def _say_reports(answer: bf.Answer) -> None:
     for page in answer.reports:
         say(f"Report: {page}")
-    return ExitCode.NO_RESULT if isinstance(answer, bf.Sweep) and answer.unsuccessful else ended
 
 
 def simulate(

@@ -227,6 +227,9 @@ class Identified:
     truth: LumpedParameters | None = None
     """The true parameters of the bare hand, where the logs were simulated."""
 
+    saved: dict[str, Any] = field(default_factory=dict)
+    """What a file said that needs the logs: summary, options, other parameters, residuals."""
+
     @property
     def parameters(self) -> LumpedParameters:
         """The parameters of the bare hand."""

@@ -101,14 +101,14 @@ def _fields_by_unit(words: set[str]) -> set[str]:
 def columns_meant(
     names: Iterable[str],
     kind: InputKind | None = None,
-    said: Mapping[str, str] = MappingProxyType({}),
+    texts: Mapping[str, str] = MappingProxyType({}),
 ) -> dict[str, str]:
     """Return the columns of time, input and angle, by field, where exactly one name fits.
 
     An input of the given ``kind``, if there is one; and rather one that is called a command.
-    ``said``: what is to be read of a name in place of it.
+    ``texts``: what is to be read of a name in place of it.
     """
-    meant = {name: meaning_of(said.get(name, name)) for name in names}
+    meant = {name: meaning_of(texts.get(name, name)) for name in names}
     candidates = {f: [n for n in meant if meant[n].field == f] for f in ("time", "input", "angle")}
     inputs = [n for n in candidates["input"] if kind is None or meant[n].kind in {kind, None}]
     inputs = [n for n in inputs if kind and meant[n].kind is kind] or inputs
@@ -148,6 +148,6 @@ def columns_of_joint(
     mine = [name for name in names if name not in others]
     meant = columns_meant(mine, kind, of_joint[joint])
     general = {field: name for field, name in meant.items() if name not in of_joint[joint]}
-    own = columns_meant(of_joint[joint], kind, of_joint[joint])
+    driven = columns_meant(of_joint[joint], kind, of_joint[joint])
     time = {field: name for field, name in general.items() if field == "time"}
-    return time | own
+    return time | driven

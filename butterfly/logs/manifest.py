@@ -204,11 +204,11 @@ class Manifest(StrictModel):
     gravity: Annotated[float, Field(ge=0)] = GRAVITY
     """Gravity in m/s^2, perpendicular to the axis; 0 for a vertical axis."""
     model: str | None = None
-    """MJCF or URDF of the whole robot, of which the logs move one joint."""
+    """MJCF or URDF of the robot whose joint the logs move."""
     of: str | None = None
     """Name of the joint in that model."""
     pose: Annotated[dict[str, float], _Rule.ADDS] = Field(default={})
-    """Positions of that model's other joints in rad or m. Default: their columns, its keyframe."""
+    """Positions of the model's other joints in rad or m. Default: their columns, its keyframe."""
     link_masses: LinkMasses = LinkMasses()
     """How well that model's masses are known: 5 % (0.05), all by one factor."""
     facts: ModelFacts | None = None

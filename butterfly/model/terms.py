@@ -276,7 +276,7 @@ BASE_TERMS = tuple(field.name for field in fields(BaseTerms))
 
 _HARMONIC, _WEAK = "harmonic-balance", "weak-form"
 _OUTPUT, _ORBIT = "output-error", "re-calibration"
-_BAM, _URDF = "bam", "urdf"
+_BAM, _URDF, _MODEL = "bam", "urdf", "model"
 
 
 def _excess(m: Motion) -> Any:  # noqa: ANN401 - in the motion's shape
@@ -296,31 +296,33 @@ def _opposed_torque(m: Motion) -> Any:  # noqa: ANN401
 _ROWS = (
     Term("p1", "p₁", "kg m²", "inertia about the pivot",
          derivative=2, describing=lambda w, _a, _m: -(w**2), looks_like="an inertia",
-         positive=True, of_body=True, held_by=frozenset({_BAM, _URDF}), called="the inertia p1",
+         positive=True, of_body=True, held_by=frozenset({_BAM, _URDF, _MODEL}),
+         called="the inertia p1",
          more_runs="a run that reverses faster, in which inertia takes more torque than friction"),
     Term("p2", "p₂", "N m s/rad", "viscous friction and back EMF, proportional to velocity",
          lower=0.0, basis=lambda m: m.velocity, derivative=1,
          describing=lambda w, _a, _m: 1j * w, looks_like="viscous friction",
-         held_by=frozenset({_BAM, _URDF}), changes=True, called="viscous friction p2"),
+         held_by=frozenset({_BAM, _URDF, _MODEL}), changes=True, called="viscous friction p2"),
     Term("p3", "p₃", "N m", "gravity moment",
          basis=lambda m: np.sin(m.angle), potential=lambda x, _n: 2 * np.sin(x / 2) ** 2,
          describing=lambda _w, a, _m: gravity_describing_function(a),
          looks_like="a gravity moment",
-         held_by=frozenset({_BAM, _URDF}), of_body=True, needs="gravity",
+         held_by=frozenset({_BAM, _URDF, _MODEL}), of_body=True, needs="gravity",
          called="the gravity moment p3"),
     Term("p4", "p₄", "N m/unit", "stall torque per unit of input",
          basis=lambda m: -m.input,
-         held_by=frozenset({_BAM, _URDF}), changes=True, needs="input", called="the gain p4",
+         held_by=frozenset({_BAM, _URDF, _MODEL}), changes=True, needs="input",
+         called="the gain p4",
          more_runs="a run with a larger input"),
     Term("coulomb", "T_c", "N m", "Coulomb friction; also holds the joint at rest",
          lower=0.0, basis=lambda m: m.direction, dry=True,
          describing=lambda _w, a, _m: coulomb_describing_function(a),
          looks_like="Coulomb friction", offered=frozenset({_ORBIT}),
-         held_by=frozenset({_BAM, _URDF}), changes=True, recalibrated=True,
+         held_by=frozenset({_BAM, _URDF, _MODEL}), changes=True, recalibrated=True,
          called="Coulomb friction", size=1.2e-3),
     Term("delay", "delay", "s", "delay from recorded input to torque",
          of_gain=True,
-         needs="drive", held_by=frozenset({_URDF}), called="the delay"),
+         needs="drive", held_by=frozenset({_URDF, _MODEL}), called="the delay"),
     Term("slow_delay", "slow delay", "s",
          "additional delay in the slow regime of a clock whose sampling interval switches",
          of_gain=True,
@@ -330,7 +332,8 @@ _ROWS = (
     Term("drag", "drag", "N m s²/rad²", "drag proportional to velocity squared",
          lower=0.0, basis=lambda m: abs(m.velocity) * m.velocity,
          describing=lambda w, a, _m: 8j * a * w**2 / (3 * np.pi),
-         looks_like="quadratic drag", offered=frozenset({_HARMONIC, _WEAK, _OUTPUT, _ORBIT}),
+         looks_like="quadratic drag", held_by=frozenset({_MODEL}),
+         offered=frozenset({_HARMONIC, _WEAK, _OUTPUT, _ORBIT}),
          tried="common",
          recalibrated=True,
          more_runs="At one speed, drag and viscous friction are one number: add a faster run.",
@@ -378,7 +381,7 @@ _ROWS = (
          basis=lambda m: np.cos(m.angle), potential=lambda x, _n: np.sin(x),
          looks_like="a centre of mass off the line to the added mass",
          offered=frozenset({_WEAK, _OUTPUT, _ORBIT}), tried="common",
-         of_body=True, recalibrated=True, held_by=frozenset({_URDF}), size=-3e-3),
+         of_body=True, recalibrated=True, held_by=frozenset({_MODEL, _URDF}), size=-3e-3),
     Term("stribeck", "stribeck", "N m", "excess of static friction over Coulomb friction",
          lower=0.0, dry=True, basis=lambda m: m.direction * _excess(m),
          describing=lambda w, a, m: stribeck_describing_function(w, a, m.stribeck_velocity),
@@ -630,7 +633,7 @@ def offered(estimator: str) -> tuple[str, ...]:
 
 
 def held_by(file: str) -> set[str]:
-    """Names of the terms that have a place in a file: bam or urdf."""
+    """Names of the terms that have a place in a file: bam, urdf, or a model (a robot's own)."""
     return {row.name for row in _ROWS if file in row.held_by}
 
 

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from plotly.graph_objects import Figure
 
+from butterfly.identification.design import OF_GOAL
 from butterfly.report.figures import GREY, log_ticks, look, panel, rows_panel
 from butterfly.report.page import Badge, Marked, Page, PageTable, Section
-from butterfly.result import Result
 from butterfly.verdict import Level
 
 _MARGIN = 0.1  # decades beyond the marks, for lines along them
@@ -22,11 +23,11 @@ _UNTIL_SCALE = (
 )
 
 
-def campaign_page(result: Result) -> Page:
-    """Return the page of a campaign."""
-    figures, tables = result.figures(), result.tables()
-    numbers, lead, sections = result.to_dict(), None, []
-    halved = any(row["goal in %"] < 100 * numbers["goal"] for row in result.rows())
+def campaign_page(plain: Page) -> Page:
+    """Return the page of a campaign, of its plain one."""
+    figures, numbers, lead, sections = plain.figures, plain.numbers, None, []
+    tables = [PageTable.of_plain(table) for table in numbers["tables"]]
+    halved = any(row["goal in %"] < 100 * numbers["goal"] for row in numbers["rows"])
     text = f"{_INTERVALS}{_UNTIL_SCALE if halved else _RATIOS if numbers['ratios'] else ''}"
     if figures:
         shrunk, drawn = ({name: figures[name]} for name in ("shrinking", "played"))
@@ -36,19 +37,10 @@ def campaign_page(result: Result) -> Page:
             Section(title=runs.title, figures=drawn, tables=(runs,)),
         ]
     if tables:
-        lead = Section(title=tables[0].title, tables=(_with_meanings(tables[0]),))
-    return Page(
-        name=result.title,
-        description="",
-        kind=result.kind,
-        summary=[*result.verdict, *result.notes],
-        verdict=result.judged,
-        badge=_badge(result, reached=numbers["reached"]),
-        facts=result.facts(),
-        lead=lead,
-        sections=sections,
-        numbers=numbers,
-    )
+        named = _with_meanings(tables[0])._replace(name="parameters")
+        lead = Section(title=named.title, tables=(named,))
+    goal, summary = numbers["summary"][:2], numbers["summary"][2:]
+    return replace(plain, badge=_badge(plain, goal), summary=summary, lead=lead, sections=sections)
 
 
 def _with_meanings(table: PageTable) -> PageTable:
@@ -62,20 +54,23 @@ def _with_meanings(table: PageTable) -> PageTable:
     return table._replace(headers=headers, rows=lines, words=(headers.index("unit"),))
 
 
-def _badge(result: Result, *, reached: bool) -> Badge:
+def _badge(plain: Page, goal: Sequence[str]) -> Badge:
     """Return whether the goal is reached, and what to do next."""
-    if reached:
-        return Badge(Level.GOOD, "Goal reached", result.headline)
-    usable = result.judged is not None and result.judged.level.usable
-    return Badge(Level.CARE if usable else Level.WARNING, "Goal missed", result.headline)
+    if plain.numbers["reached"]:
+        return Badge(Level.GOOD, "Goal reached", goal)
+    usable = plain.verdict is not None and plain.verdict.level.usable
+    return Badge(Level.CARE if usable else Level.WARNING, "Goal missed", goal)
 
 
-def shrinking(rows: Sequence[dict[str, Any]], names: Sequence[str]) -> Figure:
-    """Draw the half-widths in % of the values, by robot time, and the goal."""
+def shrinking(numbers: Mapping[str, Any]) -> Figure | None:
+    """Draw the half-widths in % of the values, by robot time, and the goal; None without a run."""
+    rows = numbers["rows"]
+    if not rows:
+        return None
     figure = panel("robot time in s", "half-width of the 95 % interval", 380)
     goals = [row["goal in %"] for row in rows]
     sizes = list(goals)
-    for number, name in enumerate(names):
+    for number, name in enumerate(OF_GOAL):
         colour, symbol = look(number)
         drawn = [row for row in rows if row[f"{name} in %"]]
         widths = [row[f"{name} in %"] for row in drawn]
@@ -103,8 +98,11 @@ def _percent_axis(sizes: Sequence[float]) -> dict[str, Any]:
     return ticks | {"ticktext": texts, "range": ends}
 
 
-def played(rows: Sequence[dict[str, Any]]) -> Figure:
+def played(numbers: Mapping[str, Any]) -> Figure | None:
     """Draw each run as a bar over robot time, its colour that of the mounted mass."""
+    rows = numbers["rows"]
+    if not rows:
+        return None
     names = [f"{row['run']}: {row['played']}".replace(", ", ",\n") for row in rows]
     figure = rows_panel(names, "robot time in s")
     masses = list(dict.fromkeys(row["added mass"] for row in rows))

@@ -5,8 +5,9 @@ from __future__ import annotations
 import itertools
 import math
 import shlex
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, replace
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,12 @@ from butterfly.report.format import counted, percent, upwards
 from butterfly.report.page import Fact, PageTable
 from butterfly.report.summary import held_out_sentences, values_table
 from butterfly.verdict import Level
+
+_OF_RUNS = (
+    *("run", "played", "added mass", "robot time in s", "ended early", "verdict"),
+    "the model misses",
+)
+"""Columns of the table of runs."""
 
 _RATIOS_ONLY = "ratios only"
 _CAPTION = (
@@ -106,6 +113,15 @@ def run_rows(journal: Journal, wish: CampaignOptions) -> list[dict[str, Any]]:
     return rows
 
 
+def runs_table(title: str, rows: Sequence[Mapping[str, Any]]) -> PageTable:
+    """Tabulate `run_rows`, each with the widest interval after it; no column that is empty."""
+    names = [name for name in _OF_RUNS if any(row[name] != "" for row in rows)]
+    columns: dict[str, Callable[[Mapping[str, Any]], object]] = {
+        name: itemgetter(name) for name in names
+    }
+    return PageTable.of(title, rows, columns | {"widest interval": widest})
+
+
 def widest(row: Mapping[str, Any]) -> str:
     """Return the widest interval after a run, as its table shows it."""
     widths = {name: or_nan(row[f"{name} in %"]) for name in OF_GOAL}
@@ -141,12 +157,10 @@ def _ratio_name(name: str) -> str:
     return name if TERMS[name].of_gain else f"{name}/p1"
 
 
-def breakaway_fact(content: Mapping[str, Any], unit: str) -> Fact:
-    """Return at what torque the joint breaks away, or at what command while the scale is open."""
-    command = float(content["breakaway"])
+def breakaway_fact(command: float, unit: str, gain: Mapping[str, Any] | None) -> Fact:
+    """Return at what torque the joint breaks away; at what command without a ``gain``."""
     shown = f"{command:.2g} {unit}" if unit != "unit" else f"{command:.2g}"
-    gain = content["parameters"].get("p4")
-    if content["ratios"] or gain is None:
+    if gain is None:
         return Fact("breaks away at", shown, "command")
     torque = f"{abs(gain['value']) * command:.2g} {gain['unit'].partition('/')[0]}"
     return Fact("breaks away at", torque, f"a command of {shown}")

@@ -1,4 +1,4 @@
-"""FIT, counts and fields of an experiment as a person would write them."""
+"""Cells, FIT, counts and fields of an experiment as a person would write them."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 
 from butterfly.model.terms import TERMS
 
+_SIGNIFICANT, _WHOLE = 4, 1e6  # digits of a number; up to here whole ones have all of theirs
 _FAR_OFF = -1000.0  # FIT in per cent, below which there is no more to know
 _OF_FIELDS = {
     "": "amplitude",  # of the input, or an angle
@@ -31,6 +32,17 @@ _UNITS = {term.name: term.unit for term in TERMS.values()} | {
 }
 
 
+def cell_text(value: object) -> str:
+    """Return a cell formatted for reading."""
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return "–"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float) and value.is_integer() and abs(value) < _WHOLE:
+        return f"{value:.0f}"
+    return f"{value:.{_SIGNIFICANT}g}" if isinstance(value, float) else str(value)
+
+
 def fit_text(fit: float | None) -> str:
     """Return a FIT in per cent; a dash if it is unknown."""
     if fit is None or math.isnan(fit):
@@ -43,6 +55,11 @@ def label_of(row: Mapping[str, Any]) -> str:
     mass, omega = row["added mass in kg"], row["frequency in rad/s"]
     name = PurePath(row["log"]).name if omega is None else f"{omega:g} rad/s"
     return f"{1e3 * mass:g} g, {name}"
+
+
+def is_relative(row: Mapping[str, Any]) -> bool:
+    """Whether a row's change is given in per cent: its parameter is clearly not 0."""
+    return row["change in %"] is not None and math.isfinite(row["change in %"])
 
 
 def times_text(times: float) -> str:

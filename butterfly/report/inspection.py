@@ -1,10 +1,11 @@
-"""What `butterfly inspect` finds on logs, in sentences and rows."""
+"""What `butterfly inspect` finds on logs: sentences, rows, and their page."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from pathlib import PurePath
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from butterfly.logs.manifest import LogEntry, Manifest
 from butterfly.logs.reading import piece_name, read_pieces
 from butterfly.logs.thinning import thinned
 from butterfly.progress import Track, untracked
+from butterfly.report.page import Badge, Page, PageTable, Section
 from butterfly.signals.sine_fit import fit_basis, sine_basis
 from butterfly.signals.spectrum import (
     dominant_frequency,
@@ -29,6 +31,24 @@ from butterfly.verdict import Level
 STATES = {Level.GOOD: "ok", Level.NOTE: "note", Level.CARE: "care", Level.WARNING: "do not use"}
 """Condition of a log, in a word or two."""
 
+FORECAST = "What these logs can tell"
+"""Title of the table of forecasts."""
+
+LOG_COLUMNS: Mapping[str, Callable[[Mapping[str, Any]], object]] = {
+    "log": lambda row: row["log"],
+    "state": lambda row: row["condition"],
+    "samples": lambda row: row.get("samples"),
+    "s": lambda row: f"{row['duration']:.3f}" if "duration" in row else None,
+    "ms": lambda row: f"{1e3 * row['step']:.3f}" if "step" in row else None,
+    "findings": lambda row: "; ".join(finding["text"] for finding in row["findings"]),
+}
+"""Columns of the table of logs, each of a `log_row`."""
+
+_ADVICE = {
+    Level.GOOD: "No check found a problem with this log.",
+    Level.NOTE: "Nothing needs to be done.",
+    Level.CARE: "Check the findings before you use this log.",
+}
 _TOLD = dict(zip(Level, ("ok", "with a note", "to check", "unusable"), strict=True))
 _ENOUGH = 1_000_000  # samples that a periodogram is taken of
 _MOSTLY = 0.5  # share of the input's variance that its sine explains
@@ -200,3 +220,33 @@ def _servo_rows(log: Log) -> list[tuple[str, str]]:
         off = 100 * float(np.mean(np.rint(log.enabled) == 0))
         rows.append(("drive off", f"{off:.3g} % of the samples"))
     return rows
+
+
+def inspection_page(plain: Page) -> Page:
+    """Return the page of an inspection: forecasts, then all logs, or all of a single one."""
+    numbers, tables = (
+        plain.numbers,
+        [PageTable.of_plain(table) for table in plain.numbers["tables"]],
+    )
+    sections = [
+        Section(title=FORECAST, tables=(table._replace(words=(1, 2, 4)),))
+        for table in tables
+        if table.title == FORECAST
+    ]
+    if not numbers["single"]:
+        first, *others = (table for table in tables if table.title != FORECAST)
+        rows = [*first.rows, *(row for table in others for row in table.rows)]
+        logs = Section(title="In numbers", tables=(first._replace(rows=rows).on_page(),))
+        return replace(plain, sections=[*sections, logs])
+    (row,) = numbers["logs"]
+    state = next(level for level, word in STATES.items() if word == row["condition"])
+    findings = [f"{finding['text']}." for finding in row["findings"]]
+    log = Section(title="In numbers", tables=(PageTable(rows=numbers["single"], words=(1,)),))
+    lead, *sections = [*sections, log]
+    return replace(
+        plain,
+        name=PurePath(numbers["source"]).name,
+        badge=Badge(state, row["condition"].capitalize(), [_ADVICE[state], *findings]),
+        lead=lead,
+        sections=sections,
+    )

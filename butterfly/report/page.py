@@ -11,8 +11,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from functools import cache
+from operator import itemgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
@@ -22,12 +23,14 @@ from numpy.typing import NDArray
 from butterfly.files import write_document, write_file
 from butterfly.outputs import mark_of, require_endings, require_free
 from butterfly.report.forest import Axis
+from butterfly.report.format import cell_text
 from butterfly.verdict import Level, Verdict
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 _PLOTLY = Path(__file__).parent / "plotly_js/plotly-cartesian.min.js.gz"
+_Row = TypeVar("_Row")
 _SEEN = 20_000  # quanta of the whole range of a curve: a pixel is ten or more
 
 
@@ -71,11 +74,56 @@ class PageTable(NamedTuple):
     words: tuple[int, ...] = ()  # columns of text: on the left, broken into lines; so is the first
     picks: Sequence[int] = ()  # for each row the number of the log that it chooses
 
+    @classmethod
+    def of(
+        cls,
+        title: str,
+        rows: Sequence[_Row],
+        columns: Mapping[str, Callable[[_Row], object]] | None = None,
+        **more: Any,  # noqa: ANN401 - other fields
+    ) -> PageTable:
+        """Tabulate rows: each column has a header, and makes a cell of a row.
+
+        Without columns a row is a mapping, whose keys are headers.
+        """
+        chosen: Any = columns
+        if columns is None:
+            first: Any = rows[:1]
+            chosen = {key: itemgetter(key) for row in first for key in row}
+        cells = [tuple(cell_text(cell(row)) for cell in chosen.values()) for row in rows]
+        return cls(title, tuple(chosen), cells, **more)
+
+    def plain(self) -> dict[str, Any]:
+        """Return what is printed of it, as JSON holds it."""
+        return {
+            "title": self.title,
+            "headers": [*map(str, self.headers)],
+            "rows": [[*map(str, row)] for row in self.rows],
+            "detail": self.detail,
+            "caption": self.caption,
+        }
+
+    @classmethod
+    def of_plain(cls, content: Mapping[str, Any]) -> PageTable:
+        """Return the table of which `plain` made a content."""
+        return cls(**{**content, "rows": [tuple(row) for row in content["rows"]]})
+
     def on_page(self) -> PageTable:
         """Return it with texts alone, and what columns have words."""
         rows = [(*map(str, row),) for row in self.rows]
         some = (k for k in range(len(self.headers)) if any(row[k][:1].isalpha() for row in rows))
         return self._replace(rows=rows, words=tuple(some))
+
+
+def views(
+    tables: Sequence[PageTable], facts: Sequence[Fact] = (), *figures: str
+) -> dict[str, list[Any]]:
+    """Return what an answer shows, for its content: ``figures`` are names of `FIGURES`."""
+    return {
+        "tables": [table.plain() for table in tables if table.rows],
+        "facts": [fact._asdict() for fact in facts],
+        "figures": [*figures],
+    }
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -226,17 +274,9 @@ class Page:
         return [*([self.lead] if self.lead else []), *self.sections]
 
     @property
-    def tables(self) -> list[dict[str, Any]]:
-        """The tables of all sections as they are printed, as JSON can hold them."""
-        return [
-            {
-                "title": part.title,
-                "headers": [*map(str, table.headers)],
-                "rows": [[*map(str, row)] for row in table.rows],
-            }
-            for part in self.sections
-            for table in part.tables
-        ]
+    def tables(self) -> list[PageTable]:
+        """The tables of all sections as they are printed."""
+        return [table._replace(title=part.title) for part in self.sections for table in part.tables]
 
     @property
     def figures(self) -> dict[str, Figure]:

@@ -20,7 +20,6 @@ from butterfly.report.finding_texts import finding_text
 from butterfly.report.log_figures import correlation_figure
 from butterfly.report.numbers import RESIDUAL_CAPTION, residual_row
 from butterfly.report.page import Page, PageTable, Section
-from butterfly.result import cell_text
 
 _EXPLAINED = (
     "The log with the largest error. Residual torque, averaged over short intervals in which the "
@@ -50,9 +49,8 @@ def residual_sentences(residuals: Residuals) -> list[str]:
 
 def residual_table(logs: Sequence[LogResiduals], picks: Sequence[int]) -> PageTable:
     """Make a table with a row per log, each of which chooses a log by its number."""
-    rows = [{"log": log.label} | residual_row(log) for log in logs]
-    cells = [[*map(cell_text, finite([*row.values()]))] for row in rows]
-    table = PageTable("", tuple(rows[0]), cells, caption=RESIDUAL_CAPTION)
+    rows = finite([{"log": log.label} | residual_row(log) for log in logs])
+    table = PageTable.of("", rows, caption=RESIDUAL_CAPTION)
     return table.on_page()._replace(name="residuals", picks=picks)
 
 

@@ -14,7 +14,7 @@ from butterfly.experiment.sweep_tables import MISSING, Estimates, column
 from butterfly.identification.findings import Ending
 from butterfly.identification.validate import Gain
 from butterfly.model.terms import TERMS
-from butterfly.report.format import counted, field_label, field_name
+from butterfly.report.format import cell_text, counted, field_label, field_name
 from butterfly.report.orbit_page import degrees_said, size_text
 from butterfly.report.page import Fact, Marked, Page, PageTable, Section, tabulated
 from butterfly.report.sweep_figures import (
@@ -24,7 +24,7 @@ from butterfly.report.sweep_figures import (
     parallel_figure,
     recovery_figure,
 )
-from butterfly.result import cell_text, document
+from butterfly.result import document
 from butterfly.verdict import VERDICTS
 
 if TYPE_CHECKING:

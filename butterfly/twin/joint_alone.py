@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from butterfly.arrays import Samples
-from butterfly.twin.joint_of_model import RobotModel
+from butterfly.twin.joint_of_model import JointOfModel
 
 _HELD = 1e12
 """Armature of a held joint in kg m^2, or kg."""
@@ -31,7 +31,7 @@ class JointAlone:
     """One joint of a robot's model, which one of its actuators drives, or a torque alone."""
 
     def __init__(
-        self, robot: RobotModel, pose: Mapping[str, float], actuator: str | None = None
+        self, robot: JointOfModel, pose: Mapping[str, float], actuator: str | None = None
     ) -> None:
         self._model = model = robot.model
         self._data = robot.configured(pose)

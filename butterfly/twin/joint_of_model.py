@@ -59,16 +59,16 @@ def _refused(path: Path, error: ValueError) -> InputError:
 
 def _without_shapes(spec: mujoco.MjSpec) -> mujoco.MjSpec:
     """Return a model without the meshes of bodies whose inertia is given, which weigh nothing."""
-    kept = set()
+    weighing = set()
     for geom in [*spec.geoms]:
         if geom.type != mujoco.mjtGeom.mjGEOM_MESH and not geom.meshname:
             continue
         if geom.parent.explicitinertial or geom.parent.name == "world":
             spec.delete(geom)
         else:
-            kept.add(geom.meshname)
+            weighing.add(geom.meshname)
     for mesh in [*spec.meshes]:
-        if mesh.name not in kept:
+        if mesh.name not in weighing:
             spec.delete(mesh)
     for texture in [*spec.textures]:
         spec.delete(texture)
@@ -78,7 +78,7 @@ def _without_shapes(spec: mujoco.MjSpec) -> mujoco.MjSpec:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class RobotModel:
+class JointOfModel:
     """A compiled model, and the joint that is asked about."""
 
     path: Path
@@ -87,7 +87,7 @@ class RobotModel:
     joint: int  # number of the joint
 
     @classmethod
-    def of(cls, path: Path, name: str) -> RobotModel:
+    def of(cls, path: Path, name: str) -> JointOfModel:
         """Compile a model and find a hinge or slide by name; InputError names what it has."""
         spec, model = compiled(path)
         names = joint_names(model)
@@ -230,8 +230,8 @@ class RobotModel:
     def _rotors(self, values: NDArray[np.float64] | None = None) -> float:
         """Return what actuators add at the joint: their armature, or (nu,) other values."""
         model = self.model
-        each = model.actuator_armature if values is None else values
-        return float(sum(model.actuator_gear[k, 0] ** 2 * each[k] for k in self._drives()))
+        added = model.actuator_armature if values is None else values
+        return float(sum(model.actuator_gear[k, 0] ** 2 * added[k] for k in self._drives()))
 
     def _actuators(self) -> Iterator[ActuatorFacts]:
         model = self.model

@@ -26,8 +26,6 @@ from butterfly.logs.log import InputKind
 from butterfly.logs.model_facts import ActuatorFacts, ModelFacts
 from butterfly.model.parameters import JointKind
 from butterfly.model.prior import Known
-from butterfly.twin.plain import drive_at_joint
-from butterfly.twin.twin import Twin
 
 _SCALE = "scale of the links' masses"
 
@@ -156,7 +154,7 @@ def _of_actuators(facts: ModelFacts, identified: Identified) -> Iterator[ModelRo
     estimate = identified.estimate
     kind, gain = InputKind(identified.origin["input"]), estimate.parameters.p4
     share = _relative(estimate, "p4")
-    drive = drive_at_joint(Twin.identified(identified)) if kind is InputKind.SETPOINT else None
+    drive = _drive(identified) if kind is InputKind.SETPOINT else None
     for actuator in facts.actuators[:1]:
         element = actuator.shortcut
         about: dict[str, Any] = {"element": element, "name": actuator.name}
@@ -197,6 +195,14 @@ def _of_actuators(facts: ModelFacts, identified: Identified) -> Iterator[ModelRo
                 half_width=share * drive[2] / abs(actuator.gear),
                 now=actuator.effort and actuator.effort / abs(actuator.gear),
             )
+
+
+def _drive(identified: Identified) -> tuple[float, float, float, float]:
+    """Return stiffness, damping, effort and speed of a servo (see `plain.drive_at_joint`)."""
+    from butterfly.twin.plain import drive_at_joint  # noqa: PLC0415 - slow to import
+    from butterfly.twin.twin import Twin  # noqa: PLC0415
+
+    return drive_at_joint(Twin.identified(identified))
 
 
 def _said_of_gain(actuator: ActuatorFacts) -> tuple[str, float]:

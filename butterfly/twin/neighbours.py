@@ -18,14 +18,14 @@ from scipy.optimize import minimize_scalar
 
 from butterfly.arrays import Samples
 from butterfly.model.parameters import JointKind
-from butterfly.twin.joint_of_model import RobotModel
+from butterfly.twin.joint_of_model import JointOfModel
 
 _STRETCH = 1200  # samples by which the smoothness is chosen
 _DECADES = (-9.0, 3.0)  # of the smoothness, over the cube of the sampling interval in s
 
 
 @dataclass(frozen=True, kw_only=True)
-class Motion:
+class JointMotion:
     """Positions, velocities and accelerations of a joint, (n,) each."""
 
     position: Samples
@@ -33,7 +33,7 @@ class Motion:
     acceleration: Samples
 
     @classmethod
-    def of(cls, time: Samples, measured: Samples, at: Samples) -> Motion:
+    def of(cls, time: Samples, measured: Samples, at: Samples) -> JointMotion:
         """Return the motion ``at`` (n,) times that a smoothing spline finds in measured positions.
 
         They are (m,) at their own times.
@@ -68,7 +68,10 @@ def smoothness(time: Samples, measured: Samples) -> float:
 
 
 def coupling(
-    robot: RobotModel, own: Motion, others: Mapping[str, Motion], pose: Mapping[str, float]
+    robot: JointOfModel,
+    driven: JointMotion,
+    others: Mapping[str, JointMotion],
+    pose: Mapping[str, float],
 ) -> Samples:
     """Return the (n,) torque in N m that the others' motion takes from the joint's drive.
 
@@ -78,10 +81,10 @@ def coupling(
     model, data = robot.model, robot.configured(pose)
     alone, numbers = robot.pose_facts(pose), robot.others
     dof = int(model.jnt_dofadr[robot.joint])
-    moving = {robot.joint: own} | {numbers[name]: motion for name, motion in others.items()}
+    moving = {robot.joint: driven} | {numbers[name]: motion for name, motion in others.items()}
     places = {k: (int(model.jnt_qposadr[k]), int(model.jnt_dofadr[k])) for k in moving}
-    torques, result = np.empty(own.position.size), np.zeros(model.nv)
-    for k in range(own.position.size):
+    torques, result = np.empty(driven.position.size), np.zeros(model.nv)
+    for k in range(driven.position.size):
         for number, (place, at) in places.items():
             motion = moving[number]
             data.qpos[place] = motion.position[k]
@@ -91,7 +94,7 @@ def coupling(
         mujoco.mj_fwdVelocity(model, data)
         mujoco.mj_rne(model, data, 1, result)
         torques[k] = result[dof] - data.qfrc_gravcomp[dof]
-    by_itself = alone.inertia * own.acceleration
+    by_itself = alone.inertia * driven.acceleration
     if robot.kind is JointKind.HINGE:
-        by_itself = by_itself + alone.moment * np.sin(own.position - alone.zero)
+        by_itself = by_itself + alone.moment * np.sin(driven.position - alone.zero)
     return np.asarray(torques - by_itself)

@@ -23,16 +23,16 @@ from butterfly.logs.log import Log
 from butterfly.logs.manifest import LogEntry
 from butterfly.logs.model_facts import ActuatorFacts, ModelFacts
 from butterfly.model.parameters import JointKind
+from butterfly.model.terms import held_by
 from butterfly.signals import hold
 from butterfly.twin.joint_alone import JointAlone
-from butterfly.twin.joint_of_model import RobotModel, compiled
+from butterfly.twin.joint_of_model import JointOfModel, compiled
 from butterfly.twin.model_rows import ModelRow, facts_of, model_rows
 from butterfly.twin.robot_text import ACTUATOR, DYNAMICS, Edit, TextChange, with_attributes
 from butterfly.twin.twin import NO_DELAY, beyond, listed
 
 _GRIP = 0.12  # steps: time constant with which dry friction stops the joint
 _STIFF = "0.9999 0.9999 0.001 0.5 2"  # of MuJoCo's impedance: friction does not creep
-_HELD = {"p1", "p2", "p3", "p4", "p3_offset", "coulomb", "drag", "delay", "gravity", "zero"}
 _OF_URDF = {"damping": "damping", "frictionloss": "friction"}
 _OFF = 0.01  # share of gravity, and rad, by which a file's may differ unsaid
 
@@ -92,7 +92,7 @@ def write_back(
             raise InputError(result.origin["name"], "model", "nothing", expected)
         if facts.joint in joints:
             raise InputError(result.origin["name"], "joint", facts.joint, "each joint once")
-        RobotModel.of(into, facts.joint)  # names what the file has, if not this joint
+        JointOfModel.of(into, facts.joint)  # names what the file has, if not this joint
         joints.append(facts.joint)
         edits += _edits(facts, result, step)
         notes += [f"{facts.joint}: {note}" for note in _notes(facts, result)]
@@ -192,7 +192,7 @@ def _notes(facts: ModelFacts, result: Identified) -> Iterator[str]:
         else:
             yield f"{row.attribute} is not written: {value} has no place in {facts.file}."
     estimate = result.estimate
-    if rest := beyond(estimate.parameters, _HELD):
+    if rest := beyond(estimate.parameters, held_by("model")):
         yield f"The file cannot carry {listed(estimate.parameters, rest, 'unit')}."
     _, moment = facts.bare
     if moment and "p3" in estimate.names and facts.kind is JointKind.HINGE:
@@ -223,7 +223,7 @@ def _fit(
     path: Path, facts: ModelFacts, log: Log, entry: LogEntry, setting: Setting
 ) -> tuple[float, float]:
     """Return the FIT in % of a log: of our simulation, and of the written model in its pieces."""
-    robot = RobotModel.of(path, facts.joint)
+    robot = JointOfModel.of(path, facts.joint)
     pose = entry.pose or {}
     shift = setting.zero - robot.pose_facts(pose).zero if facts.bare[1] else 0.0
     alone, p = JointAlone(robot, pose), setting.parameters

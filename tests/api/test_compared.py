@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from butterfly.api.compared import Leaderboard
+from butterfly.api.compared import ranking_answer
 from butterfly.comparison.leaderboard import leaderboard
 from butterfly.identification.estimators import Linear, WeakForm
 from tests.comparison.bench import bench, ranked
@@ -23,11 +23,11 @@ def entries():
 
 def test_data_sets_of_one_name_are_ranked_each_for_itself(data):
     ranked = leaderboard([data, data.take(range(3)), data], [Linear(), WeakForm(terms=())])
-    assert [*Leaderboard.of(ranked).content["winners"]] == ["bench", "bench (2)", "bench (3)"]
+    assert [*ranking_answer(ranked).content["winners"]] == ["bench", "bench (2)", "bench (3)"]
 
 
 def test_the_page_names_the_best_and_what_went_wrong(entries):
-    page = Leaderboard.of(entries).page()
+    page = ranking_answer(entries).page()
     best = entries[0]
     assert best.method in page.summary[0]
     assert f"{best.held_out.median:.1f} %" in page.summary[0]
@@ -41,7 +41,7 @@ def test_no_winner_is_named_within_noise(entries, behind, named):
     scatter = np.random.default_rng(0).normal(0, 0.3, best.fits.size)
     summary = replace(best.held_out, median=best.held_out.median - behind)
     other = replace(best, method="other", fits=best.fits - behind + scatter, held_out=summary)
-    page = Leaderboard.of([best, other]).page()
+    page = ranking_answer([best, other]).page()
     clear = named == 1
     assert ("no clear winner" in page.summary[0]) == (not clear)
     assert ("other" in page.summary[0]) == (not clear)

@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 import butterfly as bf
-from butterfly.api.experiments import Run
+from butterfly.api.experiments import run_answer
 from butterfly.api.identification import Identification
 from butterfly.experiment.record import OrbitRecord, RunRecord
 from butterfly.experiment.source import EXPERIMENT, read_experiment
@@ -158,13 +158,13 @@ def test_a_run_with_an_orbit_begins_with_whether_it_is_held_and_is_judged_near_i
     ended = {"ending": "the amplitude error is within its bound", "reached": True}
     more = {"absolute": True, "cross_orbit": {}, "verdict": "good"}
     orbit = OrbitRecord(**sizes, **ended, **more, free_run_rms_rad=errors)
-    found = Run.of(RunRecord(status="ok", seed=1, orbit=orbit), "Run")
+    found = run_answer(RunRecord(status="ok", seed=1, orbit=orbit), "Run")
     assert found.headline == ("Held: an orbit of 60°. Reached 59.95° in 1 round.",)
     assert found.summary[1] == (
         "Good: error of a free run near the orbit, by its model: 20° generic, 0.02° re-calibrated."
     )
-    again = Run.from_dict(json.loads(json.dumps(found.to_dict())))
+    again = bf.Answer.from_dict(json.loads(json.dumps(found.to_dict())))
     assert again.headline == found.headline
     assert again.notes == found.notes
-    *_, settings = found.further()
+    *_, settings = found.tables()
     assert ("status", "ok") in settings.rows

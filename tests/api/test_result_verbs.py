@@ -20,7 +20,6 @@ def test_an_experiment_is_predicted_by_its_inputs_alone(quick, result):
     plans = (quick, {"bands": False}), (bf.read_experiment(quick), {"draws": 40})
     for plan, options in plans:
         predicted = bf.predict(plan, result, **options)
-        assert not predicted.measured
         assert "no measurement to compare" in predicted.summary[0]
         assert predicted.verdict == [*predicted.summary[1:3]]
         assert not any("FIT" in name or "inside" in name for name in predicted.rows()[0])

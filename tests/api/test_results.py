@@ -1,6 +1,5 @@
 """Results show, tabulate, save and report themselves; verbs take whatever holds data."""
 
-import json
 import re
 from dataclasses import replace
 
@@ -10,10 +9,12 @@ import pytest
 import yaml
 
 import butterfly as bf
+from butterfly.api.inspected import unusable_logs
+from butterfly.api.results import validation_answer
 from butterfly.files import write_document
 from butterfly.identification.design import masses_at_hand
 from butterfly.identification.estimators import OutputError
-from butterfly.identification.validate import Split, cross_validate
+from butterfly.identification.validate import Bootstrap, Split, cross_validate
 from butterfly.logs.mat import write_mat
 from tests.api.conftest import OF_ESTIMATE, OTHERS, results_of
 from tests.verdicts import follow_nothing
@@ -89,7 +90,7 @@ def test_a_result_not_to_be_used_says_so_in_its_repr_and_its_words(few, monkeypa
 
 @pytest.mark.parametrize("kind", ["physical", "validation", "leaderboard", "comparison", "model"])
 def test_rows_that_are_gone_or_lack_a_column_are_refused(results, kind, tmp_path):
-    whole, key = results[kind].to_dict(), type(results[kind]).table
+    whole, key = results[kind].to_dict(), "entries" if kind == "leaderboard" else "rows"
     first, *others = whole[key]
     lacking = [
         {k: v for k, v in first.items() if k != name}
@@ -103,37 +104,43 @@ def test_rows_that_are_gone_or_lack_a_column_are_refused(results, kind, tmp_path
         (tmp_path / "r.json").unlink()
 
 
-def test_a_log_without_a_fit_is_left_out_of_tiles_and_tables(results):
-    found = results["validation"]
-    content = json.loads(json.dumps(found.to_dict()))
-    worst = min(content["rows"], key=lambda row: row["FIT held out in %"])
-    worst["FIT held out in %"] = None
-    again = type(found).from_dict(content)
-    assert again.facts()[1].value != found.facts()[1].value
-    assert [row[-1] for row in again.tables()[1].rows] == ["4 of 4", "3 of 3"]
-    assert again.page().figures
+@pytest.fixture(scope="module")
+def held(data):
+    """Logs, an estimator, what it predicts of held-out data, and its estimate from all logs."""
+    some, estimator = data.take([0, 2, 3, 5]), OutputError(terms=())
+    return some, estimator, cross_validate(some, estimator), estimator(some)
 
 
-def test_a_narrow_interval_by_bootstrap_is_not_rounded_away(results):
-    content = results["validation"].to_dict()
-    p1 = content["parameters"]["p1"]["value"]
-    drawn = {"p1": {"lower": p1 * (1 - 1e-6), "upper": p1 * (1 + 1e-6)}}
-    (row,) = type(results["validation"]).from_dict(content | {"bootstrap": drawn}).tables()[-1].rows
-    assert len({*row[1:4]}) == 3
+def test_a_log_without_a_fit_is_left_out_of_tiles_and_tables(held):
+    some, estimator, predicted, estimate = held
+    fits = np.where(np.arange(4) == np.argmin(predicted.fits), np.nan, predicted.fits)
+    whole = validation_answer(some, estimator, predicted, estimate)
+    lacking = validation_answer(some, estimator, replace(predicted, fits=fits), estimate)
+    assert lacking.facts()[1].value != whole.facts()[1].value
+    assert [row[-1] for row in lacking.tables()[1].rows] == ["4 of 4", "3 of 3"]
+    assert lacking.page().figures
+
+
+def test_a_narrow_interval_by_bootstrap_is_not_rounded_away(held):
+    *before, estimate = held
+    values, half = estimate.values, 1e-6 * abs(estimate.values)
+    drawn = Bootstrap(values=values[np.newaxis], lower=values - half, upper=values + half)
+    for row in validation_answer(*before, estimate, drawn).tables()[-1].rows:
+        assert len({*row[1:4]}) == 3
 
 
 def test_what_has_no_verdict_says_none(results):
     found = results["validation"]
     content = {key: value for key, value in found.to_dict().items() if key != "verdict"}
-    older = type(found).from_dict(content)
+    older = bf.Answer.from_dict(content)
     assert (older.standing, older.verdict, older.to_dict()["verdict"]) == (None, [], None)
     assert older.page().summary == list(found.summary)
 
 
 @pytest.mark.parametrize("kind", ["comparison", "draws", "residual", "validation"])
 def test_an_older_result_of_a_kind_whose_keys_changed_is_to_be_saved_again(results, kind, tmp_path):
-    write_document(results[kind].to_dict() | {"schema_number": 3}, tmp_path / "r.json")
-    with pytest.raises(bf.InputError, match=r"got 3; expected 4: .* save again"):
+    write_document(results[kind].to_dict() | {"schema_number": 4}, tmp_path / "r.json")
+    with pytest.raises(bf.InputError, match=r"got 4; expected 5: .* save again"):
         bf.load(tmp_path / "r.json")
 
 
@@ -165,7 +172,8 @@ def test_what_the_tables_hold_is_what_the_verbs_find(data, results):
 def test_the_rows_of_a_choice_are_sets_of_terms_those_of_a_robot_its_parameters(results, quick):
     chosen = results["selection"]
     assert "in turn, the terms predict what was left out with a mean FIT of 9" in chosen.notes[-1]
-    first, shown = chosen.rows()[0], chosen.shown_rows()[0]
+    (table,), first = chosen.tables(), chosen.rows()[0]
+    shown = dict(zip(table.headers, table.rows[0], strict=True))
     assert (first["terms"], shown["terms"]) == ([], "none")
     assert float(shown["FIT in sample in %"]) == pytest.approx(first["in_sample"]["median"], 0.01)
     units = {row["parameter"]: row["unit"] for row in bf.inspect(quick).rows()}
@@ -210,11 +218,10 @@ def test_an_inspection_forecasts_on_the_logs_that_are_fitted(quick_data, results
     assert [row["word"] for row in found.content["before_fit"]] == ["identifiable"] * 6
     assert "identifiable" in found._repr_html_()
     found.save(tmp_path / "seen.json")
-    again = bf.load(tmp_path / "seen.json")
-    assert (again.before_fit, again.unusable) == (found.before_fit, 0)
+    assert unusable_logs(bf.load(tmp_path / "seen.json")) == 0
     alone = bf.inspect(quick_data / found.rows()[0]["log"], known={"p4": 0.025})
     assert alone.rows()[0]["log"] in (cell := alone._repr_html_())
     assert "identifiable" in cell[cell.index("<table") :]
-    assert results["one log"].before_fit == ()  # one log tells less than the data set
+    assert results["one log"].content["before_fit"] == []  # one log tells less than the data set
     told = bf.inspect(quick_data, holdout=["of no log", "*"])
-    assert told.before_fit == ()  # the first pattern does not undo the second
+    assert told.content["before_fit"] == []  # the first pattern does not undo the second

@@ -178,7 +178,7 @@ def _ended(motor, joint, options):
         return f"{type(error).__name__}: {error}", None, _of_error(error, fault)
     misses = "W" if fault.refused else ""
     ending = str(found.content["ending"])
-    if not found.reached:
+    if not found.content["reached"]:
         return ending, None, misses + ("" if _is_sentence(ending) else "W")
     error = largest_error(found.identification.estimate.named, motor.truth, motor.limit)
     return ending, error, misses + ("C" if error > WRONG else "")

@@ -3,7 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
-from butterfly.api.campaigns import Campaign
+from butterfly.api.campaigns import campaign_answer
 from butterfly.campaigns.bench import Limits
 from butterfly.campaigns.campaign import CampaignOptions, CampaignResult
 from butterfly.campaigns.contact import Contact
@@ -49,7 +49,7 @@ def told(result, wish=WISH, **more):
     """The campaign of an estimate in two runs, and one that was held out."""
     known = step(36.0, shares_of(result.estimate, wish.goal), MASS)
     steps = more.pop("steps", (step(20.0, RATIOS), known, VALIDATION))
-    return Campaign.of(ended(result, *steps, **more), wish, Path("my folder"))
+    return campaign_answer(ended(result, *steps, **more), wish, Path("my folder"))
 
 
 def within_goal(result):

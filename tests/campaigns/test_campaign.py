@@ -18,7 +18,7 @@ from tests.campaigns.robots import TRUE, Faulty, rig, run
 def test_an_unknown_robot_is_known_to_one_per_cent_after_a_minute(tmp_path):
     found = run(Faulty("reversed"), tmp_path / "a", known=None, step=None)
     estimate = found.identification.estimate
-    assert found.reached
+    assert found.content["reached"]
     assert found.content["polarity"] == -1
     assert found.content["changes"] == 1
     assert found.content["robot_time"] < 90
@@ -30,7 +30,7 @@ def test_an_unknown_robot_is_known_to_one_per_cent_after_a_minute(tmp_path):
 def test_the_same_in_mujoco(tmp_path):
     found = run(Faulty("", of=rig(Simulator.MUJOCO)), tmp_path / "a")
     values = found.identification.estimate.named
-    assert found.reached
+    assert found.content["reached"]
     assert all(values[n] == pytest.approx(getattr(TRUE, n), rel=0.015) for n in OF_GOAL)
 
 
@@ -41,18 +41,18 @@ def test_identify_answers_alike_from_the_folder_and_a_saved_campaign_shows_what_
     found.save(tmp_path / "saved.json")
     loaded = bf.load(tmp_path / "saved.json")
     assert (str(loaded), loaded.rows()) == (str(found), found.rows())
-    assert "shrinking" in found.page_path.read_text(encoding="utf-8")
+    assert "shrinking" in found.reports[0].read_text(encoding="utf-8")
 
 
 def test_a_known_gain_needs_no_change_of_mass(tmp_path):
     found = run(Faulty(""), tmp_path / "a", known={"p4": TRUE.p4})
-    assert found.reached
+    assert found.content["reached"]
     assert found.content["changes"] == 0
 
 
 def test_without_a_mass_ratios_are_all_that_is_claimed(tmp_path):
     found = run(Faulty(""), tmp_path / "a", masses=(0.0,), change=None)
-    assert not found.reached
+    assert not found.content["reached"]
     assert "ratios are known" in found.content["ending"]
     assert found.identification.estimate.named["p3"] == pytest.approx(12.5, rel=0.01)
 
@@ -78,7 +78,7 @@ def test_a_campaign_that_was_killed_goes_on_and_ends_alike(tmp_path, monkeypatch
     assert motor.stopped
     monkeypatch.undo()
     found = run(Faulty(""), tmp_path / "a")
-    assert found.reached
+    assert found.content["reached"]
     assert len(found.rows()) == len(list((tmp_path / "a").glob("*.parquet")))
 
 
@@ -115,14 +115,14 @@ def test_what_is_wrong_ends_in_words_with_the_drive_off_and_nothing_lost(
 @pytest.mark.slow
 def test_readings_that_end_at_a_stop_are_not_followed_and_no_goal_is_claimed(tmp_path):
     found = run(Faulty("end stop"), tmp_path / "a")
-    assert not found.reached
+    assert not found.content["reached"]
     assert "no end stop or cable touches the joint" in found.content["ending"]
 
 
 @pytest.mark.slow
 def test_what_the_model_does_not_follow_ends_in_words_after_small_runs(tmp_path):
     found = run(Faulty("fading"), tmp_path / "a", step=None)
-    assert not found.reached
+    assert not found.content["reached"]
     assert "encoder does not slip, and that no end stop" in found.content["ending"]
     shows = "residual" if found.identification is not None else "inspect"  # what can be shown
     assert f"butterfly {shows}" in str(found)
@@ -132,7 +132,7 @@ def test_what_the_model_does_not_follow_ends_in_words_after_small_runs(tmp_path)
 def test_where_friction_holds_the_joint_anywhere_it_stays_within_a_tenth_of_its_limit(tmp_path):
     stiff = Faulty("", of=rig(true=replace(TRUE, p3=0.01, coulomb=0.01)))
     found = run(stiff, tmp_path / "a", angle=0.3)
-    assert found.reached
+    assert found.content["reached"]
     assert stiff.farthest < 0.33
 
 

@@ -291,7 +291,7 @@ def test_what_an_earlier_campaign_left_is_said_with_the_answer_and_the_page_is_i
     assert "was killed" in first.summary[-2]
     assert "kept as run_002.unlisted.parquet" in first.summary[-1]
     assert not any("unlisted" in line for line in second.summary)
-    assert second.page_path == begun / "report.html"
+    assert second.reports == (begun / "report.html",)
 
 
 @pytest.mark.parametrize("fails", ["mkdir", "write_bytes"])

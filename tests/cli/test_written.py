@@ -93,7 +93,18 @@ def _paths(command):
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_option_that_is_a_path_beside_the_inputs_says_what_it_writes(name):
-    known = {"data", "more", "other", "source", "experiment", "folder", "robot", "root"}
+    known = {
+        "data",
+        "more",
+        "other",
+        "source",
+        "experiment",
+        "folder",
+        "robot",
+        "root",
+        "model",
+        "into",
+    }
     writing = {way[-1] for way in options_of(command_of(name))}
     for option in _paths(command_of(name)):
         assert option in known | writing, f"what is written by {option}?"

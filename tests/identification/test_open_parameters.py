@@ -100,8 +100,9 @@ def test_an_open_value_is_none_with_its_limits_for_programs(found):
     numbers = found.to_dict()
     assert numbers["parameters"]["p1"]["claim"] == "open"
     assert numbers["parameters"]["p1"]["value"] is None
-    shown = next(row for row in found.shown_rows() if row["parameter"] == "p1")
-    assert shown["value"] == "open"
+    shown = found.printed()
+    row = next(row for row in shown.rows if row[0] == "p1")
+    assert row[shown.headers.index("value")] == "open"
 
 
 def test_a_limit_is_rounded_up(found):

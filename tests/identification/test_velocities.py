@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import butterfly as bf
-from butterfly.api.changed import Changed
+from butterfly.api.changed import change_answer
 from butterfly.comparison.three_way import compare_three
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
@@ -278,7 +278,7 @@ def test_what_is_told_of_a_slide_is_in_its_units_and_completed_by_what_is_known(
     assert rows["angle"].endswith(" m")
     assert "rad" not in rows["amplitude"]
     found = bf.identify(slide, WeakForm(terms=()))
-    units = {row["parameter"]: row["unit"] for row in Changed.of(found, found).rows()}
+    units = {row["parameter"]: row["unit"] for row in change_answer(found, found).rows()}
     assert (units["p1"], units["p2"], units["coulomb"]) == ("kg", "N s/m", "N")
 
 

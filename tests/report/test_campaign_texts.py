@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from butterfly.api.campaigns import Campaign
+from butterfly.api.campaigns import campaign_answer
 from butterfly.campaigns.bench import Limits
 from butterfly.identification.design import OF_GOAL
 from tests.campaigns.ended import MASS, WISH, ended, step, told
@@ -34,7 +34,7 @@ def test_of_a_goal_that_is_missed_it_says_why_and_what_leads_on(result, case):
 
 def test_a_campaign_without_an_estimate_sends_to_the_logs_and_shows_its_runs(tmp_path):
     nothing = ended(None, step(12.0, {}, verdict=""), reached=False, ending="it does not follow")
-    found = Campaign.of(nothing, WISH, Path("a"))
+    found = campaign_answer(nothing, WISH, Path("a"))
     assert found.summary[1].startswith("It does not follow. Next: `butterfly inspect a`")
     assert found.rows()[0]["verdict"] == "no estimate"
     found.report(tmp_path / "page.html")
@@ -42,7 +42,7 @@ def test_a_campaign_without_an_estimate_sends_to_the_logs_and_shows_its_runs(tmp
 
 
 def test_before_any_run_more_robot_time_is_what_is_missing():
-    found = Campaign.of(ended(None, reached=False, ending="no time"), LATE, Path("a"))
+    found = campaign_answer(ended(None, reached=False, ending="no time"), LATE, Path("a"))
     assert found.summary[0].endswith("0 s of robot time, 0 runs, no change of mass.")
     assert "`--seconds 120`" in found.summary[1]
     assert not found.tables()
@@ -50,5 +50,5 @@ def test_before_any_run_more_robot_time_is_what_is_missing():
 
 @pytest.mark.parametrize("folder", ["/elsewhere/runs", "runs", Path.cwd() / "runs"])
 def test_what_is_said_has_no_path_of_this_machine(folder):
-    found = Campaign.of(ended(None), WISH, Path(folder))
+    found = campaign_answer(ended(None), WISH, Path(folder))
     assert "`butterfly export runs --out twin.xml`" in found.summary[1]

@@ -19,6 +19,8 @@ from butterfly.verdict import Level
 from tests.report.setting import estimate_with
 
 NUMBERS = {
+    FindingKind.NEIGHBOURS_MOVED: (0.025, "0.025 rad"),
+    FindingKind.NEIGHBOURS_CORRECTED: (0.07, "7 %"),
     FindingKind.UNREPEATED: (-0.112, "11 % smaller in second"),
     FindingKind.POOR_FIT: (61.3, "61.3 %"),
     FindingKind.NO_INERTIA: (-2e-4, "-0.0002 kg"),

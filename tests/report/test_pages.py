@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from butterfly.api.compared import Compared, Leaderboard
+from butterfly.api.compared import comparison_answer, ranking_answer
 from butterfly.api.result_verbs import predict
 from butterfly.api.verbs import identify
 from butterfly.comparison.leaderboard import leaderboard
@@ -104,8 +104,8 @@ def pages(data, found, residuals, tmp_path_factory):
     entries = leaderboard([data], [Thesis(), Linear(), HarmonicBalance()])
     return {
         "identification": replace(identified, truth=ROUGH.robot.lumped).page(),
-        "three-way": Compared.of(data, None, compared, residuals, found).page(),
-        "leaderboard": Leaderboard.of(entries).page(),
+        "three-way": comparison_answer(data, None, compared, residuals, found).page(),
+        "leaderboard": ranking_answer(entries).page(),
         "orbit": _orbit_page(),
         "sweep": _sweep_page(tmp_path_factory.mktemp("sixty")),
         "prediction": predict(data, identified, draws=40).page(),

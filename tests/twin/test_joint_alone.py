@@ -7,7 +7,7 @@ import pytest
 from butterfly.files import shipped
 from butterfly.logs.model_facts import LinkMasses
 from butterfly.twin.joint_alone import JointAlone
-from butterfly.twin.joint_of_model import RobotModel
+from butterfly.twin.joint_of_model import JointOfModel
 from tests.independent.integrator import Joint, motion
 
 MODELS = {name: shipped(f"models/{name}/{name}.xml") for name in ("arm", "leg", "linkage")}
@@ -18,7 +18,7 @@ _STIFF = (-1.0, -2.0 / (0.12 * STEP))
 
 def _robot(name, joint):
     """A robot whose joint has friction that is as stiff as the step allows."""
-    robot = RobotModel.of(MODELS[name], joint)
+    robot = JointOfModel.of(MODELS[name], joint)
     model, dof = robot.model, int(robot.model.jnt_dofadr[robot.joint])
     model.opt.timestep = STEP
     model.dof_damping[dof], model.dof_frictionloss[dof] = DAMPING, FRICTION

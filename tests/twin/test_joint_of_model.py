@@ -10,7 +10,7 @@ from butterfly.errors import InputError
 from butterfly.files import shipped
 from butterfly.logs.model_facts import LinkMasses
 from butterfly.model.parameters import JointKind
-from butterfly.twin.joint_of_model import RobotModel, compiled, is_urdf, joint_names
+from butterfly.twin.joint_of_model import JointOfModel, compiled, is_urdf, joint_names
 from tests.independent.robot_plants import Hidden, built
 
 MODELS = {name: shipped(f"models/{name}/{name}.xml") for name in ("arm", "leg", "linkage")}
@@ -78,7 +78,7 @@ def _pose(rng, robot):
 @pytest.mark.parametrize(("name", "joint"), JOINTS)
 def test_gravity_of_a_joint_in_any_pose_is_a_moment_times_a_sine(name, joint):
     rng = np.random.default_rng(1)
-    robot = RobotModel.of(MODELS[name], joint)
+    robot = JointOfModel.of(MODELS[name], joint)
     model = robot.model
     dof, place = int(model.jnt_dofadr[robot.joint]), int(model.jnt_qposadr[robot.joint])
     for _ in range(5):
@@ -94,7 +94,7 @@ def test_gravity_of_a_joint_in_any_pose_is_a_moment_times_a_sine(name, joint):
 @pytest.mark.parametrize(("name", "joint"), JOINTS)
 def test_its_inertia_is_that_of_a_robot_in_which_the_others_are_welded(name, joint):
     rng = np.random.default_rng(2)
-    robot = RobotModel.of(MODELS[name], joint)
+    robot = JointOfModel.of(MODELS[name], joint)
     for _ in range(3):
         facts = robot.pose_facts(_pose(rng, robot))
         angle = float(rng.uniform(-2.0, 2.0))
@@ -109,7 +109,7 @@ def test_its_inertia_is_that_of_a_robot_in_which_the_others_are_welded(name, joi
 
 
 def test_inertia_and_moment_are_those_of_the_parallel_axis_theorem(tmp_path):
-    facts = RobotModel.of(_written(tmp_path), "lift").pose_facts({"bend": math.pi / 2})
+    facts = JointOfModel.of(_written(tmp_path), "lift").pose_facts({"bend": math.pi / 2})
     far = math.hypot(0.2, 0.1)  # from the axis to the lower link, bent square
     assert facts.inertia == pytest.approx(0.01 + 0.1**2 + 0.002 + 0.5 * far**2, rel=1e-12)
     moment = 9.81 * math.hypot(1.0 * 0.1 + 0.5 * 0.2, 0.5 * 0.1)
@@ -118,19 +118,19 @@ def test_inertia_and_moment_are_those_of_the_parallel_axis_theorem(tmp_path):
 
 
 def test_a_vertical_axis_has_no_gravity():
-    robot = RobotModel.of(MODELS["arm"], "pan")
+    robot = JointOfModel.of(MODELS["arm"], "pan")
     facts = robot.pose_facts({"shoulder": 0.3})
     assert (facts.moment, facts.zero, robot.gravity_across({})) == (0.0, 0.0, 0.0)
 
 
 def test_gravity_across_an_axis_is_the_part_that_turns_the_joint():
-    robot = RobotModel.of(MODELS["arm"], "roll")
+    robot = JointOfModel.of(MODELS["arm"], "roll")
     sloping = robot.gravity_across({"shoulder": 0.5, "elbow": 0.0, "wrist": 0.0})
     assert sloping == pytest.approx(9.81 * math.cos(0.5), rel=1e-9)
 
 
 def test_the_rest_of_a_pose_is_where_the_model_begins():
-    robot = RobotModel.of(MODELS["arm"], "elbow")
+    robot = JointOfModel.of(MODELS["arm"], "elbow")
     expected = {"pan": 0.0, "shoulder": 0.4, "wrist": 0.6, "roll": 0.0}
     assert robot.pose_facts({"shoulder": 0.4}).pose == pytest.approx(expected)
 
@@ -140,7 +140,7 @@ def test_the_rest_of_a_pose_is_where_the_model_begins():
 
 def test_the_file_says_what_the_joint_has(tmp_path):
     more = '<actuator><motor name="m" joint="bend" gear="20" forcerange="-2 2"/></actuator>'
-    robot = RobotModel.of(_written(tmp_path, more=more), "bend")
+    robot = JointOfModel.of(_written(tmp_path, more=more), "bend")
     facts = robot.facts([{}, {}, {"lift": 1.0}], LinkMasses(uncertainty=0.02))
     assert (facts.armature, facts.damping, facts.frictionloss) == (0.04, 0.3, 0.2)
     assert (facts.kind, facts.file, facts.urdf) == (JointKind.HINGE, "robot.xml", False)
@@ -163,14 +163,14 @@ def test_the_file_says_what_the_joint_has(tmp_path):
 )
 def test_an_actuator_is_known_by_its_gains_at_the_joint(tmp_path, element, shortcut, gains):
     path = _written(tmp_path, more=f"<actuator>{element}</actuator>")
-    facts = RobotModel.of(path, "bend").facts([{}], LinkMasses())
+    facts = JointOfModel.of(path, "bend").facts([{}], LinkMasses())
     (actuator,) = facts.actuators
     assert actuator.shortcut == shortcut
     assert (actuator.kp, actuator.kv) == pytest.approx(gains)
 
 
 def test_what_an_actuator_adds_to_the_inertia_is_not_that_of_the_links():
-    robot = RobotModel.of(MODELS["leg"], "knee")
+    robot = JointOfModel.of(MODELS["leg"], "knee")
     facts = robot.facts([{}], LinkMasses())
     assert facts.rotors == pytest.approx(12.0**2 * 8e-5)
     alone = built(robot.model, facts.poses[0].pose | {"knee": -1.0}, {"knee"}, BARE, "knee")
@@ -182,7 +182,7 @@ def test_what_an_actuator_adds_to_the_inertia_is_not_that_of_the_links():
 def test_a_urdf_has_damping_friction_effort_and_range_and_no_armature(tmp_path):
     path = tmp_path / "swing.urdf"
     path.write_text(URDF, encoding="utf-8")
-    facts = RobotModel.of(path, "hinge").facts([{}], LinkMasses())
+    facts = JointOfModel.of(path, "hinge").facts([{}], LinkMasses())
     assert is_urdf(path)
     assert not is_urdf(MODELS["arm"])
     assert (facts.urdf, facts.range, facts.effort) == (True, (-1.5, 1.0), 7.0)
@@ -198,7 +198,7 @@ def test_a_urdf_has_damping_friction_effort_and_range_and_no_armature(tmp_path):
 @pytest.mark.parametrize("joint", BOUND)
 def test_a_joint_that_an_equality_closes_a_loop_with_is_refused(joint):
     with pytest.raises(InputError) as refused:
-        RobotModel.of(MODELS["linkage"], joint)
+        JointOfModel.of(MODELS["linkage"], joint)
     assert refused.value.field == "equality parallelogram"
 
 
@@ -219,18 +219,18 @@ def test_a_joint_that_an_equality_closes_a_loop_with_is_refused(joint):
 )
 def test_a_joint_that_moves_others_with_it_is_refused(tmp_path, more, field):
     with pytest.raises(InputError) as refused:
-        RobotModel.of(_written(tmp_path, more=more), "bend")
+        JointOfModel.of(_written(tmp_path, more=more), "bend")
     assert refused.value.field == field
 
 
 def test_an_equality_that_is_off_binds_nothing(tmp_path):
     more = '<equality><joint joint1="bend" joint2="lift" active="false"/></equality>'
-    assert RobotModel.of(_written(tmp_path, more=more), "bend").name == "bend"
+    assert JointOfModel.of(_written(tmp_path, more=more), "bend").name == "bend"
 
 
 def test_an_unknown_joint_is_refused_with_the_nearest():
     with pytest.raises(InputError) as refused:
-        RobotModel.of(MODELS["arm"], "sholder")
+        JointOfModel.of(MODELS["arm"], "sholder")
     assert (refused.value.field, refused.value.value) == ("joint", "sholder")
     assert "shoulder" in refused.value.expected
 
@@ -238,14 +238,14 @@ def test_an_unknown_joint_is_refused_with_the_nearest():
 def test_a_free_joint_is_refused_and_is_held_where_another_is_asked_about(tmp_path):
     path = _written(tmp_path, root='<freejoint name="floating"/>')
     with pytest.raises(InputError, match="a hinge or a slide"):
-        RobotModel.of(path, "floating")
-    facts = RobotModel.of(path, "bend").facts([{}], LinkMasses())
+        JointOfModel.of(path, "floating")
+    facts = JointOfModel.of(path, "bend").facts([{}], LinkMasses())
     assert facts.others == ["lift"]
     assert [each for each in facts.warnings if each.startswith("floating")]
 
 
 def test_a_pose_of_an_unknown_joint_is_refused():
-    robot = RobotModel.of(MODELS["arm"], "elbow")
+    robot = JointOfModel.of(MODELS["arm"], "elbow")
     with pytest.raises(InputError) as refused:
         robot.pose_facts({"wirst": 0.1})
     assert refused.value.field == "pose.wirst"
@@ -256,17 +256,17 @@ def test_a_model_that_does_not_compile_is_refused_with_mujocos_line(tmp_path):
     path = tmp_path / "robot.xml"
     path.write_text("<mujoco><worldbody><geom/></worldbody><oops/></mujoco>", encoding="utf-8")
     with pytest.raises(InputError) as refused:
-        RobotModel.of(path, "any")
+        JointOfModel.of(path, "any")
     assert refused.value.field == "model"
     assert "oops" in str(refused.value.value)
 
 
 def test_meshes_that_are_not_there_are_not_needed_where_inertias_are_given(tmp_path):
-    missing = RobotModel.of(_written(tmp_path, head=MISSING), "lift").pose_facts({"bend": 0.3})
-    there = RobotModel.of(_written(tmp_path, head=CUBE), "lift").pose_facts({"bend": 0.3})
+    missing = JointOfModel.of(_written(tmp_path, head=MISSING), "lift").pose_facts({"bend": 0.3})
+    there = JointOfModel.of(_written(tmp_path, head=CUBE), "lift").pose_facts({"bend": 0.3})
     assert missing == there
 
 
 def test_a_body_that_only_its_missing_mesh_weighs_is_refused(tmp_path):
     with pytest.raises(InputError, match="nowhere"):
-        RobotModel.of(_written(tmp_path, head=MISSING, weight=""), "lift")
+        JointOfModel.of(_written(tmp_path, head=MISSING, weight=""), "lift")

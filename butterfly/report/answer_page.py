@@ -1,9 +1,12 @@
-"""Figures of tables: FITs of logs, methods and sets of terms, ranked experiments, draws."""
+"""The page and the figures of an answer, made of its numbers for programs.
+
+A figure is None where there is nothing to draw.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from itertools import product
 from textwrap import wrap
@@ -15,12 +18,16 @@ from plotly.subplots import make_subplots
 
 from butterfly.arrays import Samples
 from butterfly.identification.parameter import or_nan
+from butterfly.report import campaign_page
 from butterfly.report.figures import GREY, PALETTE, add, log_ticks, look, panel, panels, rows_panel
-from butterfly.report.format import fit_text, label_of, with_error
+from butterfly.report.format import fit_text, is_relative, label_of, with_error
+from butterfly.report.inspection import inspection_page
+from butterfly.report.page import Fact, Page, PageTable, Section
 from butterfly.report.summary import medians_of
-from butterfly.result import Result
+from butterfly.verdict import Verdict
 
 _ROW = 52  # pixels of an estimator
+_CHANGE = 40  # of a parameter that may have changed
 _SIMULATORS = {"MuJoCo": ("-open", 12), "grey box": ("", 5)}  # symbol and size of their marks
 _MOST = 6  # parameters against each other
 _CELL = 140  # pixels of a panel of two parameters
@@ -29,25 +36,24 @@ _BROAD = 32  # letters of a line that names an experiment
 _LEAST = 1e-3  # % that a FIT lacks at least, to be drawn
 
 
-def fits(result: Result) -> Figure | None:
+def fits(numbers: Mapping[str, Any]) -> Figure | None:
     """Draw every column of FITs, a point for each log."""
-    names = [name for name in next(iter(result.rows()), {}) if name.startswith("FIT ")]
-    return _by_log(result, "FIT in %", names) if names else None
+    names = [name for name in next(iter(numbers["rows"]), {}) if name.startswith("FIT ")]
+    return _by_log(numbers["rows"], "FIT in %", names) if names else None
 
 
-def shares(result: Result) -> Figure | None:
+def shares(numbers: Mapping[str, Any]) -> Figure | None:
     """Draw the share of measured samples inside each band, a point for each log."""
-    names = [name for name in next(iter(result.rows()), {}) if name.endswith(": inside in %")]
+    names = [name for name in next(iter(numbers["rows"]), {}) if name.endswith(": inside in %")]
     if not names:
         return None
-    figure = _by_log(result, "measured samples inside the band, in %", names[::-1])
+    figure = _by_log(numbers["rows"], "measured samples inside the band, in %", names[::-1])
     figure.add_vline(x=95, line={"color": GREY, "width": 1, "dash": "dash"})
     return figure.update_layout(showlegend=True).update_xaxes(range=[-2, 102])
 
 
-def _by_log(result: Result, title: str, columns: Sequence[str]) -> Figure:
+def _by_log(rows: Sequence[Mapping[str, Any]], title: str, columns: Sequence[str]) -> Figure:
     """Draw columns in per cent, a row for each log."""
-    rows = result.rows()
     labels = [*map(label_of, rows)]
     figure = rows_panel(labels, title)
     for number, name in enumerate(columns):
@@ -65,9 +71,9 @@ def _by_log(result: Result, title: str, columns: Sequence[str]) -> Figure:
     return figure
 
 
-def frequencies(result: Result) -> Figure | None:
+def frequencies(numbers: Mapping[str, Any]) -> Figure | None:
     """Draw how the simulators' responses to sines differ from the logs', by added mass."""
-    rows = [row for row in result.rows() if row["phase error MuJoCo in °"] is not None]
+    rows = [row for row in numbers["rows"] if row["phase error MuJoCo in °"] is not None]
     if not rows:
         return None
     figure = panels("frequency in rad/s", ("amplitude error in %", "phase error in °"), 480)
@@ -89,9 +95,9 @@ def frequencies(result: Result) -> Figure | None:
     return figure
 
 
-def corner(result: Result) -> Figure | None:
+def corner(numbers: Mapping[str, Any]) -> Figure | None:
     """Draw the first parameters that vary: each alone, and below against each other."""
-    rows, units = result.rows(), result.to_dict()["units"]
+    rows, units = numbers["rows"], numbers["units"]
     columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
     names = [name for name, values in columns.items() if np.ptp(values) > 0][:_MOST]
     if not names:
@@ -115,9 +121,9 @@ def corner(result: Result) -> Figure | None:
     return figure.update_layout(height=_CELL * size + 110, showlegend=False)
 
 
-def leaderboard(result: Result) -> Figure:
+def leaderboard(numbers: Mapping[str, Any]) -> Figure:
     """Draw 100 % minus the median FIT of each estimator on a logarithmic axis."""
-    rows = result.rows()
+    rows = numbers["entries"]
     several = len({row["data"] for row in rows}) > 1
     names = [f"{row['method']}, {row['data']}" if several else row["method"] for row in rows]
     title = "100 − median FIT in %: further left is better"
@@ -146,9 +152,9 @@ def leaderboard(result: Result) -> Figure:
     return figure
 
 
-def choices(result: Result) -> Figure | None:
+def choices(numbers: Mapping[str, Any]) -> Figure | None:
     """Draw the median FIT with each set of terms, in sample and held out; None of one set."""
-    figure, rows = panel("fitted terms", "median FIT in %", 340), result.rows()
+    figure, rows = panel("fitted terms", "median FIT in %", 340), numbers["rows"]
     if len(rows) == 1:
         return None
     names = [", ".join(row["terms"]) or "none" for row in rows]
@@ -161,9 +167,9 @@ def choices(result: Result) -> Figure | None:
     return figure
 
 
-def ranking(result: Result, count: int = 12) -> Figure:
+def ranking(numbers: Mapping[str, Any], count: int = 12) -> Figure:
     """Draw the robot time of each of the first candidates, with the half-width that it reaches."""
-    rows = result.rows()[:count]
+    rows = numbers["rows"][:count]
     names = [f"{row['input']}, {row['added mass']}" for row in rows]
     short = [wrap(name, _BROAD, max_lines=2, placeholder=" …") for name in names]
     across = "robot time in s, and the largest half-width that it reaches"
@@ -181,8 +187,73 @@ def ranking(result: Result, count: int = 12) -> Figure:
     )
 
 
+def changes(numbers: Mapping[str, Any]) -> Figure:
+    """Draw the changes of parameters in per cent, with their intervals."""
+    rows = [row for row in numbers["rows"] if is_relative(row)]
+    moved = [row["change in %"] for row in rows]
+    upper = [100 * row["upper"] / abs(row["before"]) for row in rows]
+    across = "change in % (95 % interval)"
+    figure = rows_panel([row["parameter"] for row in rows], across, _CHANGE).add_scatter(
+        x=moved,
+        y=list(range(len(rows))),
+        error_x={"array": [most - shift for most, shift in zip(upper, moved, strict=True)]},
+        mode="markers",
+        marker={"color": [PALETTE[5 if row["changed"] else 0] for row in rows], "size": 9},
+    )
+    return figure.add_vline(x=0, line={"color": GREY, "width": 1, "dash": "dash"})
+
+
 def _axis(values: Samples, title: str) -> dict[str, Any]:
     """Return the look of an axis, which names the mean and the standard deviation."""
     mean, spread = float(np.mean(values)), float(np.std(values))
     text = f"{with_error(mean, spread)}<br>± {spread:.2g}"
     return {"title": {"text": title}, "tickvals": [mean], "ticktext": [text]}
+
+
+FIGURES: dict[str, Callable[[Mapping[str, Any]], Figure | None]] = {
+    "changes": changes,
+    "choices": choices,
+    "corner": corner,
+    "fits": fits,
+    "frequency": frequencies,
+    "inside": shares,
+    "leaderboard": leaderboard,
+    "played": campaign_page.played,
+    "ranking": ranking,
+    "shrinking": campaign_page.shrinking,
+}
+"""What draws a figure of an answer's numbers, by the figure's name in them."""
+
+PAGES: dict[str, Callable[[Page], Page]] = {
+    "campaign": campaign_page.campaign_page,
+    "inspection": inspection_page,
+}
+"""What arranges the page of a kind of answer in its own way."""
+
+
+def figures_of(numbers: Mapping[str, Any]) -> dict[str, Figure]:
+    """Return the figures of an answer, by name."""
+    made = {name: FIGURES[name](numbers) for name in numbers["figures"]}
+    return {name: figure for name, figure in made.items() if figure is not None}
+
+
+def answer_page(numbers: dict[str, Any]) -> Page:
+    """Return the page of an answer: its figures, then its tables."""
+    kind, verdict = numbers["schema"].removeprefix("butterfly."), Verdict.of_numbers(numbers)
+    figures, lines = figures_of(numbers), () if verdict is None else verdict.lines
+    tables = [PageTable.of_plain(table) for table in numbers["tables"]]
+    page = Page(
+        name=numbers["title"],
+        description=(numbers.get("data") or {}).get("description", ""),
+        kind=kind,
+        summary=[sentence for sentence in numbers["summary"] if sentence not in lines],
+        verdict=verdict,
+        facts=[Fact(**fact) for fact in numbers["facts"]],
+        lead=Section(title="At a glance", figures=figures) if figures else None,
+        sections=[
+            Section(title=table.title if number else "In numbers", tables=(table.on_page(),))
+            for number, table in enumerate(tables)
+        ],
+        numbers=numbers,
+    )
+    return PAGES[kind](page) if kind in PAGES else page

@@ -1,16 +1,14 @@
 """Figures of tables are true to their rows."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
-from butterfly.report.ranking_pages import corner, fits, leaderboard, shares
+from butterfly.report.answer_page import corner, fits, leaderboard, shares
 
 
 def _result(rows, **units):
-    """A result of some rows."""
-    return SimpleNamespace(rows=lambda: rows, to_dict=lambda: {"units": units})
+    """The numbers of a result of some rows."""
+    return {"rows": rows, "entries": rows, "units": units}
 
 
 def _method(name, held_out, in_sample):
