@@ -173,7 +173,7 @@ def _claims(found, robot):
     links = hidden.masses * facts_of(found).bare[0]  # of several poses it is a part of each
     said = {
         row["attribute"]: (row["value"], row["lower"], row["upper"])
-        for row in found.to_dict()["model"]
+        for row in found.to_dict().get("model", [])
         if row["element"] == "joint" and row["lower"] is not None
     }
     if "p1" in estimate.names and "p1" not in estimate.open:
