@@ -67,6 +67,7 @@ OTHER_PROGRAMS = {
     "make": "the house's own; each is named in the Makefile",
     "NUMBA_CACHE_DIR=": "how these tests are run",
     "python -m examples.record_sines --rehearse": "makes the logs of its page, here too",
+    "python -m venv mjlab": "gigabytes; `make readback` makes it too",
     "python -m examples.record_sines --channel": "needs a drive; tests/examples/test_record_sines",
     "sudo ip": "needs a CAN bus",
     "candump": "needs a CAN bus",
