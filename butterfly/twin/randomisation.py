@@ -13,6 +13,7 @@ part of it may be an actuator's back EMF.
 
 from __future__ import annotations
 
+import json
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
@@ -45,7 +46,7 @@ class _Event(NamedTuple):
         params = {"asset_cfg": f"SceneEntityCfg(entity, {self.selection})", **self.arguments}
         lines = (f'                "{name}": {value},\n' for name, value in params.items())
         return (
-            f"        {self.name!r}: EventTermCfg(\n"
+            f"        {json.dumps(self.name)}: EventTermCfg(\n"
             f"            func={self.function},\n"
             '            mode="startup",\n'
             f"            params={{\n{''.join(lines)}            }},\n"
@@ -98,7 +99,7 @@ def as_randomisation(twin: Twin, options: Options) -> Written:
         content = {"name": twin.name, "units": len(units), "timestep": options.timestep}
         rows = [each.numbers() for each in ranges]
         text = yaml_text({**content, "ranges": rows, "delay_in_steps": delays, "notes": notes})
-    about = f"{len(ranges)} of {visible(twin.name)}"
+    about = f"{len(ranges)} attributes of {visible(twin.name)}"
     about += f" and {len(units) - 1} more" if len(units) > 1 else ""
     return Written(text=text, about=about, left_out=said, title="Ranges", notes=(OF_MJLAB,))
 
@@ -120,7 +121,7 @@ def _said(units: Sequence[Twin], ranges: Sequence[Range]) -> Iterator[str]:
     if unknown := [each.attribute for each in ranges if each.ends is None]:
         yield f"No interval is known of {', '.join(unknown)}."
     if lowest := [each.attribute for each in ranges if each.varies and (each.ends or (1,))[0] == 0]:
-        yield f"Down to 0 reaches the range of {', '.join(lowest)}."
+        yield f"Ranges that reach 0: {', '.join(lowest)}."
     varied = [each.attribute for each in ranges if each.varies]
     if rest := [name for name in varied if name in _WITHOUT_EVENT]:
         yield f"Neither mjlab nor Isaac Lab has an event for {', '.join(rest)}."
@@ -130,7 +131,10 @@ def _said(units: Sequence[Twin], ranges: Sequence[Range]) -> Iterator[str]:
             "range."
         )
     if "inertia_about_axis" in varied:
-        yield "Events vary inertia as armature, and damping, on top of what your model has."
+        yield (
+            "Events vary inertia as armature, and damping, on top of what your model has: give it "
+            "the values here."
+        )
     if rest_of := beyond(twin.loaded, _HELD):
         yield f"Ranges do not hold {listed(twin.loaded, rest_of, twin.kind.unit)}."
 
@@ -155,7 +159,7 @@ def _python(
     lines = (line for text in about for line in textwrap.wrap(visible(text), 97))
     comments = "\n".join(f"# {line}" for line in lines)
     rows = "".join(
-        f"    {each.attribute!r}: {_pair(*each.ends)},  # {each.row.unit}, "
+        f"    {json.dumps(each.attribute)}: {_pair(*each.ends)},  # {each.row.unit}, "
         f"{each.row.element} {visible(each.row.name)}: {each.row.value:.6g}\n"
         for each in ranges
         if each.ends is not None
@@ -172,8 +176,8 @@ def _python(
 RANGES = {{
 {rows}}}
 
-OF_MJLAB_ACTUATOR = {dict(delays["mjlab"])!r}  # in steps
-OF_ISAAC_LAB_ACTUATOR = {dict(delays["isaaclab"])!r}
+OF_MJLAB_ACTUATOR = {json.dumps(delays["mjlab"])}  # in steps
+OF_ISAAC_LAB_ACTUATOR = {json.dumps(delays["isaaclab"])}
 
 
 def mjlab_events(entity="robot", group=0):
@@ -208,7 +212,7 @@ def _of_mjlab(joint: _Joint) -> Iterator[_Event]:
         if attribute in joint.varied:
             ranges, operation = joint.span(attribute)
             arguments = {"ranges": ranges, "operation": operation}
-            selection = f"joint_names=({joint.name!r},)"
+            selection = f"joint_names=({json.dumps(joint.name)},)"
             yield _Event(f"{joint.name}_{attribute}", f"dr.{function}", selection, arguments)
     group, by_share = "actuator_ids=[group]", {"operation": '"scale"'}
     if "kp" in joint.varied:
@@ -221,7 +225,7 @@ def _of_mjlab(joint: _Joint) -> Iterator[_Event]:
 
 def _of_isaac_lab(joint: _Joint) -> Iterator[_Event]:
     """Yield the events of Isaac Lab."""
-    selection, by_share = f"joint_names=[{joint.name!r}]", {"operation": '"scale"'}
+    selection, by_share = f"joint_names=[{json.dumps(joint.name)}]", {"operation": '"scale"'}
     parameters, gains = "mdp.randomize_joint_parameters", "mdp.randomize_actuator_gains"
     for attribute in ("armature", "inertia_about_axis"):
         if attribute in joint.varied:

@@ -52,6 +52,7 @@ NOT_RUN = {
     "butterfly fetch": "asks the network",
     "butterfly compare result.json next-year.json": "next year; test_change",
     "butterfly compare spring.json autumn.json": "next year; test_change",
+    "butterfly export unit1.json unit2.json unit3.json": "units of somebody; tests/cli/test_robot",
 }
 """Beginnings of commands that are not run, and why."""
 
