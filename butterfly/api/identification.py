@@ -428,6 +428,7 @@ class IdentifiedModel:
         hand_mass: float | None = None,
         timestep: float = DEFAULTS.timestep,
         integrator: Literal["RK4", "implicitfast"] = DEFAULTS.integrator,
+        others: Sequence[Identification] = (),
         overwrite: bool = False,
     ) -> Written:
         """Export the joint (its twin), as ``butterfly export`` does.
@@ -445,12 +446,17 @@ class IdentifiedModel:
             Time step of your simulator in s.
         integrator
             MuJoCo integrator.
+        others
+            Results of further units of the joint, whose scatter ``to="randomisation"`` writes.
         overwrite
             Whether to replace an existing file of a format that holds no mark: C, Python, JSON.
         """
         from butterfly.twin.forms import write_twin  # noqa: PLC0415 - slow to import
 
-        options = Options(timestep=timestep, integrator=integrator)
+        if others and to != "randomisation":
+            raise InputError("export", "others", f"{len(others)} results", 'to="randomisation"')
+        units = tuple(other.model.twin(added_mass) for other in others)
+        options = Options(timestep=timestep, integrator=integrator, units=units)
         with call(overwrite=overwrite):
             twin = self.twin(added_mass, hand_mass=hand_mass)
             written = write_twin(to, twin, options, Path(path))
