@@ -21,7 +21,7 @@ from butterfly.model.parameters import JointKind
 from butterfly.twin.joint_of_model import JointOfModel
 
 _STRETCH = 1200  # samples by which the smoothness is chosen
-_DECADES = (-9.0, 3.0)  # of the smoothness, over the cube of the sampling interval in s
+_DECADES = (-9.0, 9.0)  # of the smoothness, over the cube of the sampling interval in s
 
 
 @dataclass(frozen=True, kw_only=True)
