@@ -232,9 +232,9 @@ def export(
     carried: dict[str, Any] = {"hand_mass": hand_mass, "added_mass": added_mass, "arm": arm}
     named, *others = (robot_of(path, **carried) for path in (source, *more))
     verdicts = {
-        str(path): each.judged
-        for path, each in zip((source, *more), (named, *others), strict=True)
-        if each.judged is not None
+        str(path): robot.judged
+        for path, robot in zip((source, *more), (named, *others), strict=True)
+        if robot.judged is not None
     }
     verdict = Verdict.of_several(verdicts) if len(verdicts) > 1 else named.judged
     if verdict is not None:
@@ -243,7 +243,7 @@ def export(
         timestep=timestep,
         integrator=integrator,
         actuator=actuator,
-        units=tuple(each.twin for each in others),
+        units=tuple(unit.twin for unit in others),
     )
     made = write_twin(to, named.twin, options, out)
     load = f", with {named.twin.added}" if added_mass and to != "bam" else ""
