@@ -204,10 +204,10 @@ def export(
         identified joint change. Several results, one a joint, may be given at once.
     to
         Format: MuJoCo model (mjcf), lines to paste into your MJCF (snippet), URDF (urdf), actuator
-        settings for mjlab and Isaac Lab (actuator), ranges for domain randomisation as YAML, or in
-        Python with events of both (randomisation; several results are units, whose scatter is
-        asked), a C99 header (c), JSON for BAM (bam), the command that cancels gravity and friction
-        in C or Python (compensation), or gains of WPILib as JSON (wpilib).
+        settings for mjlab and Isaac Lab (actuator), ranges to randomise in (randomisation; several
+        results are units of a product), a C99 header (c), JSON for BAM (bam), the command that
+        cancels gravity and friction in C or Python (compensation), or gains of WPILib as JSON
+        (wpilib).
     timestep
         Time step of your simulator.
     integrator
