@@ -167,7 +167,8 @@ readback: | $(UV)
 	$(UV) pip install --quiet --python $(OF_MJLAB)/bin/python mjlab $(READBACK_MORE)
 	for each in $(READBACK) $(OF_MJLAB); do $(UV) pip list --python $$each/bin/python 2>/dev/null | \
 		grep -E '^(butterfly-testbed|mjlab|mujoco|mujoco-warp|openarm-mujoco|pin|torch) '; done
-	$(ONE_THREAD) $(READBACK)/bin/python -m pytest $(addprefix tests/twin/test_,mjspec.py plain.py randomisation.py)
+	BUTTERFLY_MJLAB=$(OF_MJLAB)/bin/python $(ONE_THREAD) $(READBACK)/bin/python -m pytest \
+		$(addprefix tests/twin/test_,mjspec.py plain.py randomisation.py)
 
 # What the program answers, digit by digit, written to RECORD; and what another version of it answers
 # beside that. RECORD_OPTIONS='--part quick' takes a minute, all of it a quarter of an hour.

@@ -203,10 +203,10 @@ def export(
         identified joint change. Several results, one a joint, may be given at once.
     to
         Format: MuJoCo model (mjcf), lines to paste into your MJCF (snippet), URDF (urdf), actuator
-        settings for mjlab and Isaac Lab (actuator), ranges for domain randomisation as YAML, or in
-        Python with events of both (randomisation; several results are units, whose scatter is
-        asked), a C99 header (c), JSON for BAM (bam), the command that cancels gravity and friction
-        in C or Python (compensation), or gains of WPILib as JSON (wpilib).
+        settings for mjlab and Isaac Lab (actuator), ranges to randomise in (randomisation; several
+        results are units of a product), a C99 header (c), JSON for BAM (bam), the command that
+        cancels gravity and friction in C or Python (compensation), or gains of WPILib as JSON
+        (wpilib).
     timestep
         Time step of your simulator.
     integrator
@@ -231,9 +231,9 @@ def export(
     carried: dict[str, Any] = {"hand_mass": hand_mass, "added_mass": added_mass, "arm": arm}
     named, *others = (robot_of(path, **carried) for path in (source, *more))
     verdicts = {
-        str(path): each.judged
-        for path, each in zip((source, *more), (named, *others), strict=True)
-        if each.judged is not None
+        str(path): robot.judged
+        for path, robot in zip((source, *more), (named, *others), strict=True)
+        if robot.judged is not None
     }
     verdict = Verdict.of_several(verdicts) if len(verdicts) > 1 else named.judged
     if verdict is not None:
@@ -242,7 +242,7 @@ def export(
         timestep=timestep,
         integrator=integrator,
         actuator=actuator,
-        units=tuple(each.twin for each in others),
+        units=tuple(unit.twin for unit in others),
     )
     made = write_twin(to, named.twin, options, out)
     load = f", with {named.twin.added}" if added_mass and to != "bam" else ""

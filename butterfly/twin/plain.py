@@ -42,7 +42,9 @@ from butterfly.twin.forms import Options, xml_comment
 from butterfly.twin.stand_alone import Form, mover
 from butterfly.twin.twin import Accuracy, Twin, Written, beyond, listed, told_of
 
-_HELD = {*held_by("urdf"), "gravity", "carried_moment"}
+HELD = {*held_by("urdf"), "gravity", "carried_moment"}
+"""Terms that most formats hold."""
+
 _OF_LOOP = ("law", "kp", "kd", "limit", "supply", "clock", "torque_constant")
 _COGGING = {row.name for row in TERMS.values() if row.name.startswith("cogging")}
 _BEYOND = 1e6  # of effort, velocity or way, where no limit is known and URDF wants one
@@ -110,9 +112,9 @@ def as_urdf(twin: Twin, options: Options) -> Written:
 def as_actuator(twin: Twin, options: Options) -> Written:
     """Return the fields of a twin's actuator in mjlab and in Isaac Lab."""
     p, steps = twin.loaded, _late_steps(twin, options)
-    native, of_mjlab, said = _of_mjlab(twin, steps)
+    native, of_mjlab, takes = _of_mjlab(twin, steps)
     name, of_isaac_lab = _of_isaac_lab(twin, steps)
-    notes = [*_of_loop(twin), *said]
+    notes = [*_of_loop(twin), *takes]
     if p.delay > 0:
         notes.append(
             f"The delay of {1e3 * p.delay:.3g} ms is written as {_steps_text(steps, options)}."
@@ -170,11 +172,11 @@ def _of_mjlab(twin: Twin, steps: int) -> tuple[str, dict[str, Any], list[str]]:
             size = math.hypot(p.cogging, p.cogging_cosine)
             phase = math.atan2(p.cogging_cosine, p.cogging)
             fields["cogging"] = [size, p.cogging_periods, phase]
-        said = [f"kt, ke and resistance, at the joint: {source}."]
+        sentences = [f"kt, ke and resistance, at the joint: {source}."]
         if not looped:
             clip = f"; it does not clip it: do so at ±{limit:g}" if bounded else ""
-            said.append(f"{takes}{clip}.")
-        return "BuiltinDcMotorActuatorCfg", fields, said
+            sentences.append(f"{takes}{clip}.")
+        return "BuiltinDcMotorActuatorCfg", fields, sentences
     if kp:
         gains = {"stiffness": p.p4 * kp, "damping": p.p4 * kd}
         return "BuiltinPdActuatorCfg", shared | gains | least, []
@@ -295,7 +297,7 @@ def _accuracy(twin: Twin, options: Options, more: Collection[str] = ()) -> Accur
         p = LumpedParameters(**values | {"delay": steps * options.timestep})
         return move(replace(case, twin=replace(case.twin, parameters=p, robot=None)))
 
-    names = [field.name for field in fields(LumpedParameters) if field.name in {*_HELD, *more}]
+    names = [field.name for field in fields(LumpedParameters) if field.name in {*HELD, *more}]
     return Yardstick.of(twin, options.timestep).accuracy(moved)
 
 
@@ -310,7 +312,7 @@ def _effort(twin: Twin) -> str:
 
 def left_out(twin: Twin, form: str, held: Collection[str] = ()) -> Iterator[str]:
     """Say what the joint has beyond this, and beyond what else is ``held``."""
-    if rest := beyond(twin.loaded, {*_HELD, *LOOP_TERMS, *held, "back_emf"}):
+    if rest := beyond(twin.loaded, {*HELD, *LOOP_TERMS, *held, "back_emf"}):
         yield f"{form} cannot represent {listed(twin.loaded, rest, twin.kind.unit)}."
     if twin.resolution:
         yield f"{form} does not round commands: round to multiples of {twin.resolution:g} yourself."

@@ -19,15 +19,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from butterfly.errors import visible
-from butterfly.model.terms import LOOP_TERMS, held_by
+from butterfly.model.terms import LOOP_TERMS
 from butterfly.twin.forms import Options
 from butterfly.twin.model_rows import facts_of
-from butterfly.twin.plain import OF_MJLAB, joint_name
+from butterfly.twin.plain import HELD, OF_MJLAB, joint_name
 from butterfly.twin.ranges import Range, of_own_model, ranges_of, tolerance_factor
 from butterfly.twin.twin import Twin, Written, beyond, listed
 from butterfly.yaml_files import yaml_text
 
-_HELD = {*held_by("urdf"), *LOOP_TERMS, "p4", "delay", "gravity", "carried_moment", "back_emf"}
 _MANY = 10  # units, whose factor is told beside that of fewer
 _WITHOUT_EVENT = ("gear", "gainprm", "gain", "effort", "gravity_moment")
 
@@ -61,20 +60,20 @@ class _Joint(NamedTuple):
     is_own: bool  # of the robot's own model
     varied: Mapping[str, Range]
 
-    def span(self, attribute: str) -> tuple[str, str]:
+    def drawn(self, attribute: str) -> tuple[str, str]:
         """Return a range and how it is applied: as it is, or added to what the model has."""
-        each = self.varied[attribute]
-        lower, upper = each.ends or (each.row.value,) * 2
+        span = self.varied[attribute]
+        lower, upper = span.ends or (span.row.value,) * 2
         if self.is_own or attribute == "frictionloss":
             return _pair(lower, upper), '"abs"'
-        return _pair(lower - each.row.value, upper - each.row.value), '"add"'
+        return _pair(lower - span.row.value, upper - span.row.value), '"add"'
 
     def share(self, attribute: str) -> str:
         """Return a range over the value; of what does not vary 1."""
-        each = self.varied.get(attribute)
-        if each is None or each.ends is None or not each.row.value:
+        span = self.varied.get(attribute)
+        if span is None or span.ends is None or not span.row.value:
             return "(1.0, 1.0)"
-        return _pair(each.ends[0] / each.row.value, each.ends[1] / each.row.value)
+        return _pair(span.ends[0] / span.row.value, span.ends[1] / span.row.value)
 
 
 def _pair(lower: float, upper: float) -> str:
@@ -86,26 +85,26 @@ def as_randomisation(twin: Twin, options: Options) -> Written:
     """Return the ranges of one unit, or between several, as YAML or as Python."""
     units = (twin, *options.units)
     ranges = ranges_of(units)
-    said = tuple(_said(units, ranges))
+    sentences = (*about_ranges(units, ranges), *_about_events(ranges))
     lags = _lags(ranges, options.timestep)
     delays = {
         "mjlab": {"delay_min_lag": lags[0], "delay_max_lag": lags[1]},
         "isaaclab": {"min_delay": lags[0], "max_delay": lags[1]},
     }
-    notes = [*twin.log_lines, *said, OF_MJLAB]
+    notes = [*twin.log_lines, *sentences, OF_MJLAB]
     if options.ending == ".py":
         text = _python(twin, ranges, delays, notes)
     else:
         content = {"name": twin.name, "units": len(units), "timestep": options.timestep}
-        rows = [each.numbers() for each in ranges]
+        rows = [span.numbers() for span in ranges]
         text = yaml_text({**content, "ranges": rows, "delay_in_steps": delays, "notes": notes})
     about = f"{len(ranges)} attributes of {visible(twin.name)}"
     about += f" and {len(units) - 1} more" if len(units) > 1 else ""
-    return Written(text=text, about=about, left_out=said, title="Ranges", notes=(OF_MJLAB,))
+    return Written(text=text, about=about, left_out=sentences, title="Ranges", notes=(OF_MJLAB,))
 
 
-def _said(units: Sequence[Twin], ranges: Sequence[Range]) -> Iterator[str]:
-    """Say what the ranges are, and what they and events lack."""
+def about_ranges(units: Sequence[Twin], ranges: Sequence[Range]) -> Iterator[str]:
+    """Say what ranges are, and what they lack."""
     twin, count = units[0], len(units)
     if count > 1:
         more = f" (of {_MANY} units {tolerance_factor(_MANY):.3g})" if count < _MANY else ""
@@ -118,13 +117,30 @@ def _said(units: Sequence[Twin], ranges: Sequence[Range]) -> Iterator[str]:
         yield "These values are exact: export a saved result for its intervals."
     else:
         yield "Ranges are 95 % intervals of one unit. Give results of several for their scatter."
-    if unknown := [each.attribute for each in ranges if each.ends is None]:
-        yield f"No interval is known of {', '.join(unknown)}."
-    if lowest := [each.attribute for each in ranges if each.varies and (each.ends or (1,))[0] == 0]:
-        yield f"Ranges that reach 0: {', '.join(lowest)}."
-    varied = [each.attribute for each in ranges if each.varies]
+    names = [span.attribute for span in ranges]
+    every = dict.fromkeys(span.attribute for unit in units for span in ranges_of((unit,)))
+    sentences = {
+        "Not all units have": [name for name in every if name not in names],
+        "No interval is known of": [span.attribute for span in ranges if span.ends is None],
+        "Below 0, so the links' masses are to be checked:": [
+            span.attribute for span in ranges if span.row.value < 0 and span.ends == (0.0, 0.0)
+        ],
+        "Ranges that reach 0:": [
+            span.attribute for span in ranges if span.varies and span.ends and not span.ends[0]
+        ],
+    }
+    yield from (f"{words} {', '.join(some)}." for words, some in sentences.items() if some)
+    if rest := beyond(twin.loaded, {*HELD, *LOOP_TERMS, "back_emf"}):
+        yield f"Ranges do not hold {listed(twin.loaded, rest, twin.kind.unit)}."
+
+
+def _about_events(ranges: Sequence[Range]) -> Iterator[str]:
+    """Say what events lack, and what they add to."""
+    varied = [span.attribute for span in ranges if span.varies]
     if rest := [name for name in varied if name in _WITHOUT_EVENT]:
         yield f"Neither mjlab nor Isaac Lab has an event for {', '.join(rest)}."
+    if "kv" in varied and "kp" not in varied:
+        yield "mjlab has no event for kv alone."
     if "damping" in varied:
         yield (
             "Isaac Lab has no event for damping alone: that for dry friction scales it by the same "
@@ -135,15 +151,13 @@ def _said(units: Sequence[Twin], ranges: Sequence[Range]) -> Iterator[str]:
             "Events vary inertia as armature, and damping, on top of what your model has: give it "
             "the values here."
         )
-    if rest_of := beyond(twin.loaded, _HELD):
-        yield f"Ranges do not hold {listed(twin.loaded, rest_of, twin.kind.unit)}."
 
 
 def _lags(ranges: Sequence[Range], step: float) -> tuple[int, int]:
     """Return the ends of the delay in steps of the simulator."""
-    for each in ranges:
-        if each.attribute == "delay":
-            lower, upper = each.ends or (each.row.value, each.row.value)
+    for span in ranges:
+        if span.attribute == "delay":
+            lower, upper = span.ends or (span.row.value, span.row.value)
             return round(lower / step), round(upper / step)
     return 0, 0
 
@@ -159,15 +173,15 @@ def _python(
     lines = (line for text in about for line in textwrap.wrap(visible(text), 97))
     comments = "\n".join(f"# {line}" for line in lines)
     rows = "".join(
-        f"    {json.dumps(each.attribute)}: {_pair(*each.ends)},  # {each.row.unit}, "
-        f"{each.row.element} {visible(each.row.name)}: {each.row.value:.6g}\n"
-        for each in ranges
-        if each.ends is not None
+        f"    {json.dumps(span.attribute)}: {_pair(*span.ends)},  # {span.row.unit}, "
+        f"{span.row.element} {visible(span.row.name)}: {span.row.value:.6g}\n"
+        for span in ranges
+        if span.ends is not None
     )
-    own = facts_of(twin.source) if twin.source is not None and of_own_model(twin) else None
-    name = joint_name(twin) if own is None else own.joint
-    varied = {each.attribute: each for each in ranges if each.varies}
-    joint = _Joint(name, own is not None, varied)
+    facts = facts_of(twin.source) if twin.source is not None and of_own_model(twin) else None
+    name = joint_name(twin) if facts is None else facts.joint
+    varied = {span.attribute: span for span in ranges if span.varies}
+    joint = _Joint(name, facts is not None, varied)
     of_mjlab, of_isaac_lab = (
         "".join(event.lines for event in events(joint)) for events in (_of_mjlab, _of_isaac_lab)
     )
@@ -210,7 +224,7 @@ def _of_mjlab(joint: _Joint) -> Iterator[_Event]:
     }
     for attribute, function in functions.items():
         if attribute in joint.varied:
-            ranges, operation = joint.span(attribute)
+            ranges, operation = joint.drawn(attribute)
             arguments = {"ranges": ranges, "operation": operation}
             selection = f"joint_names=({json.dumps(joint.name)},)"
             yield _Event(f"{joint.name}_{attribute}", f"dr.{function}", selection, arguments)
@@ -218,7 +232,7 @@ def _of_mjlab(joint: _Joint) -> Iterator[_Event]:
     if "kp" in joint.varied:
         gains = {"kp_range": joint.share("kp"), "kd_range": joint.share("kv")}
         yield _Event(f"{joint.name}_gains", "dr.pd_gains", group, gains | by_share)
-    if "forcerange" in joint.varied:
+    if "forcerange" in joint.varied and joint.varied["forcerange"].row.now is not None:
         effort = {"effort_limit_range": joint.share("forcerange")}
         yield _Event(f"{joint.name}_effort", "dr.effort_limits", group, effort | by_share)
 
@@ -229,13 +243,13 @@ def _of_isaac_lab(joint: _Joint) -> Iterator[_Event]:
     parameters, gains = "mdp.randomize_joint_parameters", "mdp.randomize_actuator_gains"
     for attribute in ("armature", "inertia_about_axis"):
         if attribute in joint.varied:
-            ranges, operation = joint.span(attribute)
+            ranges, operation = joint.drawn(attribute)
             arguments = {"armature_distribution_params": ranges, "operation": operation}
             yield _Event(f"{joint.name}_{attribute}", parameters, selection, arguments)
     if "frictionloss" in joint.varied:
         share = {"friction_distribution_params": joint.share("frictionloss")}
         yield _Event(f"{joint.name}_frictionloss", parameters, selection, share | by_share)
-    if "kp" in joint.varied:
+    if joint.varied.keys() & {"kp", "kv"}:
         shares = {"stiffness_distribution_params": joint.share("kp")}
         shares |= {"damping_distribution_params": joint.share("kv")}
         yield _Event(f"{joint.name}_gains", gains, selection, shares | by_share)

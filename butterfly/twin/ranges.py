@@ -103,15 +103,15 @@ def ranges_of(units: Sequence[Twin]) -> list[Range]:
             raise InputError("export", "source", f"{unit.name} twice", "each unit once")
     if not others:
         return [Range(row=row, half_width=row.half_width) for row in first]
-    factor, found = tolerance_factor(len(units)), []
+    factor, ranges = tolerance_factor(len(units)), []
     for row in first:
-        rest = [each for rows in others for each in rows if each.attribute == row.attribute]
-        if len(rest) == len(others):
-            values = [row.value, *(each.value for each in rest)]
+        alike = [other for rows in others for other in rows if other.attribute == row.attribute]
+        if len(alike) == len(others):
+            values = [row.value, *(other.value for other in alike)]
             mean = ModelRow(**_about(row), value=fmean(values), half_width=math.nan, now=row.now)
             spread = stdev(values)
-            found.append(Range(row=mean, half_width=factor * spread, deviation=spread))
-    return found
+            ranges.append(Range(row=mean, half_width=factor * spread, deviation=spread))
+    return ranges
 
 
 def _about(row: ModelRow) -> dict[str, Any]:
@@ -125,7 +125,7 @@ def _require_alike(
 ) -> None:
     """Raise InputError unless two units have one joint, driven in one way."""
     kinds = [(unit.joint, unit.kind, unit.ratios, unit.servo is None) for unit in (first, other)]
-    joints = [{each.name for each in some if each.element != "body"} for some in (rows, of_other)]
+    joints = [{row.name for row in some if row.element != "body"} for some in (rows, of_other)]
     if kinds[0] != kinds[1] or joints[0].isdisjoint(joints[1]):
         expected = "units of one joint, with the same kind of input and the same model, or none"
         raise InputError("export", "source", f"{first.name} and {other.name}", expected)

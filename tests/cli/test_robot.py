@@ -11,6 +11,7 @@ from PIL import Image
 from scipy.io import loadmat
 
 import butterfly as bf
+from butterfly.cli.output import ExitCode
 from butterfly.errors import InputError
 from butterfly.plant.watch import picture
 from tests.cli.one_line import assert_one_line_error, done
@@ -160,6 +161,20 @@ def test_results_of_several_units_are_exported_as_ranges(butterfly, saved, tmp_p
         result.model.export(tmp_path / "t.urdf", to="urdf", others=[unit])
     written = result.model.export(tmp_path / "r.py", to="randomisation", others=[unit])
     assert "mean of 2 units" in written.text
+
+
+def test_ranges_of_a_unit_that_is_not_to_be_used_end_with_its_verdict(
+    butterfly, saved, unfit, tmp_path
+):
+    content = json.loads(saved.read_text())
+    content["parameters"]["p2"]["value"] *= 2
+    del content["digest"]
+    (tmp_path / "unit.json").write_text(json.dumps(content))
+    for number, others in enumerate(([], [tmp_path / "unit.json"])):
+        asked = ("--to", "randomisation", "--out", tmp_path / f"{number}.yaml")
+        code, out, _ = butterfly("export", unfit, *others, *asked)
+        assert code == ExitCode.NOT_TO_BE_USED
+        assert out.startswith("Do not use: ")
 
 
 @pytest.mark.usefixtures("brief_twins")

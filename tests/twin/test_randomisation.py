@@ -12,6 +12,8 @@ import yaml
 from butterfly.logs.log import InputKind
 from butterfly.model.servo import ServoLoop
 from butterfly.twin.forms import Options, write_as
+from butterfly.twin.randomisation import about_ranges
+from butterfly.twin.ranges import Range, ranges_of
 from butterfly.twin.snippet import inertial
 from tests.twin.in_mjlab import needs_mjlab, said_by_mjlab
 from tests.twin.moving import STEP, twin
@@ -133,6 +135,30 @@ def test_what_has_no_range_or_event_is_said():
     assert "No interval is known of gravity_moment." in unknown.left_out
     exact = write_as("randomisation", twin())
     assert "These values are exact" in exact.left_out[0]
+
+
+def test_what_only_some_units_have_is_said():
+    units = unit_of_product(), unit_of_product(p2=3e-3, delay=0.004)
+    written = write_as("randomisation", units[0], Options(units=units[1:]))
+    assert "Not all units have delay." in written.left_out
+
+
+def test_a_loop_of_velocity_has_an_event_of_isaac_lab_alone(monkeypatch):
+    loop = ServoLoop.of({"law": "speed-torque", "kp": 3.0})
+    joint = estimated(twin(kind=InputKind.TORQUE, servo=loop), p4=4e-3)
+    written = write_as("randomisation", joint, PYTHON)
+    made = _made(written.text, monkeypatch)
+    gains = made["isaac_lab_events"]()["hinge_gains"].params
+    assert gains["stiffness_distribution_params"] == (1.0, 1.0)
+    assert gains["damping_distribution_params"] == (0.9, 1.1)
+    assert made["mjlab_events"]() == {}
+    assert "mjlab has no event for kv alone." in written.left_out
+
+
+def test_an_armature_below_0_is_said():
+    row = replace(ranges_of((twin(),))[2].row, attribute="armature", value=-0.01, now=0.0)
+    spans = [Range(row=row, half_width=1e-3)]
+    assert any("Below 0" in said and "armature" in said for said in about_ranges((twin(),), spans))
 
 
 def test_a_name_ends_no_comment(monkeypatch):
