@@ -126,7 +126,7 @@ def _answer(
     parts += [f"{len(refused)} without an answer"] if refused else []
     headers = ("joint", "verdict", "armature", "damping", "frictionloss", "FIT in %")
     lines = [_line(row) for row in rows]
-    tables = [PageTable(f"Joints of {model}", headers, lines)]
+    tables = [PageTable(f"Joints of {model}", headers, lines, caption=_UNITS)]
     for joint, answer in ordered.items():
         tables.append(values_table(joint, answer.estimate.table())._replace(detail=True))
         tables.append(model_table(answer)._replace(detail=True))
@@ -158,8 +158,12 @@ def _row(joint: str, answer: Identification) -> dict[str, Any]:
     return {"joint": joint, "verdict": verdict, **values, **widths, "fit": answer.fit.median}
 
 
-_ATTRIBUTES = {"armature": "kg m²", "damping": "N m s/rad", "frictionloss": "N m"}
-"""Attributes in the table of joints, with their units for hinges."""
+_UNITS = (
+    "Armature in kg m², damping in N m s/rad, friction in N m (of a slide kg, N s/m, N), each with "
+    "the half-width of its 95 % interval."
+)
+_ATTRIBUTES = ("armature", "damping", "frictionloss")
+"""Attributes in the table of joints."""
 
 
 def _refused_row(joint: str, _: ButterflyError) -> dict[str, Any]:

@@ -68,7 +68,7 @@ class ModelFacts(StrictModel):
     joint: str
     kind: JointKind
     gravity: NonNegativeFloat
-    """Gravity in m/s^2 across the axis."""
+    """Gravity in m/s^2 across the axis, in the pose where it is largest."""
     poses: list[PoseFacts]
     """Of the logs: the different ones, the first log's first."""
     range: tuple[float, float] | None = None

@@ -274,7 +274,7 @@ class JointOfModel:
             urdf=self.path.suffix.lower() == ".urdf" or is_urdf(self.path),
             joint=self.name,
             kind=self.kind,
-            gravity=self.gravity_across(distinct[0].pose),
+            gravity=max(self.gravity_across(pose.pose) for pose in distinct),
             poses=distinct,
             range=(low, high) if limited else None,
             armature=float(model.dof_armature[dof]),

@@ -143,6 +143,13 @@ STILLS = (
     _figures_of_free_joint("cart"),
     _figures_of_free_joint("arm"),
     Still(
+        "joints",
+        "identify logs --model arm.xml --of all --input torque --known p4=1",
+        "joints.html",
+        "--report joints.html",
+        lambda: made("examples.arm_logs"),
+    ),
+    Still(
         "servo",
         "identify my-servo",
         "servo-figures/time.png",
