@@ -153,19 +153,21 @@ FILES ?= 2000
 readers: $(VENV)/.development
 	$(ONE_THREAD) $(BIN)/python -m tests.independent.readers --files $(FILES) --seed $(SEED)
 
-# Exported twins, moved by the programs that they are for: Pinocchio, mjlab (which asks for an older
-# MuJoCo) with MuJoCo Warp on the CPU, and on a public arm. Several GB: READBACK_MORE='torch==...'.
+# Exported twins, moved by the programs that they are for: Pinocchio, a public arm, and mjlab, with
+# MuJoCo Warp on the CPU. mjlab asks for an older MuJoCo, so it has an environment of its own (6 GB).
 READBACK := build/readback
+OF_MJLAB := build/mjlab
 READBACK_MORE ?=
 readback: | $(UV)
 	mkdir -p build
-	printf 'mujoco>=4.0,<5\nmujoco-warp>=4.0,<5\n' > $(READBACK).txt
 	$(UV) venv --quiet --allow-existing --python $(PYTHON) $(READBACK)
-	$(UV) pip install --quiet --python $(READBACK)/bin/python --override $(READBACK).txt \
-		--editable . hypothesis pytest pytest-xdist pin mjlab openarm-mujoco $(READBACK_MORE)
-	$(UV) pip list --python $(READBACK)/bin/python 2>/dev/null | \
-		grep -E '^(butterfly-testbed|mjlab|mujoco|mujoco-warp|openarm-mujoco|pin|torch) '
-	$(ONE_THREAD) $(READBACK)/bin/python -m pytest $(addprefix tests/twin/test_,actuator.py mjspec.py urdf.py)
+	$(UV) venv --quiet --allow-existing --python $(PYTHON) $(OF_MJLAB)
+	$(UV) pip install --quiet --python $(READBACK)/bin/python \
+		--editable . hypothesis pytest pytest-xdist pin openarm-mujoco
+	$(UV) pip install --quiet --python $(OF_MJLAB)/bin/python mjlab $(READBACK_MORE)
+	for each in $(READBACK) $(OF_MJLAB); do $(UV) pip list --python $$each/bin/python 2>/dev/null | \
+		grep -E '^(butterfly-testbed|mjlab|mujoco|mujoco-warp|openarm-mujoco|pin|torch) '; done
+	$(ONE_THREAD) $(READBACK)/bin/python -m pytest $(addprefix tests/twin/test_,mjspec.py plain.py randomisation.py)
 
 # What the program answers, digit by digit, written to RECORD; and what another version of it answers
 # beside that. RECORD_OPTIONS='--part quick' takes a minute, all of it a quarter of an hour.

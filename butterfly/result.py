@@ -37,6 +37,7 @@ ANSWERS = (
     | dict.fromkeys(("prediction", "run", "selection"), 4)
     | dict.fromkeys(("campaign", "comparison", "draws", "inspection"), 5)
     | dict.fromkeys(("residual", "sweep", "validation"), 5)
+    | {"joints": 1}
 )
 """Kinds of answers, which can be loaded, and the numbers of their schemas."""
 

@@ -14,11 +14,13 @@ STEP, RATE, NOISE = 5e-4, 200, 5e-4  # s, Hz, rad
 _HELD = 1e12  # armature of the others, which nothing moves then
 
 
-def write_log(path, joint, pose, *, seed=0, seconds=6.0, columns=(), swing=0.0, gain=1.0):
+def write_log(
+    path, joint, pose, *, seed=0, seconds=6.0, columns=(), swing=0.0, gain=1.0, force=0.6
+):
     """Move a joint about where it hangs; the log has the positions of others in ``columns``.
 
     ``swing``: rad by which a motor moves each other joint to and fro; ``gain``: N m for each unit
-    of the recorded input.
+    of the recorded input; ``force``: N m, of each of the four sines that drive it.
     """
     rng = np.random.default_rng(seed)
     robot = JointOfModel.of(ARM, joint)
@@ -41,7 +43,7 @@ def write_log(path, joint, pose, *, seed=0, seconds=6.0, columns=(), swing=0.0, 
     every = round(1 / RATE / STEP)
     for k in range(round(seconds * RATE)):
         time = k / RATE
-        torque = 0.6 * np.sin(pace * time + phase).sum() - 0.05 * data.qvel[dof]
+        torque = force * np.sin(pace * time + phase).sum() - 0.05 * data.qvel[dof]
         torque += 1.5 * (middle - data.qpos[place])
         torque += facts.moment * np.sin(middle - facts.zero)
         angles = data.qpos + rng.normal(0.0, NOISE, model.nq)

@@ -75,7 +75,7 @@ def test_the_work_of_an_identification_is_counted_and_ends_at_its_most(data, mon
 def test_an_answer_is_the_same_beside_busy_processes_and_with_any_number_of_threads(data):
     """Nothing of it depends on the clock on the wall."""
     alone = bf.identify(data, "output-error", workers=1).to_dict()
-    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(4)]
+    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2)]
     try:
         beside = bf.identify(data, "output-error", workers=4).to_dict()
     finally:

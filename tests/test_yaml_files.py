@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import pytest
 import yaml
-from hypothesis import example, given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from pydantic import Field
 
@@ -94,6 +94,7 @@ def test_bytes_that_are_no_text_are_named(tmp_path):
         load_yaml(tmp_path / "latin.yaml")
 
 
+@settings(max_examples=50)
 @given(st.text())
 def test_any_text_is_a_mapping_or_one_error(tmp_path, text):
     with suppress(InputError):

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from butterfly.api.identification import Identification
+from butterfly.api.next_runs import share_of
 from butterfly.api.sources import Named
-from butterfly.api.verbs import share_of
 from butterfly.arguments import checked
 from butterfly.campaigns.callbacks import CampaignCallbacks
 from butterfly.campaigns.campaign import CampaignOptions, CampaignResult, MountMass, conduct
@@ -65,7 +65,7 @@ def campaign_answer(
     tables = []
     if estimate is not None:
         ratios = bool(estimate.ratios)
-        tables.append(parameters_table("Parameters", numbers, ratios=ratios))
+        tables.append(parameters_table("Parameters", estimate, numbers))
     if rows:
         tables.append(runs_table("Runs", rows))
     gain = None if ratios else numbers.get("p4")

@@ -1,4 +1,4 @@
-"""Has the joint changed? The comparison of two identifications."""
+"""`changed`: whether the joint has changed between two identifications."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from butterfly.api.identification import Identification
+from butterfly.api.sources import Named
+from butterfly.api.verbs import require_identification
+from butterfly.arguments import checked
 from butterfly.comparison.change import Change, ParameterChange, change
 from butterfly.errors import InputError, listed
 from butterfly.files import finite
@@ -21,7 +24,22 @@ from butterfly.result import Answer
 from butterfly.verdict import Level
 
 _PLACES = ("the first", "the second")
+
+
 _LISTED = 4  # parameters whose detectable change is named
+
+
+@checked
+def changed(before: Identification | Named, after: Identification | Named) -> Answer:
+    """Test whether a joint has changed between two identifications from independent logs.
+
+    Parameters
+    ----------
+    before, after
+        Each an `Identification` or its saved file.
+    """
+    one, other = (require_identification(result, "changed") for result in (before, after))
+    return change_answer(one, other)
 
 
 def change_answer(one: Identification, other: Identification) -> Answer:

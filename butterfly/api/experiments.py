@@ -38,7 +38,7 @@ from butterfly.report.format import field_label, fit_text
 from butterfly.report.numbers import estimate_numbers
 from butterfly.report.orbit_page import degrees_said, orbit_headline, orbit_page
 from butterfly.report.page import Page, PageTable, views, write_page
-from butterfly.report.summary import values_table
+from butterfly.report.parameter_table import values_table
 from butterfly.report.sweep_page import sweep_page
 from butterfly.result import Answer
 from butterfly.verdict import Level, Verdict

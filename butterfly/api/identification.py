@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from butterfly.api.joint_models import of_joint
-from butterfly.api.results import physical_answer
 from butterfly.arguments import checked
 from butterfly.errors import InputError, visible
-from butterfly.files import write_document
+from butterfly.files import finite, write_document
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import WholeRuns
@@ -44,9 +43,10 @@ from butterfly.report.numbers import (
     finding_numbers,
     residual_numbers,
 )
-from butterfly.report.page import Fact, Page, PageTable, Section
+from butterfly.report.page import Fact, Page, PageTable, Section, views
 from butterfly.report.parameter_table import (
-    parameter_texts,
+    PHYSICAL_TITLE,
+    parameter_table,
     physical_numbers,
     physical_sentences,
 )
@@ -203,10 +203,8 @@ class Identification(Identified, Answer):
 
     def printed(self) -> PageTable:
         """Return the table of parameters, rounded to their errors."""
-        columns = ("name", "value", "error", "interval", "unit", "meaning")
-        names = ("parameter", "value", "standard error", "95 % interval", "unit", "meaning")
-        rows = [*map(parameter_texts, self.estimate.table())]
-        return PageTable(self.title, names, [[row[name] for name in columns] for row in rows])
+        columns = ("parameter", "value", "standard error", "95 % interval", "unit", "meaning")
+        return parameter_table(self.title, self.estimate.table(), *columns)
 
     def tables(self) -> list[PageTable]:
         """Return the tables: parameters (beside the truth if known), physical ones, other FITs."""
@@ -244,7 +242,16 @@ class Identification(Identified, Answer):
             What is known of motor and hand besides what the data say of it, by names of
             `butterfly.model.prior.PHYSICAL`: a number, or ``(0.3, 0.01)`` with its uncertainty.
         """
-        return physical_answer(self.separated(known), self.origin["name"], self.judged)
+        parameters, title = self.separated(known), f"{PHYSICAL_TITLE} of {self.origin['name']!r}"
+        numbers = physical_numbers(parameters)
+        rows = finite([{"parameter": name} | row for name, row in numbers.items()])
+        return Answer(
+            kind="physical",
+            title=title,
+            summary=(*self.judged.lines, *physical_sentences(parameters)),
+            content={"rows": rows, **views([PageTable.of(title, rows)])},
+            judged=self.judged,
+        )
 
     @checked
     def write_back(
@@ -421,6 +428,7 @@ class IdentifiedModel:
         hand_mass: float | None = None,
         timestep: float = DEFAULTS.timestep,
         integrator: Literal["RK4", "implicitfast"] = DEFAULTS.integrator,
+        others: Sequence[Identification] = (),
         overwrite: bool = False,
     ) -> Written:
         """Export the joint (its twin), as ``butterfly export`` does.
@@ -438,12 +446,17 @@ class IdentifiedModel:
             Time step of your simulator in s.
         integrator
             MuJoCo integrator.
+        others
+            Results of further units of the joint, whose scatter ``to="randomisation"`` writes.
         overwrite
             Whether to replace an existing file of a format that holds no mark: C, Python, JSON.
         """
         from butterfly.twin.forms import write_twin  # noqa: PLC0415 - slow to import
 
-        options = Options(timestep=timestep, integrator=integrator)
+        if others and to != "randomisation":
+            raise InputError("export", "others", f"{len(others)} results", 'to="randomisation"')
+        units = tuple(other.model.twin(added_mass) for other in others)
+        options = Options(timestep=timestep, integrator=integrator, units=units)
         with call(overwrite=overwrite):
             twin = self.twin(added_mass, hand_mass=hand_mass)
             written = write_twin(to, twin, options, Path(path))

@@ -46,14 +46,13 @@ def with_model(manifest: Manifest) -> Manifest:
                 expected = "model as well: the MJCF or URDF that has this joint"
                 raise InputError(source, name, getattr(manifest, name), expected)
         return manifest
-    if manifest.of is None:
-        raise InputError(source, "of", "nothing", "the name of the joint in the model")
     if manifest.facts is not None:
         return manifest
+    manifest, joint = of_one_joint(manifest)
     from butterfly.twin.joint_of_model import JointOfModel  # noqa: PLC0415 - slow to import
 
-    path = (Path(manifest.root) / manifest.model).resolve()
-    robot = JointOfModel.of(path, manifest.of)
+    path = (Path(manifest.root) / str(manifest.model)).resolve()
+    robot = JointOfModel.of(path, joint)
     entries = [_with_columns(manifest, entry, robot.others) for entry in manifest.logs]
     poses = _poses(manifest, entries)
     facts = robot.facts(poses, manifest.link_masses)
@@ -71,6 +70,32 @@ def with_model(manifest: Manifest) -> Manifest:
         "logs": _with_poses(manifest, entries, facts, whole),
     }
     return manifest.model_copy(update=update)
+
+
+def of_one_joint(manifest: Manifest) -> tuple[Manifest, str]:
+    """Return a manifest of the logs of its joint, and the joint; InputError without either."""
+    names = dict.fromkeys(entry.of for entry in manifest.logs if entry.of)
+    several = len(names) > 1 or any(entry.of is None for entry in manifest.logs)
+    if manifest.of is None and (several or not names):
+        expected = "the name of the joint in the model, or all (of: elbow, --of elbow)"
+        raise InputError(manifest.name, "of", ", ".join(names) or "nothing", expected)
+    joint = next(iter(names)) if manifest.of is None else manifest.of
+    logs = [entry for entry in manifest.logs if entry.of in {None, joint}]
+    if not logs:
+        raise InputError(manifest.name, "of", joint, nearest(joint, names))
+    logs = [entry for entry in logs if drives(manifest, entry, joint)] or logs
+    return manifest.model_copy(update={"of": joint, "logs": logs}), joint
+
+
+def drives(manifest: Manifest, entry: LogEntry, joint: str, others: Sequence[str] = ()) -> bool:
+    """Whether a log is of a joint: it says so, or has columns of its motion and its command."""
+    if entry.of is not None:
+        return entry.of == joint
+    place = {"at": entry.at} if entry.at else {}
+    columns = column_names(Path(manifest.root) / entry.file, **place)
+    kind = manifest.input if entry.input is None else entry.input
+    meant = columns_of_joint(columns, joint, others, kind)
+    return "angle" in meant and ("input" in meant or kind is InputKind.NONE)
 
 
 def _with_columns(manifest: Manifest, entry: LogEntry, others: Mapping[str, int]) -> LogEntry:

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from butterfly.api.identification import Identification, IdentifiedModel
-from butterfly.api.results import about_log, fit_facts, of_logs
 from butterfly.arguments import checked
 from butterfly.files import finite, write_xml
 from butterfly.identification.estimate import Estimate
@@ -26,6 +25,7 @@ from butterfly.model.terms import PARAMETERS, TERMS
 from butterfly.outputs import call, require_endings
 from butterfly.report.finding_texts import estimate_notes, estimate_verdict
 from butterfly.report.format import fit_text
+from butterfly.report.log_table import about_log, fit_facts, of_logs
 from butterfly.report.numbers import estimate_numbers, write_columns
 from butterfly.report.page import Fact, PageTable, views
 from butterfly.result import Answer

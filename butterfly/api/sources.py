@@ -204,8 +204,8 @@ def _of_files(
     for path, manifest in zip(_paths(sources), manifests, strict=True):
         require_said(path, manifest)
     whole = _joined(manifests, given)
-    parts = [read_data_set(one, track) for one in ([whole] if whole else manifests)]
-    parts = [of_joint(part) for part in parts]
+    wanted = [with_model(manifest) for manifest in ([whole] if whole else manifests)]
+    parts = [of_joint(read_data_set(manifest, track)) for manifest in wanted]
     if whole is not None:
         return parts[0]
     return _union(parts, {"name": "logs", **given})
@@ -279,8 +279,7 @@ def _manifests(
     except OSError as error:  # of a folder that may not be looked into
         reason = error.strerror or str(error)
         raise InputError(error.filename, "path", reason, "a readable file or folder") from None
-    pieces = [manifest.piece(given.get("from"), given.get("to")) for manifest in manifests]
-    return [with_model(piece) for piece in pieces]
+    return [manifest.piece(given.get("from"), given.get("to")) for manifest in manifests]
 
 
 def _described(

@@ -293,7 +293,7 @@ class Folder:
             sign=1 if journal.contact.polarity > 0 else -1,
             known=journal.known,
             holdout=[Path(name).stem for name, step in runs if step.held_out],
-            logs=[LogEntry.of(name, step.added_mass) for name, step in runs],
+            logs=[LogEntry.carrying(name, step.added_mass) for name, step in runs],
         )
 
     def _write_manifest(self) -> None:

@@ -146,6 +146,7 @@ FACTS = {
     "loop": "Control loop of a servo: its law and gains",
     "begin": "Start in s of the piece to use, on the clock of the file",
     "end": "End in s of the piece to use",
+    "of": "Name of the joint in that model",
     "pose": "Positions of the model's other joints in rad or m",
     "neighbours": "Columns of the positions of other joints of the model, by joint",
     "part": (
@@ -162,7 +163,6 @@ FACTS = {
     "shape": ("Shape in pictures and exported models: a plain bar, or the Butterfly robot's hand"),
     "gravity": "Gravity in m/s^2, perpendicular to the axis; 0 for a vertical axis",
     "model": "MJCF or URDF of the robot whose joint the logs move",
-    "of": "Name of the joint in that model",
     "link_masses": "How well that model's masses are known: 5 % (0.05), all by one factor",
     "facts": "What the model says of the joint; read from it",
     "encoder": (

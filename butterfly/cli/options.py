@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from butterfly.identification.estimators import Estimator
 
 _ALL = "--help-all" in sys.argv
+ALL = "all"  # joints of a model
 
 THE_FIT = Group("The fit", sort_key=2)
 FIT_IN_DETAIL = Group("The fit in detail", sort_key=3, show=_ALL)
@@ -89,7 +90,7 @@ class Facts:
     arm: Annotated[float | None, _fact("arm", metavar="m")] = None
     known: Annotated[str | None, _KNOWN] = None
     model: Annotated[Path | None, _fact("model", metavar="FILE")] = None
-    of: Annotated[str | None, _fact("of", metavar="JOINT")] = None
+    of: Annotated[str | None, _fact("of", "Or: all.", metavar="JOINT")] = None
     pose: Annotated[str | None, _POSE] = None
     zero: Annotated[str | None, _ZERO] = None
     root: Annotated[Path | None, _ROOT] = None
@@ -113,6 +114,11 @@ class Facts:
         del values["root"]
         values |= {"from": values.pop("begin", None), "to": values.pop("end", None)}
         return {name: value for name, value in values.items() if value is not None}
+
+    @property
+    def names_joints(self) -> bool:
+        """Whether it asks for several joints of a model."""
+        return self.of is not None and (self.of == ALL or "," in self.of)
 
     def words(self) -> list[str]:
         """Return the given options as words of a command line."""

@@ -24,7 +24,7 @@ from butterfly.logs.log import InputKind
 from butterfly.report.finding_texts import estimate_verdict
 from butterfly.report.format import field_label, field_name, field_unit, with_error
 from butterfly.report.numbers import rows_document, write_columns
-from butterfly.report.parameter_table import parameter_texts
+from butterfly.report.parameter_table import value_text
 from butterfly.result import document
 
 Folder = Annotated[Path, Option(help="A sweep's results, such as results/NAME.")]
@@ -255,7 +255,7 @@ def compare_runs(one: Path, other: Path) -> ExitCode:
 
 def _difference(row: Parameter, twin: Parameter) -> tuple[str, ...]:
     if row.value is None or twin.value is None:
-        return *(parameter_texts(entry)["value"] for entry in (row, twin)), "–", "–"
+        return *map(value_text, (row, twin)), "–", "–"
     change, errors = twin.value - row.value, [or_nan(entry.standard_error) for entry in (row, twin)]
     spread = math.hypot(*errors)
     values = map(with_error, (row.value, twin.value), errors)

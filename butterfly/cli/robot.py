@@ -203,9 +203,10 @@ def export(
         identified joint change. Several results, one a joint, may be given at once.
     to
         Format: MuJoCo model (mjcf), lines to paste into your MJCF (snippet), URDF (urdf), actuator
-        settings for mjlab and Isaac Lab (actuator), a C99 header (c), JSON for BAM (bam), the
-        command that cancels gravity and friction in C or Python (compensation), or gains of WPILib
-        as JSON (wpilib).
+        settings for mjlab and Isaac Lab (actuator), ranges for domain randomisation as YAML, or in
+        Python with events of both (randomisation; several results are units, whose scatter is
+        asked), a C99 header (c), JSON for BAM (bam), the command that cancels gravity and friction
+        in C or Python (compensation), or gains of WPILib as JSON (wpilib).
     timestep
         Time step of your simulator.
     integrator
@@ -222,26 +223,38 @@ def export(
 
     if into is not None:
         return _export_into([source, *more], into, out)
-    if more:
-        expected = "one result, or --into FILE to write several joints into one model"
+    if more and to != "randomisation":
+        expected = "one result; or --into FILE for joints of a model, --to randomisation for units"
         raise InputError("export", "source", f"{len(more) + 1} results", expected)
     if actuator and to != "bam":
         raise InputError("export", "--actuator", actuator, "--to bam as well")
-    named = robot_of(source, hand_mass=hand_mass, added_mass=added_mass, arm=arm)
-    if named.judged is not None:
-        say_verdict(named.judged)
-    options = Options(timestep=timestep, integrator=integrator, actuator=actuator)
+    carried: dict[str, Any] = {"hand_mass": hand_mass, "added_mass": added_mass, "arm": arm}
+    named, *others = (robot_of(path, **carried) for path in (source, *more))
+    verdicts = {
+        str(path): each.judged
+        for path, each in zip((source, *more), (named, *others), strict=True)
+        if each.judged is not None
+    }
+    verdict = Verdict.of_several(verdicts) if len(verdicts) > 1 else named.judged
+    if verdict is not None:
+        say_verdict(verdict)
+    options = Options(
+        timestep=timestep,
+        integrator=integrator,
+        actuator=actuator,
+        units=tuple(each.twin for each in others),
+    )
     made = write_twin(to, named.twin, options, out)
-    carried = f", with {named.twin.added}" if added_mass and to != "bam" else ""
-    say(f"{made.title}: {out}, {made.about}{carried}.")
+    load = f", with {named.twin.added}" if added_mass and to != "bam" else ""
+    say(f"{made.title}: {out}, {made.about}{load}.")
     accuracy = (made.accuracy.sentence,) if made.accuracy else ()
     for sentence in (*made.notes, *made.left_out, *accuracy):
         say(sentence)
     if named.note and to in WITH_A_BODY:
         say(named.note)
-    if not asked.silent and is_data(locate(source)):
+    if not asked.silent and not more and is_data(locate(source)):
         put(f"Next: butterfly compare {shlex.quote(str(source))}")
-    return ExitCode.of(named.judged)
+    return ExitCode.of(verdict)
 
 
 def _export_into(sources: Sequence[Path], into: Path, out: Path) -> ExitCode:

@@ -6,7 +6,7 @@ import shlex
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
@@ -21,7 +21,17 @@ from butterfly.cli.estimator_options import (
     FitOfSeveral,
     FitOfTerms,
 )
-from butterfly.cli.options import NO_REPORT, OUT, SILENT, WRITTEN, DataOptions, Report, parse_pairs
+from butterfly.cli.options import (
+    ALL,
+    NO_REPORT,
+    OUT,
+    SILENT,
+    WRITTEN,
+    DataOptions,
+    Report,
+    parse_names,
+    parse_pairs,
+)
 from butterfly.cli.output import ExitCode, asked, put, say, show, show_progress, warn
 from butterfly.cli.verb_options import (
     CAMPAIGN,
@@ -47,6 +57,7 @@ from butterfly.cli.verb_options import (
 )
 from butterfly.cli.written import FOLDER, SAVED, OutputFile
 from butterfly.errors import InputError, StoppedError
+from butterfly.outputs import require_free
 
 
 def _says(argument: str) -> Parameter:
@@ -112,6 +123,11 @@ def identify(
     keywords = fit.keywords()
     others = {text: parse_pairs(text, "--against") for text in against}
     paths = [data, *more]
+    if facts.names_joints:
+        if against:
+            expected = "one joint (--of JOINT), to compare it with other parameters"
+            raise InputError("butterfly identify", "--against", against[0], expected)
+        return _identify_joints(paths, facts, keywords, save, page)
     logs = bf.read(paths, root=facts.root, track=show_progress, **facts.description())
     answer = bf.identify(
         logs, against=others, **options.keywords(), track=show_progress, **keywords
@@ -119,6 +135,42 @@ def identify(
     ended = show(answer, **vars(page), save=save)
     if not asked.silent:  # whole, however long: to be pasted
         put(f"Next: {next_command(answer, asked.words, [*paths, *facts.words()], save)}")
+    return ended
+
+
+def _identify_joints(
+    paths: list[Path],
+    facts: DataOptions,
+    keywords: Mapping[str, Any],
+    save: Path | None,
+    page: Report,
+) -> ExitCode:
+    """Show a table of joints, and save the result of each beside the others."""
+    description = facts.description()
+    model, names = description.pop("model", None), description.pop("of")
+    if model is None:
+        expected = "--model FILE as well: the MJCF or URDF that has these joints"
+        raise InputError("butterfly identify", "--of", names, expected)
+    answer = bf.identify_joints(
+        paths,
+        model=model,
+        of=names if names == ALL else parse_names(names),
+        root=facts.root,
+        description=description,
+        track=show_progress,
+        **keywords,
+    )
+    ended = show(answer, **vars(page))
+    if save is not None:
+        files = {joint: save.with_stem(f"{save.stem}_{joint}") for joint in answer.identifications}
+        for joint, file in files.items():
+            require_free(file, *(SAVED.documents), option="--save")
+            answer.identifications[joint].save(file)
+            say(f"Saved: {file}")
+        if not asked.silent:
+            saved = " ".join(shlex.quote(str(file)) for file in files.values())
+            out = model.with_stem(f"{model.stem}_identified")
+            put(f"Next: butterfly export {saved} --into {shlex.quote(str(model))} --out {out.name}")
     return ended
 
 

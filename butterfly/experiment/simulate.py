@@ -79,7 +79,7 @@ def write_logs(experiment: Experiment, logs: Iterable[Log], folder: Path) -> Pat
         require_free(folder / file_of(log))
     entries = []
     for log in logs:
-        entries.append(LogEntry.of(file_of(log), log.added_mass, log.excitation))
+        entries.append(LogEntry.carrying(file_of(log), log.added_mass, log.excitation))
         path = folder / entries[-1].file
         if log.servo is None:
             write_mat(log, path)
@@ -92,7 +92,9 @@ def write_logs(experiment: Experiment, logs: Iterable[Log], folder: Path) -> Pat
 
 def packed(experiment: Experiment, logs: Sequence[Log]) -> dict[str, bytes]:
     """Return the contents of the files of a data set, by name: logs as Parquet, and a manifest."""
-    entries = [LogEntry.of(f"{log.name}.parquet", log.added_mass, log.excitation) for log in logs]
+    entries = [
+        LogEntry.carrying(f"{log.name}.parquet", log.added_mass, log.excitation) for log in logs
+    ]
     files = {entry.file: parquet_bytes(log) for entry, log in zip(entries, logs, strict=True)}
     return files | {MANIFEST_NAME: manifest_text(_manifest(experiment, entries)).encode()}
 

@@ -115,6 +115,8 @@ class LogEntry(StrictModel):
     """Start in s of the piece to use, on the clock of the file."""
     end: Annotated[float | None, Field(alias="to")] = None
     """End in s of the piece to use."""
+    of: str | None = None
+    """Name of the joint that this log moves, in the ``model``."""
     pose: dict[str, float] | None = None
     """Positions of the other joints of the ``model`` in this log, in rad or m."""
     neighbours: dict[str, str | int] | None = None
@@ -125,7 +127,7 @@ class LogEntry(StrictModel):
     """``restarts``: each of these recordings is a log."""
 
     @classmethod
-    def of(cls, file: str, added: AddedMass, sine: Sine | None = None) -> LogEntry:
+    def carrying(cls, file: str, added: AddedMass, sine: Sine | None = None) -> LogEntry:
         """Return the entry of a log with an added mass, driven by a sine if given."""
         return cls(
             file=file,

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable, Sequence
+import json
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -16,7 +17,7 @@ from pyarrow import compute, parquet
 
 from butterfly.errors import InputError, size_text
 from butterfly.files import most_in, require_file, whole
-from butterfly.logs.components import components
+from butterfly.logs.components import Component, components
 from butterfly.logs.formats import ColumnMap, chosen_columns
 from butterfly.logs.log import Log
 from butterfly.logs.text_table import is_number_type
@@ -25,6 +26,7 @@ from butterfly.logs.units import Units
 
 _BYTES = 8  # of a number
 _AT_A_TIME, _FIRST = 1 << 20, 100  # samples
+_FOLDERS = 3  # above a file, in one of which a data set describes it
 
 
 def read_parquet(path: Path, columns: ColumnMap | None, units: Units, about: dict[str, Any]) -> Log:
@@ -36,6 +38,7 @@ def read_parquet(path: Path, columns: ColumnMap | None, units: Units, about: dic
         leaves = _leaves(schema)
         lists = {leaf.name: leaf for leaf in leaves if _is_list(leaf.kind)}
         parts = components(_heads(file, lists.values()))
+        parts |= _named_by_dataset(path, parts)
         names = [*(leaf.name for leaf in leaves), *parts]
         places, unasked = chosen_columns(path, names, columns, about)
         for field in unasked:
@@ -59,6 +62,29 @@ def read_parquet(path: Path, columns: ColumnMap | None, units: Units, about: dic
     headings |= {field: replace(headings[field], number=None) for field in single}
     about |= {"source": str(path)}
     return Log.of_columns(arrays, headings, units, unasked=unasked, **about)
+
+
+def _named_by_dataset(path: Path, parts: Mapping[str, Component]) -> dict[str, Component]:
+    """Return the parts of columns of lists by the names that a LeRobot data set gives them.
+
+    They are in ``meta/info.json`` above the file: features, by column, with names of their parts.
+    """
+    above = (folder / "meta/info.json" for folder in list(path.resolve().parents)[:_FOLDERS])
+    place = next((file for file in above if file.is_file()), None)
+    if place is None:
+        return {}
+    try:
+        features = json.loads(place.read_text("utf-8"))["features"]
+        given = {column: feature.get("names") for column, feature in features.items()}
+    except (OSError, ValueError, LookupError, TypeError, AttributeError):
+        return {}  # another program's file of this name
+    named = {}
+    for column, names in given.items():
+        flat = next(iter(names.values()), None) if isinstance(names, dict) else names
+        for k, name in enumerate(flat if isinstance(flat, list) else []):
+            if (part := parts.get(f"{column}.{k}")) is not None and isinstance(name, str):
+                named[f"{column}.{name}"] = part
+    return named
 
 
 def _sayings_of(path: Path, schema: pa.Schema, names: Sequence[str]) -> UnitHints:

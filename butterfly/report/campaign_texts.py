@@ -17,12 +17,13 @@ from butterfly.campaigns.campaign import CampaignOptions, CampaignResult
 from butterfly.campaigns.folder import Journal
 from butterfly.identification.design import OF_GOAL
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.parameter import Parameter, or_nan
+from butterfly.identification.parameter import or_nan
 from butterfly.identification.physical import judge_fit
 from butterfly.model.terms import TERMS
 from butterfly.report.format import counted, percent, upwards
 from butterfly.report.page import Fact, PageTable
-from butterfly.report.summary import held_out_sentences, values_table
+from butterfly.report.parameter_table import values_table
+from butterfly.report.summary import held_out_sentences
 from butterfly.verdict import Level
 
 _OF_RUNS = (
@@ -133,23 +134,18 @@ def widest(row: Mapping[str, Any]) -> str:
 
 
 def parameters_table(
-    title: str, numbers: Mapping[str, Mapping[str, Any]], *, ratios: bool
+    title: str, estimate: Estimate, numbers: Mapping[str, Mapping[str, Any]]
 ) -> PageTable:
-    """Tabulate `parameter_numbers` as `identify` does, beside the share of the goal."""
-    rows, shares = [], []
+    """Tabulate parameters as `identify` does, beside the share of the goal in their `numbers`."""
+    rows, shares = estimate.table(), []
     for fields in numbers.values():
-        content = dict(fields)
-        half, goal = content.pop("half_width"), content.pop("wanted")
-        rows.append(Parameter(**content))
+        half, goal = fields["half_width"], fields["wanted"]
         shares.append(percent(half / goal) if half is not None and goal else "–")
-    if ratios:
+    if estimate.ratios:
         title = f"{title}, ratios to p1"
-        rows = [replace(row, name=_ratio_name(row.name)) for row in rows]
-    plain = values_table(title, rows)
-    name, value, *others = plain.headers
-    lines = [(*row[:2], share, *row[2:]) for row, share in zip(plain.rows, shares, strict=True)]
-    headers = (name, value, "of the goal", *others)
-    return plain._replace(headers=headers, rows=lines, caption=_CAPTION, name="parameters")
+        rows = tuple(replace(row, name=_ratio_name(row.name)) for row in rows)
+    more = {"of the goal": shares}
+    return values_table(title, rows, more, caption=_CAPTION, name="parameters")
 
 
 def _ratio_name(name: str) -> str:

@@ -16,7 +16,7 @@ from butterfly.model.parameters import JointKind
 from butterfly.model.terms import PARAMETERS
 from butterfly.report.figures import middle
 from butterfly.report.finding_texts import estimate_verdict, grave_notes
-from butterfly.report.forest import Bar, forest, forest_caption
+from butterfly.report.forest import forest, forest_caption
 from butterfly.report.format import counted, fit_text
 from butterfly.report.identification_figures import IdentificationPlots
 from butterfly.report.inspection import STATES, conditions_text
@@ -30,10 +30,10 @@ from butterfly.report.log_figures import (
 )
 from butterfly.report.page import Badge, Fact, Marked, Page, PageTable, Section, tabulated
 from butterfly.report.parameter_table import (
-    badge_of,
-    parameter_texts,
+    parameter_table,
     physical_sentences,
     physical_table,
+    value_text,
 )
 from butterfly.report.residual import residual_sentences, residual_table
 from butterfly.report.summary import loop_table
@@ -159,22 +159,18 @@ def _lead(identification: Identified) -> Section:
     """Return the forest plot: each parameter a row, its interval drawn and in numbers."""
     joint, truth = identification.estimate.joint, identification.truth
     parameters = identification.estimate.table(truth)
-    texts, bars = map(parameter_texts, parameters), forest(parameters)
-    proof = {"true": "true", "deviation": "deviation"} if truth else {}
-    headers = {"width": "±", **proof, "interval": "95 % interval", "error": "standard error"}
-    rows: list[tuple[str | Marked | Bar, ...]] = []
-    for parameter, row, bar in zip(parameters, texts, bars, strict=True):
-        name = Marked(parameter.name, meaning=row["meaning"])
-        cells = (row[key] for key in headers)
-        rows.append((name, row["value"], row["unit"], badge_of(parameter), bar, *cells))
-    table = PageTable(
+    bars, proof = forest(parameters), ("true", "deviation") if truth else ()
+    first = ("name, with its meaning", "value", "unit", "badge", bars[0].axis, "±")
+    table = parameter_table(
+        "",
+        parameters,
+        *(*first, *proof, "95 % interval", "standard error"),
+        more={bars[0].axis: bars},
         name="parameters",
         words=(2,),
-        headers=("", "value", "unit", "", bars[0].axis, *headers.values()),
-        rows=rows,
         caption=forest_caption(bars),
     )
-    further = ", with the further terms below" if len(rows) > len(_COMPARED) + 1 else ""
+    further = ", with the further terms below" if len(parameters) > len(_COMPARED) + 1 else ""
     heavy = any(
         parameter.name == "p3" and (parameter.value or not parameter.known)
         for parameter in parameters
@@ -258,7 +254,7 @@ def _resonances_table(identification: Identified) -> PageTable:
 def _against_table(identification: Identified) -> PageTable:
     """Tabulate what the identification was compared with, below itself."""
     fitted = [row for row in identification.estimate.table() if not row.known]
-    texts = {row.name: parameter_texts(row)["value"] for row in fitted}
+    texts = {row.name: value_text(row) for row in fitted}
     values = [texts.get(key, "–") for key in _COMPARED]
     rows = [("this identification", *values, *_fits(identification.fit))]
     for other in identification.comparisons:

@@ -7,15 +7,13 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from butterfly.files import replacing
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate, Truth
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.findings import Finding
 from butterfly.identification.parameter import lumped_numbers, unit_of
-from butterfly.identification.residuals import LogResiduals, Residuals
+from butterfly.identification.residuals import Residuals
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import PARAMETERS
@@ -26,21 +24,6 @@ from butterfly.result import document
 
 if TYPE_CHECKING:
     import pyarrow as pa
-
-RESIDUAL_CAPTION = (
-    "Error: rms of measured minus simulated motion, in % of the rms motion, averaged over steps of "
-    "the simulation. Next: the part that no small change of the parameters removes, and the error "
-    "that encoder resolution and noise explain. Bands: whether autocorrelation and "
-    "cross-correlation with the input stay within 95 % bands of sensor noise; one good log in "
-    "twenty does not. A misfit of 0.1 % of the motion counts for nothing: where the error is no "
-    "larger, the bands are as wide as the curves can be, and nothing is tested."
-)
-"""What `residual_row` has."""
-
-RESIDUAL_COLUMNS = (
-    *("error in % of the motion", "after small changes in %", "sensor noise in %"),
-    *("error over sensor noise", "outside its bands", "missing terms explain in %"),
-)
 
 _IN_THEIR_UNIT = {
     *("value", "standard_error", "lower", "upper", "true"),
@@ -78,13 +61,6 @@ def estimate_numbers(estimate: Estimate, truth: Truth | None = None) -> dict[str
 def residual_numbers(residuals: Residuals, estimate: Estimate) -> dict[str, Any]:
     """Return the residuals of an estimate, and what they mean, for programs."""
     return residuals.numbers() | {"findings": finding_numbers(residuals.findings, estimate)}
-
-
-def residual_row(log: LogResiduals) -> dict[str, Any]:
-    """Return the residuals of a log as cells of a result's row."""
-    shares = (100 * x / (log.motion or np.nan) for x in (log.error, log.remaining, log.explained))
-    cells = (*shares, log.times, bool(log.outside), 100 * log.share or np.nan)
-    return dict(zip(RESIDUAL_COLUMNS, cells, strict=True))
 
 
 def chosen_options(

@@ -24,7 +24,7 @@ from butterfly.report.format import counted, interval
 from butterfly.report.numbers import estimate_numbers
 from butterfly.report.orbit_watch import watch_section, watch_sentences
 from butterfly.report.page import Badge, Fact, Page, PageTable, Section
-from butterfly.report.parameter_table import parameter_texts
+from butterfly.report.parameter_table import parameter_table
 from butterfly.result import document
 from butterfly.verdict import Level
 
@@ -281,13 +281,12 @@ def _parameters_table(study: OrbitStudy, truth: LumpedParameters | None) -> Page
         before.append(f"{getattr(generic, name) / generic.p1:.5g}" if ratio else "–")
         name = f"{name}/p1" if ratio else name
         rows.append(replace(row, name=name, least_left_out=None, largest_left_out=None))
-    bars, texts = forest(rows), [*map(parameter_texts, rows)]
-    return PageTable(
-        headers=("", "value", bars[0].axis, "95 % interval", "standard error", "at first", "true"),
-        rows=[
-            (row["name"], row["value"], bar, row["interval"], row["error"], first, row["true"])
-            for row, bar, first in zip(texts, bars, before, strict=True)
-        ],
+    bars, intervals = forest(rows), ("95 % interval", "standard error")
+    return parameter_table(
+        "",
+        rows,
+        *("name", "value", bars[0].axis, *intervals, "at first", "true"),
+        more={bars[0].axis: bars, "at first": before},
         caption=f"{forest_caption(bars)} SI units; ratios if the added mass was not changed. "
         "Intervals include the leave-one-run-out estimates and the simulator's own error.",
     )

@@ -1,8 +1,9 @@
-"""The tables of parameters and of forecasts as texts, and what is left open in words."""
+"""The tables of parameters and of forecasts, and what is left open in words."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 from butterfly.identification.derived_quantities import SYMBOLS
@@ -20,51 +21,100 @@ PHYSICAL_TITLE = "Physical parameters and derived quantities"
 """Title of `physical_table`."""
 
 
-def parameter_texts(row: Parameter) -> dict[str, str]:
-    """Return a parameter as it is shown; "" where there is nothing to say."""
-    error, limits, width = "–", "–", "–"
-    if row.known:
-        error = "known"
-    else:
-        if row.standard_error is not None:
-            error = f"{row.standard_error:#.2g}"
-        limits = interval(or_nan(row.lower), or_nan(row.upper))
-        trust = row.rated()
-        if trust in {Trust.OPEN, Trust.ZERO}:
-            width = trust.badge
-        elif row.value and row.farther is not None:
-            width = f"± {upwards(row.farther / abs(row.value))}"
-    left_out = ""
-    if row.least_left_out is not None and row.largest_left_out is not None:
-        left_out = interval(row.least_left_out, row.largest_left_out)
-    return {
-        "name": row.name,
-        "meaning": row.meaning,
-        "unit": row.unit,
-        "value": _value(row),
-        "estimate": _value(row, limited=True),
-        "mark": str(badge_of(row)),
-        "error": error,
-        "interval": limits,
-        "width": width,
-        "left_out": left_out,
-        "true": "" if row.true is None else f"{row.true:.5g}",
-        "deviation": "" if row.deviation is None else f"{100 * row.deviation:+z.2f} %",
-    }
+def parameter_table(
+    title: str,
+    rows: Sequence[Parameter],
+    *columns: object,
+    more: Mapping[Any, Sequence[object]] = MappingProxyType({}),
+    **fields: Any,  # noqa: ANN401 - of the table
+) -> PageTable:
+    """Tabulate parameters by names of `_CELLS`, or of ``more``, which has cells of its own."""
+    headers: Any = ["" if column in _UNTITLED else column for column in columns]
+    cells = [
+        [more[name][k] if name in more else _CELLS[name](row) for name in columns]
+        for k, row in enumerate(rows)
+    ]
+    return PageTable(title, headers, cells, **fields)
 
 
-def _value(row: Parameter, *, limited: bool = False) -> str:
-    """Write a value to the digits of its error, or with its limit; of an open one what is known."""
+def values_table(
+    title: str,
+    rows: Sequence[Parameter],
+    more: Mapping[Any, Sequence[object]] = MappingProxyType({}),
+    **fields: Any,  # noqa: ANN401 - of the table
+) -> PageTable:
+    """Tabulate the values of parameters, ``more``, and the true ones if these are known."""
+    known = any(row.true is not None for row in rows)
+    compared = ("true", "deviation", "unit") if known else ("unit", "meaning")
+    columns = ("name", "value ± 95 %", *more, *compared, "mark")
+    return parameter_table(title, rows, *columns, more=more, **fields)
+
+
+def value_text(row: Parameter) -> str:
+    """Write a value to the digits of its error; *open* where there is none."""
+    return "open" if row.value is None else with_error(row.value, or_nan(row.standard_error))
+
+
+def _limited(row: Parameter) -> str:
+    """Write a value with its limit; of an open one what is known."""
     if row.value is None:
-        return f"at most {limit_text(or_nan(row.upper))}" if limited else "open"
-    if limited:
-        return with_limit(row.value, None if row.known else row.farther)
-    return with_error(row.value, or_nan(row.standard_error))
+        return f"at most {limit_text(or_nan(row.upper))}"
+    return with_limit(row.value, None if row.known else row.farther)
+
+
+def _error(row: Parameter) -> str:
+    if row.known:
+        return "known"
+    return "–" if row.standard_error is None else f"{row.standard_error:#.2g}"
+
+
+def _interval(row: Parameter) -> str:
+    return "–" if row.known else interval(or_nan(row.lower), or_nan(row.upper))
+
+
+def _width(row: Parameter) -> str:
+    """Return the half-width in per cent of the value, or why there is none."""
+    trust = row.rated()
+    if not row.known and trust in {Trust.OPEN, Trust.ZERO}:
+        return trust.badge
+    if row.known or not row.value or row.farther is None:
+        return "–"
+    return f"± {upwards(row.farther / abs(row.value))}"
+
+
+def _left_out(row: Parameter) -> str:
+    if row.least_left_out is None or row.largest_left_out is None:
+        return ""
+    return interval(row.least_left_out, row.largest_left_out)
 
 
 def badge_of(row: Parameter) -> Marked:
     """Return how far a parameter can be trusted, in short, as in the verdict; "" if unknown."""
     return Marked(row.trust.badge, level=row.trust.level)
+
+
+_CELLS: Mapping[Any, Callable[[Parameter], object]] = {
+    "name": lambda row: row.name,
+    "name, with its meaning": lambda row: Marked(row.name, meaning=row.meaning),
+    "parameter": lambda row: row.name,
+    "meaning": lambda row: row.meaning,
+    "unit": lambda row: row.unit,
+    "value": value_text,
+    "value ± 95 %": _limited,
+    "±": _width,
+    "standard error": _error,
+    "std error": _error,
+    "95 % interval": _interval,
+    "leave-one-mass-out": _left_out,
+    "true": lambda row: "" if row.true is None else f"{row.true:.5g}",
+    "deviation": lambda row: "" if row.deviation is None else f"{100 * row.deviation:+z.2f} %",
+    "badge": badge_of,
+    "mark": lambda row: str(badge_of(row)),
+}
+"""What of a parameter is a cell, by its header; "" where there is nothing to say."""
+
+_UNTITLED = {"name", "name, with its meaning", "badge", "mark"}
+"""Columns that need no header."""
 
 
 def with_limit(value: float, farther: float | None) -> str:

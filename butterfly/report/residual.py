@@ -18,7 +18,7 @@ from butterfly.model.parameters import JointKind
 from butterfly.report.figures import add, look, seen_samples
 from butterfly.report.finding_texts import finding_text
 from butterfly.report.log_figures import correlation_figure
-from butterfly.report.numbers import RESIDUAL_CAPTION, residual_row
+from butterfly.report.log_table import RESIDUAL_CAPTION, residual_row
 from butterfly.report.page import Page, PageTable, Section
 
 _EXPLAINED = (

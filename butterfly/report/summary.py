@@ -15,7 +15,6 @@ from butterfly.identification.design import MOST_RUNS, OF_GOAL, Candidate, Plan
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identified import Identified
-from butterfly.identification.parameter import Parameter
 from butterfly.identification.validate import CrossValidation, Structure
 from butterfly.identification.weak_regression import EncoderOffset, OffsetKind, encoder_offsets
 from butterfly.logs.log import InputKind, Log
@@ -27,7 +26,7 @@ from butterfly.report.format import counted, fit_text, times_text, upwards
 from butterfly.report.inspection import conditions_text
 from butterfly.report.model_table import model_sentences, model_table
 from butterfly.report.page import Fact, PageTable
-from butterfly.report.parameter_table import parameter_texts, physical_table
+from butterfly.report.parameter_table import parameter_table, physical_table, values_table
 from butterfly.signals.frequency_response import ResponsePoint, response_point
 from butterfly.verdict import Level
 
@@ -37,14 +36,7 @@ _MEASURED = {
     ("angle", "velocity"): "angle, or velocity where no angle was recorded,",
 }
 
-_HEADERS = {
-    "estimate": "value ± 95 %",
-    "error": "std error",
-    "interval": "95 % interval",
-    "left_out": "leave-one-mass-out",
-    "mark": "",
-}
-"""Of columns of parameters, where they are not called as the columns are."""
+_ERRORS = ("name", "std error", "95 % interval", "leave-one-mass-out")
 
 
 def summary(identification: Identified) -> list[str]:
@@ -127,7 +119,7 @@ def tables(identification: Identified) -> list[PageTable]:
     rows = estimate.table(identification.truth)
     parts = [
         values_table(f"{identification.origin['name']}: {estimate.method}", rows),
-        _columns("Errors and intervals", rows, "error", "interval", "left_out", detail=True),
+        parameter_table("Errors and intervals", rows, *_ERRORS, detail=True),
     ]
     if (of_model := model_table(identification)).rows:
         parts.insert(1, of_model)
@@ -182,22 +174,6 @@ def _of_logs(identification: Identified, residuals: Mapping[str, Any]) -> list[F
     noise = f"of the motion; {times_text(residuals['times_sensors'])} times the sensor noise"
     error = f"{100 * residuals['after_small_changes']:.2g} %"
     return [*servo, Fact("model error", error, noise)]
-
-
-def values_table(title: str, rows: Sequence[Parameter]) -> PageTable:
-    """Tabulate the values of parameters, beside the true ones if these are known."""
-    known = any(row.true is not None for row in rows)
-    compared = ("true", "deviation", "unit") if known else ("unit", "meaning")
-    return _columns(title, rows, "estimate", *compared, "mark")
-
-
-def _columns(
-    title: str, rows: Sequence[Parameter], *columns: str, detail: bool = False
-) -> PageTable:
-    """Return some columns of parameters as texts."""
-    headers = ("", *(_HEADERS.get(column, column) for column in columns))
-    cells = [[row[c] for c in ("name", *columns)] for row in map(parameter_texts, rows)]
-    return PageTable(title, headers, cells, detail)
 
 
 def loop_table(identification: Identified) -> PageTable:

@@ -60,7 +60,7 @@ def as_bam(twin: Twin, options: Options) -> Written:
     joint = twin.parameters
     p = replace(joint, coulomb=joint.coulomb + joint.load * added.weight)
     model, friction = _least(p)
-    damping, source = _back_emf(p, known)
+    damping, source = motor_damping(p, known)
     content = {
         "model": model,
         "actuator": name,
@@ -81,7 +81,7 @@ def as_bam(twin: Twin, options: Options) -> Written:
     return Written(text=text, about=f"BAM's {model} of {name}", left_out=notes)
 
 
-def _back_emf(p: LumpedParameters, known: Prior) -> tuple[float, str]:
+def motor_damping(p: LumpedParameters, known: Prior) -> tuple[float, str]:
     """Return kt^2/R in N m s/rad, at most p2, and in words where it is from; p4 is kt/R."""
     values = {name: quantity.value for name, quantity in known.physical.items()}
     ratio = values.get("gear_ratio", 1.0)

@@ -20,6 +20,7 @@ FORMS = {
     "snippet": ("butterfly.twin.snippet:as_snippet", ".xml"),
     "urdf": ("butterfly.twin.plain:as_urdf", ".urdf", ".xml"),
     "actuator": ("butterfly.twin.plain:as_actuator", ".json"),
+    "randomisation": ("butterfly.twin.randomisation:as_randomisation", ".yaml", ".py"),
     "c": ("butterfly.twin.c:as_c", ".h"),
     "bam": ("butterfly.twin.bam:as_bam", ".json"),
     "compensation": ("butterfly.twin.compensation:as_compensation", ".h", ".py"),
@@ -42,6 +43,7 @@ class Options:
     integrator: Literal["RK4", "implicitfast"] = "RK4"  # of MuJoCo
     actuator: str | None = None  # which of BAM's servos it is
     ending: str = ".h"  # of a file whose ending says its language
+    units: tuple[Twin, ...] = ()  # further units of the joint, whose scatter is asked
 
 
 DEFAULTS = Options()

@@ -307,6 +307,12 @@ def joint_names(model: mujoco.MjModel) -> dict[str, int]:
     return {name: number for name, number in names.items() if name}
 
 
+def moving_joints(model: mujoco.MjModel) -> dict[str, int]:
+    """Return the same of hinges and slides alone."""
+    names = joint_names(model)
+    return {name: k for name, k in names.items() if int(model.jnt_type[k]) in _MOVES}
+
+
 def is_urdf(path: Path) -> bool:
     """Whether the root element of a file is that of a URDF."""
     head = path.read_bytes()[:4096]

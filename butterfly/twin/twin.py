@@ -62,6 +62,7 @@ class Twin:
     is_butterfly: bool = False
     # whose covariance says how well its parameters are known; None if they are exact
     estimate: Estimate | None = field(default=None, compare=False)
+    source: Identified | None = field(default=None, compare=False)  # that it is the twin of
     # returns logs of its motion, and what each is simulated with
     recorded: Callable[[], Sequence[tuple[Log, Setting]]] = field(default=tuple, compare=False)
 
@@ -87,6 +88,7 @@ class Twin:
             name=origin["name"],
             parameters=estimate.parameters,
             estimate=estimate,
+            source=identified,
             added=replace(added, gravity=gravity, joint=joint),
             joint=joint,
             kind=InputKind(origin["input"]),

@@ -1,11 +1,11 @@
-"""The robot of an experiment, by its masses, lengths and motor."""
+"""The robot of an experiment, by its masses, lengths and motor; what logs can tell."""
 
 import math
 
 import pytest
 
 import butterfly as bf
-from butterfly.api.inspected import robot_of
+from butterfly.api.inspected import robot_of, unusable_logs
 
 GRAVITY = 9.81
 
@@ -31,3 +31,23 @@ def test_what_is_loaded_lists_the_robot_that_an_experiment_names(quick, tmp_path
     named = robot_of(quick, hand_mass=None, added_mass=0.0, arm=None)
     assert named.twin.name == "quickstart"
     assert named.judged is None
+
+
+def test_its_rows_are_its_parameters_with_their_units(quick):
+    units = {row["parameter"]: row["unit"] for row in bf.inspect(quick).rows()}
+    assert [*units][:4] == ["p1", "p2", "p3", "p4"]
+    assert (units["p1"], units["p4"]) == ("kg m²", "N m/V")
+
+
+def test_an_inspection_forecasts_on_the_logs_that_are_fitted(quick_data, results, tmp_path):
+    found = results["inspection"]
+    assert [row["word"] for row in found.content["before_fit"]] == ["identifiable"] * 6
+    assert "identifiable" in found._repr_html_()
+    found.save(tmp_path / "seen.json")
+    assert unusable_logs(bf.load(tmp_path / "seen.json")) == 0
+    alone = bf.inspect(quick_data / found.rows()[0]["log"], known={"p4": 0.025})
+    assert alone.rows()[0]["log"] in (cell := alone._repr_html_())
+    assert "identifiable" in cell[cell.index("<table") :]
+    assert results["one log"].content["before_fit"] == []  # one log tells less than the data set
+    told = bf.inspect(quick_data, holdout=["of no log", "*"])
+    assert told.content["before_fit"] == []  # the first pattern does not undo the second

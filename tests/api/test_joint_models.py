@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+import yaml
 
 import butterfly as bf
 from butterfly.errors import InputError
@@ -185,3 +186,17 @@ def test_a_turned_sign_is_named_where_the_range_shows_it(tmp_path):
     np.savetxt(tmp_path / "0.csv", table, delimiter=",", header=lines[0], comments="")
     with pytest.raises(InputError, match="is its sign turned"):
         bf.read(tmp_path / "0.csv", **(TORQUE | {"model": model}))
+
+
+@pytest.mark.filterwarnings("ignore:.*(Ranges|Isaac Lab|Events)")
+def test_its_ranges_are_the_intervals_of_the_model_s_attributes(answer, tmp_path):
+    written = answer.model.export(tmp_path / "elbow.yaml", to="randomisation")
+    ranges = {row["attribute"]: row for row in yaml.safe_load(written.text)["ranges"]}
+    for attribute in TRUTH:
+        row, told = ranges[attribute], _rows(answer)[attribute]
+        assert (row["element"], row["name"]) == ("joint", "elbow")
+        assert (row["lower"], row["upper"]) == pytest.approx((told["lower"], told["upper"]), 1e-4)
+    text = answer.model.export(tmp_path / "elbow.py", to="randomisation").text
+    assert '"elbow_armature": EventTermCfg(\n            func=dr.joint_armature' in text
+    assert 'joint_names=("elbow",)' in text
+    assert '"add"' not in text

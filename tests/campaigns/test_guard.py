@@ -74,7 +74,7 @@ def test_a_joint_that_creeps_on_at_one_speed_is_switched_off_in_time_too():
     assert "beyond 1 rad" in shown.sentence
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(
     joint=st.tuples(st.floats(1.5, 20), st.floats(0, 0.5)),
     start=st.tuples(st.floats(0.02, 0.95), st.floats(0, math.tau)),

@@ -11,6 +11,7 @@ from PIL import Image
 from scipy.io import loadmat
 
 import butterfly as bf
+from butterfly.errors import InputError
 from butterfly.plant.watch import picture
 from tests.cli.one_line import assert_one_line_error, done
 from tests.experiment.setting import changed
@@ -133,6 +134,32 @@ def test_what_cancels_a_joint_is_exported_with_its_error(butterfly, answer, save
     assert "def command(angle, velocity" in (tmp_path / "c.py").read_text()
     done(butterfly("export", saved, "--to", "wpilib", "--out", tmp_path / "g.json"))
     assert json.loads((tmp_path / "g.json").read_text())["class"] == "ArmFeedforward"
+
+
+@pytest.mark.filterwarnings("ignore:.*(Ranges|Isaac Lab|Events)")
+def test_results_of_several_units_are_exported_as_ranges(butterfly, saved, tmp_path):
+    paths = [saved, *(tmp_path / f"unit{number}.json" for number in (2, 3))]
+    for number, path in enumerate(paths[1:], 2):
+        content = json.loads(saved.read_text())
+        content["parameters"]["p2"]["value"] *= number
+        del content["digest"]
+        path.write_text(json.dumps(content))
+    asked = ("--to", "randomisation", "--out", tmp_path / "ranges.yaml")
+    out = " ".join(done(butterfly("export", *paths, *asked)).split())
+    assert "mean of 3 units ± 9.99 standard deviations" in out
+    assert "Next: " not in out
+    rows = yaml.safe_load((tmp_path / "ranges.yaml").read_text())["ranges"]
+    (damping,) = (row for row in rows if row["attribute"] == "damping")
+    assert damping["deviation"] == pytest.approx(damping["value"] / 2, rel=1e-4)
+    again = (*asked[:-1], tmp_path / "again.yaml")
+    assert_one_line_error(butterfly("export", saved, saved, *again), "twice", "each unit once")
+    other = ("--to", "urdf", "--out", tmp_path / "t.urdf")
+    assert_one_line_error(butterfly("export", *paths, *other), "--to randomisation")
+    result, unit = (bf.load(path) for path in paths[:2])
+    with pytest.raises(InputError, match="randomisation"):
+        result.model.export(tmp_path / "t.urdf", to="urdf", others=[unit])
+    written = result.model.export(tmp_path / "r.py", to="randomisation", others=[unit])
+    assert "mean of 2 units" in written.text
 
 
 @pytest.mark.usefixtures("brief_twins")

@@ -51,7 +51,7 @@ def words(quick_data, few_data, saved, unfit):
     """Words of a command about an estimate that is good, and about one that is not."""
 
     def words(command):
-        data = few_data if "--method" in COMMANDS[command] else quick_data
+        data = quick_data if command == "identify" else few_data
         return [_arguments(command, data, each) for each in (saved, unfit)]
 
     return words

@@ -1,6 +1,7 @@
 """What an input does between its samples, which nobody says: SciPy moves joints by either."""
 
 from dataclasses import replace
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -47,6 +48,7 @@ def _moved(hold, torque, size=1.0, seed=0):
     return commands, np.array(angles) + noise
 
 
+@cache
 def _servo(hold):
     """Return the log of a joint that a continuous loop holds at a set-point, by a fast clock."""
     commands, angles = _moved(hold, lambda goal, at, rate: KP * (goal - at) - KD * rate, 0.5)
@@ -54,6 +56,7 @@ def _servo(hold):
     return Log(TIME, commands, angles, input_kind=InputKind.SETPOINT, servo=loop)
 
 
+@cache
 def _direct(hold, late=0):
     """Return the log of a joint that a torque moves, some samples late."""
     commands, angles = _moved(hold, lambda torque, *_: torque, 0.15)

@@ -22,10 +22,15 @@ AGAIN = partial(pytest.param, marks=pytest.mark.slow)
 """The same claim of another robot."""
 
 
+FEW = {"clock", "control", "falling friction", "level", "own inertia"}
+"""Defects that two logs with each mass show."""
+
+
 @lru_cache
 def _found(row, number, seed=941):
     robot = draw(row, number, seed)
-    found = bf.identify(robot.logs, OutputError(workers=1)).estimate
+    logs = robot.few_logs if row in FEW else robot.logs
+    found = bf.identify(logs, OutputError(workers=1)).estimate
     limits = zip(found.names, found.lower, found.upper, strict=True)
     return robot.truth, found, {name: pair for name, *pair in limits}
 
@@ -174,7 +179,7 @@ def test_what_the_logs_cannot_tell_of_each_is_said_to_differ_from_none():
 def test_a_base_is_told_from_an_inertia_of_the_masses_by_fits_of_both(number):
     """One step favours the inertia; fitted, it leaves two to three times the noise."""
     robot = draw("base", number, 1017)
-    found = bf.identify(robot.logs)
+    found = bf.identify(robot.few_logs)
     assert "base_compliance" in found.estimate.names
     for name in ("p1", "p3", "p4"):
         assert found.estimate.named[name] == pytest.approx(robot.truth[name], rel=2e-3), name

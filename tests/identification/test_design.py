@@ -113,7 +113,7 @@ def _expected(informations):
 def test_the_first_advice_reaches_the_goal_and_gives_the_half_widths_that_it_promises():
     """Robots that are known a little are run exactly as proposed, and identified again."""
     ratios = []
-    for seed in range(6):
+    for seed in range(3):
         sizes = np.exp(np.random.default_rng(seed).uniform(-0.5, 0.5, 5))
         values = zip(OF_GOAL, sizes * (0.004, 0.002, 0.05, 0.3, 0.001), strict=True)
         seen = {"path": CommandPath(delay=0.004), "encoder": Encoder(steps=8192, noise=1e-3)}
@@ -175,7 +175,7 @@ def test_a_joint_that_is_balanced_or_without_friction_gets_a_plan_that_reaches_t
 
 def test_a_campaign_plans_the_same_run_alike(data, found):
     plans_ = [p for p in next_runs(data, found, goal=0.15) if isinstance(p.recipe.signal, Sine)]
-    for plan in plans_[:5]:
+    for plan in plans_[:3]:
         sine, mass = plan.recipe.signal, plan.recipe.log.added_mass
         law = Signal(lambda t, sine=sine: sine.amplitude * math.sin(sine.omega * t))
         recipe = Recipe(

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -17,6 +18,13 @@ from tests.independent.slow_joints import NOTHING_HOLDS, creeping, played, stead
 
 def _identified(logs):
     return bf.identify(bf.read(logs, known=NOTHING_HOLDS))
+
+
+@cache
+def _answer(draw, number):
+    """Return what is identified of a joint, and the truth."""
+    logs, truth = draw(number)
+    return _identified(logs), truth
 
 
 def _outside(found, truth):
@@ -38,8 +46,7 @@ def _judge(draw, numbers):
     """Return how many are usable, how many have an open inertia, and the wrong ones."""
     usable, opened, inertias, frictions = 0, 0, [], []
     for number in numbers:
-        logs, truth = draw(number)
-        found = _identified(logs)
+        found, truth = _answer(draw, number)
         if not found.judged.level.usable:
             continue
         usable += 1
@@ -71,13 +78,8 @@ def test_of_thirty_slow_joints_hardly_one_is_lost_and_no_friction_is_wrong():
 
 
 @pytest.fixture(scope="module")
-def logs_and_truth():
-    return steady(0)
-
-
-@pytest.fixture(scope="module")
-def found(logs_and_truth):
-    return _identified(logs_and_truth[0])
+def found():
+    return _answer(steady, 0)[0]
 
 
 def test_the_first_line_says_what_is_known_and_open_and_the_second_which_run_closes_it(found):
@@ -127,7 +129,7 @@ def test_what_needs_the_inertia_says_so(found):
         lambda: found.model,
         lambda: bf.predict(found.data, found),
         lambda: bf.draws(found),
-        lambda: bf.compare(found.data),
+        lambda: bf.compare(found),
     ):
         with pytest.raises(IdentifiabilityError, match=r"p1 is open, and a .* needs it: add a run"):
             use()
@@ -136,7 +138,7 @@ def test_what_needs_the_inertia_says_so(found):
 def test_the_next_command_plans_the_run_that_closes_it(found):
     assert next_command(found, ["identify", "my"], ["my"]).endswith("--save joint.json")
     assert next_command(found, ["identify", "my"], ["my"], "a.json") == "butterfly design a.json"
-    plan = bf.design(found.data)
+    plan = bf.design(found)
     assert plan.summary[0].startswith("Run next: ")
 
 

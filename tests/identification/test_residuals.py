@@ -90,15 +90,6 @@ def test_logs_of_white_and_of_lasting_errors_are_judged_together(logs):
     assert found.times == pytest.approx(1.0, abs=0.1)
 
 
-@pytest.mark.parametrize("term", MISSING)
-def test_a_missing_term_is_seen(term):
-    data, _ = _lacking(term)
-    misfit = residuals_of(data, FIT(data))
-    assert misfit.beyond_sensors
-    assert misfit.outside == len(misfit.logs)
-    assert misfit.findings[1].kind is FindingKind.MISFIT
-
-
 def test_missing_terms_of_an_estimate_are_named_and_held_where_sensors_do_not_explain(
     noisy, monkeypatch
 ):
@@ -123,15 +114,18 @@ def test_missing_terms_of_an_estimate_are_named_and_held_where_sensors_do_not_ex
 
 
 @pytest.mark.parametrize("term", MISSING)
-def test_a_missing_term_is_named_and_intervals_hold_what_it_would_give(term, monkeypatch):
+def test_a_missing_term_is_seen_and_named_and_intervals_hold_what_it_would_give(term, monkeypatch):
     monkeypatch.setattr("butterfly.identification.identify.find_unit_errors", lambda *_: [])
     data, _ = _lacking(term)
     found = identify(data, FIT)
     misfit, missing = found.residuals, found.residuals.missing
+    assert misfit.beyond_sensors
+    assert misfit.outside == len(misfit.logs)
     assert (term,) in {missing.terms, *missing.others}
     assert missing.share > 0.5
     assert missing.share == pytest.approx(np.mean([log.share for log in misfit.logs]), abs=0.2)
-    _, _, said = misfit.findings
+    _, misses, said = misfit.findings
+    assert misses.kind is FindingKind.MISFIT
     assert said.kind is FindingKind.MISSING_TERM
     assert said.parameters[1:] == missing.moved
     assert term in said.parameters[0]

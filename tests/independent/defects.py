@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from butterfly.logs.log import Log
+from butterfly.model.parameters import AddedMass
 from tests.independent import bodies
 from tests.independent.drives import chirp, log_uniform, multisine
 from tests.independent.integrator import Joint
@@ -33,6 +34,14 @@ class BenchRobot:
     def logs(self) -> list[Log]:
         """What identification may see."""
         return [log_of(each, f"log {k}") for k, each in enumerate(self.recordings)]
+
+    @property
+    def few_logs(self) -> list[Log]:
+        """Two logs with each mass, where these show as much."""
+        found: dict[AddedMass, list[Log]] = {}
+        for log in self.logs:
+            found.setdefault(log.added_mass, []).append(log)
+        return [log for logs in found.values() for log in logs[:2]]
 
 
 def draw(row: str, number: int, seed: int = 1) -> BenchRobot:

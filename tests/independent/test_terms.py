@@ -71,7 +71,7 @@ CAUSES = {
 
 @pytest.mark.parametrize("row", CAUSES)
 def test_what_a_parameter_follows_and_why_is_among_what_is_always_shown(row):
-    data = DataSet.of(defects.draw(row, 0, 1117).logs)
+    data = DataSet.of(defects.draw(row, 0, 1117).few_logs)
     found = identify(data, OutputError(terms=("drag",), workers=1))
     followed = [(each.parameter, each.condition) for each in found.estimate.agreement]
     expected, cause = CAUSES[row]
@@ -88,7 +88,7 @@ def _assert_play(found):
 
 
 def test_backlash_is_named_with_its_size_by_free_runs_under_chirps_and_sums_of_sines():
-    data = DataSet.of(defects.draw("backlash", 5).logs)
+    data = DataSet.of(defects.draw("backlash", 5).few_logs)
     _assert_play(identify(data, OutputError(terms=("drag",), workers=1)))
 
 

@@ -2,6 +2,7 @@
 
 import pytest
 
+from butterfly.logs.known_names import columns_of_joint
 from butterfly.logs.manifest_draft import draft, open_questions, with_columns
 from tests.logs.columns import GOAL
 
@@ -48,3 +49,26 @@ def test_the_name_of_a_column_says_what_the_input_commands(tmp_path, name, kind)
     asked = open_questions(drafted, (), named=False)
     assert f"{kind} by the name of {name!r}." in asked["input"]
     assert ("loop" in asked) is (kind == "setpoint")
+
+
+JOINTS = ("shoulder_pan", "elbow", "wrist", "wrist_roll")
+
+
+@pytest.mark.parametrize(
+    ("joint", "expected"),
+    [
+        ("elbow", {"time": "time", "input": "effort.elbow", "angle": "position.elbow"}),
+        ("wrist", {"time": "time", "input": "tau_wrist", "angle": "wrist_pos"}),
+        ("wrist_roll", {"time": "time", "angle": "observation.state.wrist_roll.pos"}),
+        ("shoulder_pan", {"time": "time", "input": "action.shoulder_pan.pos"}),
+        ("knee", {"time": "time"}),
+    ],
+)
+def test_a_joints_columns_are_those_that_bear_its_name_and_no_longer_one(joint, expected):
+    names = ["time", "position.elbow", "effort.elbow", "velocity.elbow", "wrist_pos", "tau_wrist"]
+    names += ["observation.state.wrist_roll.pos", "action.shoulder_pan.pos"]
+    assert columns_of_joint(names, joint, JOINTS) == expected
+
+
+def test_a_column_called_as_the_joint_is_its_angle():
+    assert columns_of_joint(["t", "elbow"], "elbow", JOINTS) == {"time": "t", "angle": "elbow"}

@@ -1,3 +1,5 @@
+import json
+
 import numpy as np
 import pandas as pd
 import pyarrow as pa
@@ -66,3 +68,33 @@ def test_pandas_index_is_a_column(tmp_path, name):
     np.testing.assert_array_equal(log.angle, RAMP)
     frame.reset_index(names="time").to_parquet(path, index=True)
     np.testing.assert_array_equal(read_log(path, **KIND).time, 0.5 * RAMP)
+
+
+@pytest.mark.parametrize("names", [["pan.pos", "elbow.pos"], {"motors": ["pan.pos", "elbow.pos"]}])
+def test_a_lerobot_data_set_names_the_parts_of_its_lists(tmp_path, names):
+    folder = tmp_path / "data/chunk-000"
+    folder.mkdir(parents=True)
+    features = {name: {"names": names} for name in ("observation.state", "action")}
+    (tmp_path / "meta").mkdir()
+    (tmp_path / "meta/info.json").write_text(json.dumps({"features": features}))
+    lists = {name: [[k, 2 * k] for k in RAMP] for name in features}
+    path = _write(folder / "episode_000000.parquet", timestamp=RAMP, **lists)
+    columns = {
+        "time": "timestamp",
+        "input": "action.pan.pos",
+        "angle": "observation.state.elbow.pos",
+    }
+    log = read_log(path, columns, **KIND)
+    assert np.array_equal(log.angle, 2 * RAMP)
+    assert np.array_equal(log.input, RAMP)
+
+
+@pytest.mark.parametrize(
+    "content", ["", "[]", '{"features": []}', '{"features": {"a": {"names": 1}}}']
+)
+def test_another_file_of_that_name_names_nothing(tmp_path, content):
+    (tmp_path / "meta").mkdir()
+    (tmp_path / "meta/info.json").write_text(content)
+    path = _write(tmp_path / "a.parquet", time=RAMP, input=RAMP, angle=[[k, k] for k in RAMP])
+    log = read_log(path, {"time": "time", "input": "input", "angle": "angle.1"}, **KIND)
+    assert np.array_equal(log.angle, RAMP)

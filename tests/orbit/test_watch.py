@@ -45,8 +45,8 @@ def watched(change, duration=110.0, seed=0, **plan):
     ("factors", "named"),
     [
         ({"p1": 1.02}, ["p1"]),
-        ({"coulomb": 1.2}, ["coulomb"]),
-        ({"p2": 1.1}, ["p2"]),
+        pytest.param({"coulomb": 1.2}, ["coulomb"], marks=pytest.mark.slow),
+        pytest.param({"p2": 1.1}, ["p2"], marks=pytest.mark.slow),  # the shipped experiment's too
         (EMF, []),
     ],
 )

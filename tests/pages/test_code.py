@@ -52,6 +52,7 @@ NOT_RUN = {
     "butterfly fetch": "asks the network",
     "butterfly compare result.json next-year.json": "next year; test_change",
     "butterfly compare spring.json autumn.json": "next year; test_change",
+    "butterfly export unit1.json unit2.json unit3.json": "units of somebody; tests/cli/test_robot",
 }
 """Beginnings of commands that are not run, and why."""
 
@@ -67,6 +68,7 @@ OTHER_PROGRAMS = {
     "make": "the house's own; each is named in the Makefile",
     "NUMBA_CACHE_DIR=": "how these tests are run",
     "python -m examples.record_sines --rehearse": "makes the logs of its page, here too",
+    "python -m venv mjlab": "gigabytes; `make readback` makes it too",
     "python -m examples.record_sines --channel": "needs a drive; tests/examples/test_record_sines",
     "sudo ip": "needs a CAN bus",
     "candump": "needs a CAN bus",

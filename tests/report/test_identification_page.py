@@ -11,7 +11,7 @@ from butterfly.api.verbs import identify
 from butterfly.identification.estimators import Linear
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.report.finding_texts import estimate_verdict, finding_text
-from butterfly.report.parameter_table import parameter_texts
+from butterfly.report.parameter_table import parameter_table
 from butterfly.report.residual import residual_sentences, residual_table
 from butterfly.report.summary import summary
 from butterfly.verdict import Level
@@ -26,9 +26,9 @@ def test_the_page_holds_every_parameter_log_and_sentence_and_asks_nothing_of_the
     assert not re.search(r"(src|href)\s*=\s*[\"']?(https?:)?//", markup)
     assert "@import" not in markup
     result, truth = simulated
-    for row in map(parameter_texts, result.estimate.table(truth)):
-        for key in ("name", "meaning", "value", "error", "interval", "true", "deviation"):
-            assert row[key] in text
+    columns = ("meaning", "value", "standard error", "95 % interval", "true", "deviation")
+    for row in parameter_table("", result.estimate.table(truth), "name", *columns).rows:
+        assert all(cell in text for cell in row)
     said = estimate_verdict(result.estimate)
     assert f'<div class="verdict {said.level}">' in text
     for sentence in (*said.reasons, *summary(result)[2:], *residual_sentences(result.residuals)):

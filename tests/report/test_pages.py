@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from butterfly.api.compared import comparison_answer, ranking_answer
-from butterfly.api.result_verbs import predict
+from butterfly.api.comparison import comparison_answer
+from butterfly.api.prediction import predict
+from butterfly.api.ranking import ranking_answer
 from butterfly.api.verbs import identify
 from butterfly.comparison.leaderboard import leaderboard
 from butterfly.comparison.three_way import compare_three

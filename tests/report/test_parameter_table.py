@@ -1,6 +1,6 @@
 """Parameters as texts: how well each is known."""
 
-from butterfly.report.parameter_table import parameter_texts
+from butterfly.report.parameter_table import parameter_table
 from tests.report.setting import parameter_row
 
 
@@ -15,5 +15,6 @@ def test_a_badge_says_how_well_a_parameter_is_known():
         "known": {"known": True},
         "": {"lower": None, "claim": ""},
     }.items():
-        assert parameter_texts(parameter_row(**plain | about))["mark"] == badge
-    assert parameter_texts(parameter_row(value=0.0, lower=0.0, upper=0.2))["width"] == "may be 0"
+        assert parameter_table("", [parameter_row(**plain | about)], "mark").rows == [[badge]]
+    row = parameter_row(value=0.0, lower=0.0, upper=0.2)
+    assert parameter_table("", [row], "±").rows == [["may be 0"]]

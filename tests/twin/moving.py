@@ -25,12 +25,12 @@ KINDS = {
 """Terms of joints, the last a slide."""
 
 
-def twin(kind="smooth", /, added=MASS, **more):
+def twin(kind="smooth", /, added=MASS, parameters=None, **more):
     """A joint of a kind with a log of two seconds, at whose steps its command changes."""
     terms = PARAMETERS | KINDS[kind]
     joint = JointKind.SLIDE if kind == "slide" else JointKind.HINGE
     carried = AddedMass(mass=added.mass, arm=added.arm, joint=joint)
-    parameters = LumpedParameters(**terms)
+    parameters = parameters or LumpedParameters(**terms)
     time = STEP * np.arange(DRIVEN.size)
     log = Log(time, input=DRIVEN, angle=0 * time, added_mass=carried, name="two sines")
     setting = Setting(parameters=parameters, zero=0.0, velocity=0.0)

@@ -6,13 +6,26 @@ import math
 import mujoco
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from butterfly.logs.log import InputKind
+from butterfly.model.parameters import LumpedParameters
 from butterfly.model.prior import Prior
 from butterfly.model.servo import ServoLoop
 from butterfly.twin.forms import Options, write_as
 from butterfly.twin.snippet import inertial
-from tests.twin.moving import DRIVEN, KINDS, STEP, acceleration, moved, ours, parsed, twin
+from tests.twin.in_mjlab import needs_mjlab, said_by_mjlab
+from tests.twin.moving import (
+    DRIVEN,
+    KINDS,
+    PARAMETERS,
+    STEP,
+    acceleration,
+    moved,
+    ours,
+    parsed,
+    twin,
+)
 
 RANDOM = np.random.default_rng(3).uniform(-2, 2, (20, 3))  # angle, velocity, torque over p1
 
@@ -96,11 +109,11 @@ def test_limits_are_those_of_the_drive_and_a_turning_joint_without_any_has_none(
 
 STEPS = Options(timestep=STEP, integrator="implicitfast")  # mjlab has no RK4
 ISAAC_LAB = {
-    *("joint_names_expr", "effort_limit", "velocity_limit", "stiffness", "damping", "armature"),
-    *("friction", "dynamic_friction", "viscous_friction"),
+    *("joint_names_expr", "actuator_effort_limit", "actuator_velocity_limit", "stiffness"),
+    *("damping", "armature", "friction", "dynamic_friction", "viscous_friction"),
 }
 OWN = {"DCMotorCfg": {"saturation_effort"}, "DelayedPDActuatorCfg": {"min_delay", "max_delay"}}
-"""Fields of Isaac Lab 2.3.2: of all actuators, and of single ones."""
+"""Fields of Isaac Lab 3.0: of all actuators, and of single ones."""
 
 
 def _content(kind="smooth", /, **more):
@@ -117,19 +130,49 @@ def test_isaac_lab_s_classes_have_all_fields(kind, limit):
     told = _content(kind, limit=limit)["isaaclab"]
     assert told["class"] == CLASSES.get(kind, "DCMotorCfg")
     assert told["fields"].keys() <= ISAAC_LAB | OWN.get(told["class"], set())
-    assert told["fields"].get("effort_limit", math.inf) == pytest.approx(0.04 * limit)
+    assert told["fields"].get("actuator_effort_limit", math.inf) == pytest.approx(0.04 * limit)
 
 
 def test_a_motor_s_curve_clips_as_its_limit_of_voltage_does():
     limit, p = 5.0, twin("motor").parameters
-    told = _content("motor", limit=limit)["mjlab"]["fields"]
+    told = _content("motor", limit=limit)["isaaclab"]["fields"]
     damping, saturation = told["damping"], told["saturation_effort"]
     volts, velocity = np.random.default_rng(1).uniform(-9, 9, (2, 500))
-    falls = saturation * velocity / told["velocity_limit"]
+    falls = saturation * velocity / told["actuator_velocity_limit"]
     curve = np.clip(p.p4 * volts - damping * velocity, -saturation - falls, saturation - falls)
     ours_of = p.p4 * np.clip(volts, -limit, limit) - p.back_emf * velocity
     np.testing.assert_allclose(curve, ours_of, atol=1e-12)
-    assert told["damping"] + told["viscous_damping"] == pytest.approx(p.p2)
+    assert told["damping"] + told["viscous_friction"] == pytest.approx(p.p2)
+
+
+@pytest.mark.parametrize(
+    ("known", "back_emf"), [({}, 2e-3), ({"resistance": 0.5}, 0.04**2 * 0.5)], ids=str
+)
+def test_a_voltage_drives_mjlab_s_native_motor(known, back_emf):
+    """Its torque is K (V - K v)/R: p4 is K/R, and K²/R is the part of p2 that is back EMF."""
+    made = _content(known=Prior.of(known), limit=12.0)
+    told = made["mjlab"]["fields"]
+    kt, ke, resistance = (told["motor_params"][name] for name in ("kt", "ke", "resistance"))
+    assert made["mjlab"]["class"] == "BuiltinDcMotorActuatorCfg"
+    assert (told["mode"], told["voltage_limit"], kt) == (0, 12.0, ke)
+    assert kt / resistance == pytest.approx(0.04)
+    assert kt * ke / resistance == pytest.approx(back_emf)
+    assert told["viscous_damping"] == pytest.approx(2e-3 - back_emf)
+    assert "command itself, in V; it does not clip it: do so at ±12." in " ".join(made["notes"])
+
+
+def test_other_drives_are_mjlab_s_native_motor_with_p4_as_its_gear():
+    made = _content(kind=InputKind.CURRENT, limit=3.0)
+    told = made["mjlab"]["fields"]
+    assert made["mjlab"]["class"] == "BuiltinMotorActuatorCfg"
+    assert (told["gear"], told["effort_limit"], told["viscous_damping"]) == (0.04, 3.0, 2e-3)
+    assert "command itself, in A." in " ".join(made["notes"])
+
+
+def test_it_is_said_that_mjlab_needs_an_environment_of_its_own():
+    written = write_as("actuator", twin())
+    assert "mjlab/bin/pip install mjlab" in written.notes[-1]
+    assert written.notes[-1] in json.loads(written.text)["notes"]
 
 
 OF_ANGLE = 7.4 * 400 * 4096 / (2 * math.pi) / (256 * 885)  # V/rad by ROBOTIS's units:
@@ -149,9 +192,17 @@ OF_SPEED = 12.0 * 100 * (9.5492966 / 0.229) / (128 * 885)  # 1 rad/s is 9.55 rpm
 def test_a_servo_s_loop_is_a_stiffness_and_a_damping(loop, stiffness, damping):
     kind = InputKind.VOLTAGE if "supply" in loop else InputKind.TORQUE
     made = _content(servo=ServoLoop.of(loop), kind=kind)
-    for fields in (made["mjlab"]["fields"], made["isaaclab"]["fields"]):
-        assert fields["stiffness"] == pytest.approx(0.04 * stiffness)
-        assert fields["damping"] == pytest.approx(0.04 * damping)
+    fields = made["isaaclab"]["fields"]
+    assert fields["stiffness"] == pytest.approx(0.04 * stiffness)
+    assert fields["damping"] == pytest.approx(0.04 * damping)
+    native = made["mjlab"]["fields"]
+    worth = 1.0 if "supply" in loop else 0.04  # their motor's gains are in volts
+    if native.get("mode") == 2:
+        assert native["stiffness"] == pytest.approx(damping)
+    else:
+        assert native.get("stiffness", 0.0) == pytest.approx(worth * stiffness)
+        assert native["damping"] == pytest.approx(worth * damping)
+    assert native.get("voltage_limit", loop.get("supply")) == loop.get("supply")
 
 
 @pytest.mark.parametrize(
@@ -165,7 +216,7 @@ def test_a_servo_s_loop_is_a_stiffness_and_a_damping(loop, stiffness, damping):
 def test_what_is_missing_of_a_loop_is_said(loop, said):
     made = _content(servo=ServoLoop.of(loop, whole=False))
     assert said in " ".join(made["notes"])
-    assert (made["mjlab"]["fields"]["stiffness"] > 0) == ("Not included" in said)
+    assert (made["isaaclab"]["fields"]["stiffness"] > 0) == ("Not included" in said)
 
 
 def test_the_armature_is_that_of_a_rotor_that_was_known():
@@ -184,35 +235,68 @@ def test_friction_at_rest_and_in_motion_have_their_fields():
     assert "stribeck 0.002 N m" in " ".join(made["notes"])
 
 
-@pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize(("kind", "limit"), [("delayed", math.inf), ("motor", 0.4)])
-def test_mjlab_moves_a_joint_by_them_with_the_printed_error(kind, limit):
-    actuator = pytest.importorskip("mjlab.actuator", reason="mjlab is not installed")
-    entity, sim, torch = map(pytest.importorskip, ("mjlab.entity", "mjlab.sim", "torch"))
-    joint = twin(kind, limit=limit)
-    written = write_as("actuator", joint, STEPS)
-    told = json.loads(written.text)["mjlab"]
-    drive = getattr(actuator, told["class"])(**told["fields"])
+def _in_mjlab(joint, told, commands, target="effort"):
+    """The angles of a joint in mjlab, in whose own environment it is moved."""
     turned = np.rad2deg(-joint.parameters.tilt)
     body = (
         f'<mujoco><worldbody><body euler="{turned} 0 0"><joint name="hinge" axis="0 -1 0"/>'
         f"{inertial(joint)}</body></worldbody></mujoco>"
     )
-    robot = entity.EntityCfg(
-        spec_fn=lambda: mujoco.MjSpec.from_string(body),
-        articulation=entity.EntityArticulationInfoCfg(actuators=(drive,)),
-    ).build()
-    settings = sim.SimulationCfg(mujoco=sim.MujocoCfg(timestep=STEP))
-    simulation = sim.Simulation(1, settings, model=robot.spec.compile(), device="cpu")
-    robot.initialize(simulation.mj_model, simulation.model, simulation.data, "cpu")
-    angles = []
-    for command in DRIVEN:
-        angles.append(float(robot.data.joint_pos[0, 0]))
-        effort = joint.parameters.p4 * float(command)
-        robot.set_joint_effort_target(torch.tensor([[effort]]))
-        robot.write_data_to_sim()
-        simulation.step()
-        robot.update(STEP)
+    asked = {**told, "body": body, "step": STEP, "commands": [*map(float, commands)]}
+    return said_by_mjlab("joint_in_mjlab.py", asked | {"target": target})["angles"]
+
+
+def _cogging():
+    terms = PARAMETERS | {"cogging": 4e-3, "cogging_cosine": -3e-3, "cogging_periods": 3}
+    return {"parameters": LumpedParameters(**terms)}
+
+
+@needs_mjlab
+@pytest.mark.parametrize(
+    ("kind", "more"),
+    [
+        ("delayed", {}),
+        ("smooth", {"kind": InputKind.TORQUE, "limit": 0.4}),
+        ("motor", {"limit": 0.4}),
+        ("smooth", _cogging()),
+    ],
+)
+def test_mjlab_moves_a_joint_by_commands_with_the_printed_error(kind, more):
+    joint = twin(kind, **more)
+    written = write_as("actuator", joint, STEPS)
+    told = json.loads(written.text)["mjlab"]
+    angles = _in_mjlab(joint, told, np.clip(DRIVEN, -joint.limit, joint.limit))
     error = np.abs(angles - ours(joint)).max()
     assert np.ptp(angles) > 0.1
     assert error == pytest.approx(written.accuracy.worst, rel=0.01, abs=1e-5)
+
+
+@needs_mjlab
+@pytest.mark.parametrize(
+    ("kind", "loop"),
+    [
+        (InputKind.VOLTAGE, {"law": "pid-voltage", "kp": 3.0, "kd": 0.2, "limit": 0.5}),
+        (InputKind.VOLTAGE, {"law": "speed-voltage", "kp": 2.0, "limit": 9.0}),
+        (InputKind.TORQUE, {"law": "pid-torque", "kp": 3.0, "kd": 0.2, "limit": 0.5}),
+        (InputKind.TORQUE, {"law": "speed-torque", "kp": 2.0, "limit": 0.5}),
+    ],
+)
+def test_mjlab_closes_the_loop_of_a_servo(kind, loop):
+    joint = twin(kind=kind, servo=ServoLoop.of(loop))
+    told = json.loads(write_as("actuator", joint, STEPS).text)["mjlab"]
+    speed, p = "speed" in loop["law"], joint.parameters
+    wanted = 3.0 * speed + 0.7
+
+    def rates(_, state):
+        angle, velocity = state
+        law = loop["kp"] * (wanted - (velocity if speed else angle)) - loop.get("kd", 0) * velocity
+        torque = p.p4 * np.clip(law, -loop["limit"], loop["limit"])
+        loaded = joint.loaded
+        return velocity, (torque - p.p2 * velocity - loaded.p3 * np.sin(angle)) / loaded.p1
+
+    times = STEP * np.arange(500)
+    expected = solve_ivp(rates, (0, 1), [0, 0], t_eval=times, rtol=1e-9, atol=1e-9).y[0]
+    target = "velocity" if speed else "position"
+    angles = _in_mjlab(joint, told, np.full(500, wanted), target)
+    assert np.ptp(expected) > 0.1
+    np.testing.assert_allclose(angles, expected, atol=0.01 * np.ptp(expected))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import butterfly as bf
-from butterfly.api.result_verbs import BAND_DRAWS
+from butterfly.api.prediction import BAND_DRAWS
 from butterfly.identification.parameter import CONFIDENCE
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.prior import Known

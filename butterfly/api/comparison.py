@@ -1,42 +1,78 @@
-"""What comparisons answer: simulators with logs, and estimators with each other."""
+"""`compare`: MuJoCo, the grey-box model and the logs, given the same input."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from operator import itemgetter
+from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from butterfly.api.results import Row, about_log, fit_facts, of_logs
-from butterfly.comparison.leaderboard import Entry, equals
+from butterfly.api.sources import Data
+from butterfly.api.verbs import Method, estimated, numbers_of_logs
+from butterfly.arguments import checked
+from butterfly.errors import InputError
 from butterfly.files import finite
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
-from butterfly.identification.residuals import Residuals, residual_units
-from butterfly.model.terms import PARAMETERS
-from butterfly.report.finding_texts import estimate_verdict
-from butterfly.report.format import counted, fit_text, label_of
-from butterfly.report.numbers import (
+from butterfly.identification.residuals import Residuals, residual_units, residuals_of
+from butterfly.progress import Track, untracked
+from butterfly.report.finding_texts import estimate_verdict, require_values
+from butterfly.report.format import counted, label_of
+from butterfly.report.log_table import (
     RESIDUAL_CAPTION,
     RESIDUAL_COLUMNS,
-    estimate_numbers,
-    residual_numbers,
+    Row,
+    about_log,
+    fit_facts,
+    of_logs,
     residual_row,
-    rests_on,
 )
+from butterfly.report.numbers import residual_numbers, rests_on
 from butterfly.report.page import Fact, PageTable, views
 from butterfly.result import Answer
-from butterfly.verdict import Level, Verdict
 
 if TYPE_CHECKING:
     from butterfly.comparison.three_way import ThreeWay  # with MuJoCo, which is slow
 
 
 _STEPS = "MuJoCo is stepped as `run` steps it; `export` measures its file in its own steps."
+
+
+@checked
+def compare(
+    data: Data,
+    method: Method | None = None,
+    *,
+    logs: Sequence[int] | None = None,
+    hand_mass: float | None = None,
+    holdout: Sequence[str] = (),
+    track: Track = untracked,
+    **options: Any,  # noqa: ANN401 - the fields of the estimator
+) -> Answer:
+    """Simulate logs in MuJoCo and with the grey-box model, both with the identified parameters.
+
+    Parameters
+    ----------
+    data, method, logs, holdout, options
+        As in `residual`.
+    hand_mass
+        Mass of the moving body in MuJoCo, in kg; the motion does not depend on it. Default: chosen.
+    track
+        Progress callback.
+    """
+    from butterfly.comparison.three_way import compare_three  # noqa: PLC0415 - slow to import
+
+    if not isinstance(hand_mass, Real | None):
+        raise InputError("compare", "hand_mass", hand_mass, "a number in kg")
+    whole, estimator, estimate = estimated(data, method, options, holdout)
+    require_values(estimate, "a simulation in MuJoCo")
+    numbers = numbers_of_logs("compare", logs, len(whole.logs))
+    compared = compare_three(whole, estimate, numbers, mass=hand_mass, track=track)
+    return comparison_answer(whole, estimator, compared, residuals_of(whole, estimate), estimate)
 
 
 def comparison_answer(
@@ -134,95 +170,3 @@ def _comparison_sentence(compared: Sequence[ThreeWay]) -> str:
         f"MuJoCo and grey box differ by at most {difference:.2g} {way}, with the same parameters "
         f"and recorded input of {counted(len(compared), 'log')}. Median FIT: {medians}."
     )
-
-
-def ranking_answer(entries: Sequence[Entry]) -> Answer:
-    """Tabulate the ranked estimators of each data set, the best of each first."""
-    sets = {entry.data: [e for e in entries if e.data == entry.data] for entry in entries}
-    verdict = Verdict.of_several(
-        {
-            f"{name}, {entry.method}": estimate_verdict(entry.estimate)
-            if entry.estimate
-            else Verdict(Level.WARNING, (entry.error,))
-            for name, (entry, *_) in sets.items()
-        }
-    )
-    winners = {name: [entry.method for entry in equals(ranked)] for name, ranked in sets.items()}
-    title, rows = "Ranking of methods: " + ", ".join(sets), finite([*map(_entry, entries)])
-    facts = []
-    for name, methods in winners.items():
-        if (fit := sets[name][0].held_out) is not None:
-            label = "predict best, no clear winner" if len(methods) > 1 else "predicts best"
-            detail = f"held out: median FIT {fit_text(fit.median)} %, {name}"
-            facts.append(Fact(label, ", ".join(methods), detail))
-    facts.append(Fact("methods", str(len({entry.method for entry in entries}))))
-    facts.append(Fact("data sets", str(len(sets))))
-    return Answer(
-        kind="leaderboard",
-        title=title,
-        summary=verdict.after(*map(_best_sentence, sets.values())),
-        judged=verdict,
-        content={
-            "entries": rows,
-            "winners": winners,
-            **views([PageTable.of(title, rows, _RANKED)], facts, "leaderboard"),
-        },
-        units={"entries.held_out": "%", "entries.in_sample": "%", "entries.seconds": "s"},
-    )
-
-
-def _median_or_worst(name: str, which: str) -> Callable[[Row], str]:
-    return lambda row: fit_text(row[name] and row[name][which])
-
-
-def _value(name: str) -> Callable[[Row], str]:
-    def text(row: Row) -> str:
-        parameters = row.get("parameters") or {}
-        return f"{parameters[name]['value']:#.4g}" if name in parameters else "–"
-
-    return text
-
-
-_RANKED: dict[str, Callable[[Row], object]] = {
-    "estimator": itemgetter("method"),
-    "data": itemgetter("data"),
-    "verdict": itemgetter("verdict"),
-    **{
-        f"FIT {name.replace('_', ' ')}, {which} in %": _median_or_worst(name, which)
-        for name in ("held_out", "in_sample")
-        for which in ("median", "worst")
-    },
-    "time in s": lambda row: f"{row['seconds']:.2f}",
-    **{name: _value(name) for name in PARAMETERS[:5]},
-    "remark": itemgetter("error"),
-}
-"""Columns of a ranking, each of an entry."""
-
-
-def _best_sentence(entries: Sequence[Entry]) -> str:
-    """Name the methods with the best held-out FIT on a data set."""
-    best, equal = entries[0], equals(entries)
-    if best.held_out is None:
-        return f"{best.data}: no method could predict the held-out logs."
-    fit = f"median FIT{best.held_out.over} {best.held_out.median:.1f} %"
-    how = f"{fit} ({best.left_out} at a time)"
-    if len(equal) == 1:
-        return f"{best.data}: {best.method} predicts held-out logs best, {how}."
-    names = " and ".join(entry.method for entry in equal)
-    return f"{best.data}: no clear winner; {names} do not differ significantly, {how}."
-
-
-def _entry(entry: Entry) -> dict[str, Any]:
-    numbers: dict[str, Any] = {"verdict": None, "reasons": []}
-    if entry.estimate is not None:
-        numbers = estimate_verdict(entry.estimate).numbers() | estimate_numbers(entry.estimate)
-    return {
-        **numbers,
-        "data": entry.data,
-        "method": entry.method,
-        "left_out_together": entry.left_out or None,
-        "seconds": entry.seconds,
-        "error": entry.error,
-        "held_out": entry.held_out and entry.held_out.numbers(),
-        "in_sample": entry.in_sample and entry.in_sample.numbers(),
-    }

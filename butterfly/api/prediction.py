@@ -1,4 +1,4 @@
-"""Verbs that take an identification: predict, draws, changed."""
+"""`predict` and `draws`: what follows from an identification."""
 
 from __future__ import annotations
 
@@ -11,11 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from butterfly.api.changed import change_answer
 from butterfly.api.identification import Identification
 from butterfly.api.predicted import Drawn, Predicted
-from butterfly.api.saved import load
 from butterfly.api.sources import Data, Named, is_data, read
+from butterfly.api.verbs import require_identification
 from butterfly.arguments import checked
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.experiment.schema import Experiment
@@ -41,10 +40,10 @@ from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Known
 from butterfly.progress import Track, untracked
 from butterfly.report.finding_texts import require_possible, require_values
-from butterfly.result import Answer
 
 BAND_DRAWS = 200
 """Default number of draws of a band: five are expected beyond either edge."""
+
 
 _NO_ERRORS = "The band of a new log is missing: it needs the errors of these logs."
 
@@ -113,7 +112,7 @@ def predict(
             raise IdentifiabilityError(why)
         sentences = _of_gain(given, estimate, whole)
     else:
-        identification = _identified(result)
+        identification = require_identification(result)
         require_values(identification.estimate, "a prediction")
         kind = identification.origin["input"]
         if source.input_kind not in {kind, InputKind.NONE}:
@@ -155,25 +154,12 @@ def draws(result: Identification | Named, n: int = BAND_DRAWS, seed: int = 0) ->
     seed
         Random seed.
     """
-    identification = _identified(result)
+    identification = require_identification(result)
     require_values(identification.estimate, "a draw")
     if n < 1:
         raise InputError("draws", "n", n, "1 or more")
     drawn, _, remarks = _physical_draws(identification, (), max(n, LEAST), seed)
     return Drawn.of(replace(drawn, values=drawn.values[:n]), identification, remarks)
-
-
-@checked
-def changed(before: Identification | Named, after: Identification | Named) -> Answer:
-    """Test whether a joint has changed between two identifications from independent logs.
-
-    Parameters
-    ----------
-    before, after
-        Each an `Identification` or its saved file.
-    """
-    one, other = (_identified(result, "changed") for result in (before, after))
-    return change_answer(one, other)
 
 
 def _physical_draws(
@@ -224,14 +210,6 @@ def _beyond(seen: Sequence[AddedMass], logs: Iterable[Log]) -> list[str]:
         f"{', '.join(sorted(beyond))}: extrapolation beyond the added masses of the identification "
         f"({least} to {largest})."
     ]
-
-
-def _identified(result: Identification | Named, verb: str = "predict") -> Identification:
-    identification = load(result) if isinstance(result, str | PathLike) else result
-    if not isinstance(identification, Identification):
-        expected = "an identification or its saved file"
-        raise InputError(verb, "result", type(identification).__name__, expected)
-    return identification
 
 
 def _source(data: Any) -> DataSet | Experiment:  # noqa: ANN401 - whatever was given

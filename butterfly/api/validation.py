@@ -1,77 +1,114 @@
-"""What validate, design, select and residual answer, and the physical parameters."""
+"""`validate` and `select`: how well an estimator predicts logs that it has not seen."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
-from operator import itemgetter
+from collections.abc import Callable, Collection, Sequence
 from statistics import mean, median
 from typing import Any
 
 import numpy as np
 
+from butterfly.api.ranking import ranking_answer
+from butterfly.api.sources import Data, read
+from butterfly.api.verbs import Method, prepared
+from butterfly.arguments import checked
+from butterfly.errors import InputError
+from butterfly.experiment.methods import make_estimator
 from butterfly.files import finite
 from butterfly.identification.data import DataSet
-from butterfly.identification.design import Candidate, Plan
 from butterfly.identification.estimate import Estimate, left_out_content
-from butterfly.identification.estimators import Estimator
+from butterfly.identification.estimators import DEFAULT_METHOD, Estimator
 from butterfly.identification.free_run import FitSummary
-from butterfly.identification.identify import held_out_fits
-from butterfly.identification.parameter import unit_of
-from butterfly.identification.physical import PhysicalParameters
-from butterfly.identification.residuals import residual_units, residuals_of
-from butterfly.identification.validate import Bootstrap, CrossValidation, Structure
-from butterfly.logs.log import Log
-from butterfly.report.finding_texts import estimate_verdict
-from butterfly.report.format import cell_text, counted, fit_text, label_of, with_error
-from butterfly.report.numbers import RESIDUAL_CAPTION, residual_numbers, residual_row, rests_on
-from butterfly.report.page import Fact, PageTable, views
-from butterfly.report.parameter_table import PHYSICAL_TITLE, physical_numbers, physical_sentences
-from butterfly.report.summary import (
-    held_out_sentences,
-    medians_of,
-    next_run_text,
-    selection_texts,
+from butterfly.identification.identify import held_out_fits, judged
+from butterfly.identification.parameter import DRAWS, unit_of
+from butterfly.identification.validate import (
+    Bootstrap,
+    CrossValidation,
+    Split,
+    Structure,
+    cross_validate,
+    cross_validate_choice,
+    select_terms,
 )
+from butterfly.identification.validate import bootstrap as bootstrap_of
+from butterfly.model.terms import COMMON, OF_ANGLE, offered
+from butterfly.progress import Track, untracked
+from butterfly.report.finding_texts import estimate_verdict
+from butterfly.report.format import fit_text, with_error
+from butterfly.report.log_table import Row, about_log, fit_facts, of_logs
+from butterfly.report.numbers import rests_on
+from butterfly.report.page import Fact, PageTable, views
+from butterfly.report.summary import held_out_sentences, medians_of, selection_texts
 from butterfly.result import Answer
-from butterfly.verdict import Verdict
 
-_ERROR = "error in % of the motion"  # column
-_SAID_BY_LABEL = {"log", "added mass in kg", "frequency in rad/s"}
 _SEEN, _HELD_OUT = "FIT in sample in %", "FIT held out in %"  # columns
+
+
 _WELL = 90  # % FIT of a well-predicted log
 
-Row = Mapping[str, Any]
 
+@checked
+def validate(
+    data: Data,
+    method: Method | Sequence[Method] = DEFAULT_METHOD,
+    *,
+    others: Sequence[Data] = (),
+    split: str = Split.AUTO,
+    folds: int | None = None,
+    holdout: Sequence[str] = (),
+    bootstrap: int = 0,
+    track: Track = untracked,
+    **options: Any,  # noqa: ANN401 - the fields of the estimator
+) -> Answer:
+    """Cross-validate an estimator on held-out logs, or rank several.
 
-def about_log(log: Log) -> dict[str, Any]:
-    """Return the first cells of a log's row: name, added mass and frequency."""
-    sine = log.excitation
-    return {
-        "log": log.name,
-        "added mass in kg": log.added_mass.mass,
-        "frequency in rad/s": sine.omega if sine else np.nan,
-    }
+    With several methods or data sets, ranks the methods by their median FIT on held-out logs.
 
+    Parameters
+    ----------
+    data
+        A data set (logs, a folder of logs, a manifest, a saved result, or a shipped name), or
+        several to rank methods on. In Python the first, as in `identify`.
+    method, holdout, track, options
+        As in `identify`; of several methods, each has its defaults.
+    others
+        More data sets to rank the methods on.
+    split
+        What to hold out at a time: an added mass (``mass``), sine frequencies (``frequency``), logs
+        (``log``), a section of every log (``time``), or the first of these that the data allow
+        (``auto``).
+    folds
+        Number of parts for frequency, log and time. Default: 5, or fewer if the data require it.
+    bootstrap
+        Number of bootstrap samples of the logs, for 95 % intervals.
+    """
+    if split not in [*Split]:
+        raise InputError("validate", "split", split, " or ".join(Split))
+    fewest = DRAWS if bootstrap else 0
+    for name, value, least in (("folds", folds, 2), ("bootstrap", bootstrap, fewest)):
+        if value is None:
+            continue
+        if not isinstance(value, int) or isinstance(value, bool) or value < least:
+            raise InputError("validate", name, value, f"an integer of {least} or more")
+    if others or not isinstance(method, str | Estimator):
+        for name, value in {"folds": folds, "bootstrap": bootstrap or None, **options}.items():
+            if value is not None:
+                expected = "no such option with several methods or data sets"
+                raise InputError("validate", name, value, expected)
+        from butterfly.comparison.leaderboard import leaderboard  # noqa: PLC0415 - slow to import
 
-def of_logs(title: str, rows: Sequence[Row], *names: str, **more: Any) -> PageTable:  # noqa: ANN401
-    """Tabulate rows of logs, each by its short name; only ``names`` of their columns if given."""
-    chosen = names or [name for name in rows[0] if name not in _SAID_BY_LABEL]
-    columns: dict[str, Callable[[Row], object]] = {name: itemgetter(name) for name in chosen}
-    return PageTable.of(title, rows, {"log": label_of, **columns}, **more)
-
-
-def fit_facts(rows: Sequence[Row], column: str, label: str) -> list[Fact]:
-    """Return median and worst of a column of FITs."""
-    fits = {row["log"]: row[column] for row in rows if row[column] is not None}
-    if not fits:
-        return []
-    worst = min(fits, key=lambda name: fits[name])
-    return [
-        Fact(f"FIT {label}, median", f"{fit_text(median(fits.values()))} %"),
-        Fact(f"FIT {label}, worst", f"{fit_text(fits[worst])} %", worst.rsplit("/", 1)[-1]),
-    ]
+        methods = [method] if isinstance(method, str | Estimator) else method
+        estimators = [make_estimator(candidate, {}) for candidate in methods]
+        if not estimators:
+            raise InputError("validate", "method", "none", "at least one method")
+        sets = [read(source).holding_out(holdout) for source in (data, *others)]
+        return ranking_answer(leaderboard(sets, estimators, split=Split(split), track=track))
+    logs, estimator = prepared(data, method, options, holdout)
+    (logs, whole), drawn = judged(logs, estimator), None
+    held = cross_validate(logs, estimator, Split(split), folds=folds, track=track)
+    if bootstrap:
+        drawn = bootstrap_of(logs, estimator, whole, repetitions=bootstrap, track=track)
+    return validation_answer(logs, estimator, held, whole, drawn)
 
 
 def validation_answer(
@@ -176,59 +213,47 @@ def _bootstrap_table(data: DataSet, whole: Estimate, drawn: Bootstrap) -> PageTa
     return PageTable("95 % intervals by bootstrap over logs", headers, rows)
 
 
-def design_answer(
-    data: DataSet,
-    estimator: Estimator | None,
-    estimate: Estimate,
-    ranked: Sequence[Plan[Candidate]],
+@checked
+def select(
+    data: Data,
+    method: Method = "output-error",
     *,
-    goal: float,
-    now: float,
+    candidates: Collection[str] = COMMON,
+    holdout: Sequence[str] = (),
+    nested: bool = False,
+    track: Track = untracked,
+    **options: Any,  # noqa: ANN401 - the fields of the estimator
 ) -> Answer:
-    """Tabulate next runs, the cheapest way first; ``goal``: share, ``now``: largest half-width."""
-    verdict = estimate_verdict(estimate)
-    rows = finite(
-        [
-            {
-                "added mass": str(plan.recipe.log.added_mass),
-                "input": plan.recipe.what,
-                f"swing in {data.joint.way}": plan.recipe.swing,
-                "runs": plan.runs,
-                "robot time in s": round(plan.seconds),
-                "reached in %": 100 * goal * plan.expected[1],
-                **dict(zip(estimate.names, map(float, plan.errors), strict=True)),
-                "warning": plan.recipe.warning,
-            }
-            for plan in ranked
-        ]
-    )
-    best, title = rows[0], f"Next runs for {data.name!r}"
-    title += ": standard errors after one over the present ones"
-    cells = [
-        (str(k), *(f"{v:.2f}" if isinstance(v, float) else cell_text(v) for v in row.values()))
-        for k, row in enumerate(rows, start=1)
-    ]
-    reached, current, aim = map(cell_text, (best["reached in %"], 100 * now, 100 * goal))
-    facts = [
-        Fact("next run", best["input"], best["added mass"]),
-        Fact("robot time", f"{best['robot time in s']} s", counted(best["runs"], "run")),
-        Fact("largest half-width after", f"{reached} %", f"now {current} %, goal {aim} %"),
-        Fact("candidates", str(len(rows))),
-    ]
-    return Answer(
-        kind="design",
-        title=title,
-        summary=verdict.after(next_run_text(ranked[0], estimate.names, goal, now)),
-        judged=verdict,
-        content={
-            **rests_on(data, estimate, estimator),
-            "goal": goal,
-            "half_width": now,
-            "rows": rows,
-            **views([PageTable(title, ("", *best), cells)], facts, "ranking"),
-        },
-        units={f"rows.{name}": "1" for name in estimate.names},
-    )
+    """Choose terms as identify does, and show what each choice predicts.
+
+    Each round adds the term that predicts held-out logs best, or takes one away that does not help.
+    Every set of terms has its FIT in sample and on held-out added masses, or logs. The verdict is
+    on the model with the chosen terms.
+
+    Parameters
+    ----------
+    data, method, holdout, track, options
+        As in `identify`, without ``terms``.
+    candidates
+        Terms to choose from.
+    nested
+        Nested cross-validation: repeats the choice without each held-out part, for an unbiased FIT
+        (slow).
+    """
+    if isinstance(candidates, str) or not isinstance(candidates, Collection):
+        raise InputError("select", "candidates", candidates, f"names, such as {COMMON}")
+    logs = read(data).holding_out(holdout)
+    estimator = make_estimator(method, options)
+    wanted = tuple(candidates)
+    if wanted == COMMON:
+        able = offered(estimator.method)
+        unable = OF_ANGLE if any(log.integrated for log in logs.logs) else ()
+        wanted = tuple(name for name in wanted if name in able and name not in unable)
+    passed = select_terms(logs, estimator, wanted, track=track)
+    chosen = estimator.with_terms(passed[-1].terms)
+    _, estimate = judged(logs, chosen)
+    anew = cross_validate_choice(logs, estimator, wanted, track=track) if nested else None
+    return selection_answer(logs, chosen, wanted, passed, estimate=estimate, nested=anew)
 
 
 def selection_answer(
@@ -284,49 +309,3 @@ def selection_answer(
 def _median_fit(name: str) -> Callable[[Row], str]:
     """Return the cell of a median FIT of a set of terms."""
     return lambda row: fit_text(medians_of(row)[name])
-
-
-def residual_answer(
-    data: DataSet, estimator: Estimator | None, estimate: Estimate, chosen: Sequence[int]
-) -> Answer:
-    """Analyse the residuals of an estimate, and tabulate those of the chosen logs."""
-    from butterfly.report.residual import residual_sentences, with_residual_figures  # noqa: PLC0415 - slow to import
-
-    verdict, residuals = estimate_verdict(estimate), residuals_of(data, estimate)
-    worst = max(chosen, key=lambda k: residuals.logs[k].relative)
-    title = f"Residuals of {estimate.method} on {data.name!r}"
-    rows = finite([about_log(data.logs[k]) | residual_row(residuals.logs[k]) for k in chosen])
-    first = max(rows, key=lambda row: math.inf if row[_ERROR] is None else row[_ERROR])
-    error, times = (cell_text(first[key]) for key in (_ERROR, "error over sensor noise"))
-    facts = [
-        Fact("largest error", f"{error} %", f"of the motion, {label_of(first)}"),
-        Fact("over sensor noise", f"{times} ×", "encoder resolution and noise"),
-        Fact("correlations", "outside" if first["outside its bands"] else "inside", "bands"),
-    ]
-    return Answer(
-        kind="residual",
-        title=title,
-        summary=(*verdict.lines, *residual_sentences(residuals)),
-        judged=verdict,
-        content={
-            **rests_on(data, estimate, estimator),
-            "rows": rows,
-            "residuals": residual_numbers(residuals, estimate),
-            **views([of_logs(title, rows, caption=RESIDUAL_CAPTION)], facts),
-        },
-        units=residual_units(data.joint),
-        live=partial(with_residual_figures, data, estimate, worst, residuals.logs[worst]),
-    )
-
-
-def physical_answer(parameters: PhysicalParameters, name: str, judged: Verdict) -> Answer:
-    """Tabulate the physical parameters of the robot of some data, and say what is left open."""
-    rows = finite([{"parameter": k} | row for k, row in physical_numbers(parameters).items()])
-    title = f"{PHYSICAL_TITLE} of {name!r}"
-    return Answer(
-        kind="physical",
-        title=title,
-        summary=(*judged.lines, *physical_sentences(parameters)),
-        content={"rows": rows, **views([PageTable.of(title, rows)])},
-        judged=judged,
-    )

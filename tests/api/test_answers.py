@@ -1,6 +1,5 @@
 """Results show, tabulate, save and report themselves; verbs take whatever holds data."""
 
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -9,12 +8,7 @@ import pytest
 import yaml
 
 import butterfly as bf
-from butterfly.api.inspected import unusable_logs
-from butterfly.api.results import validation_answer
 from butterfly.files import write_document
-from butterfly.identification.design import masses_at_hand
-from butterfly.identification.estimators import OutputError
-from butterfly.identification.validate import Bootstrap, Split, cross_validate
 from butterfly.logs.mat import write_mat
 from tests.api.conftest import OF_ESTIMATE, OTHERS, results_of
 from tests.verdicts import follow_nothing
@@ -104,31 +98,6 @@ def test_rows_that_are_gone_or_lack_a_column_are_refused(results, kind, tmp_path
         (tmp_path / "r.json").unlink()
 
 
-@pytest.fixture(scope="module")
-def held(data):
-    """Logs, an estimator, what it predicts of held-out data, and its estimate from all logs."""
-    some, estimator = data.take([0, 2, 3, 5]), OutputError(terms=())
-    return some, estimator, cross_validate(some, estimator), estimator(some)
-
-
-def test_a_log_without_a_fit_is_left_out_of_tiles_and_tables(held):
-    some, estimator, predicted, estimate = held
-    fits = np.where(np.arange(4) == np.argmin(predicted.fits), np.nan, predicted.fits)
-    whole = validation_answer(some, estimator, predicted, estimate)
-    lacking = validation_answer(some, estimator, replace(predicted, fits=fits), estimate)
-    assert lacking.facts()[1].value != whole.facts()[1].value
-    assert [row[-1] for row in lacking.tables()[1].rows] == ["4 of 4", "3 of 3"]
-    assert lacking.page().figures
-
-
-def test_a_narrow_interval_by_bootstrap_is_not_rounded_away(held):
-    *before, estimate = held
-    values, half = estimate.values, 1e-6 * abs(estimate.values)
-    drawn = Bootstrap(values=values[np.newaxis], lower=values - half, upper=values + half)
-    for row in validation_answer(*before, estimate, drawn).tables()[-1].rows:
-        assert len({*row[1:4]}) == 3
-
-
 def test_what_has_no_verdict_says_none(results):
     found = results["validation"]
     content = {key: value for key, value in found.to_dict().items() if key != "verdict"}
@@ -142,43 +111,6 @@ def test_an_older_result_of_a_kind_whose_keys_changed_is_to_be_saved_again(resul
     write_document(results[kind].to_dict() | {"schema_number": 4}, tmp_path / "r.json")
     with pytest.raises(bf.InputError, match=r"got 4; expected 5: .* save again"):
         bf.load(tmp_path / "r.json")
-
-
-def test_what_the_tables_hold_is_what_the_verbs_find(data, results):
-    held = cross_validate(data, OutputError(terms=()), Split.MASS)
-    left_out = bf.validate(data, terms=()).to_dataframe()["FIT held out in %"]
-    np.testing.assert_allclose(left_out, held.fits)
-    designed, compared = results["design"].rows(), results["comparison"]
-    assert designed[0]["robot time in s"] == min(row["robot time in s"] for row in designed)
-    assert compared.to_dataframe()["simulators apart in rad"].max() < 3e-3
-    titles = [part.title for part in compared.page().parts]
-    assert titles == [
-        *("At a glance", "Measured against simulated", "In numbers", "Amplitude and phase"),
-        "Residuals",
-    ]
-    plain, errors, left = compared.tables()
-    assert len(plain.headers) == 4
-    assert errors.detail
-    assert all(re.fullmatch(r"[+-]\d\S*", cell) for cell in errors.rows[0][1:])
-    assert errors.rows[0][1:] != ["+0.00"] * 4
-    assert left.headers == results["residual"].tables()[0].headers
-    for kind in ("comparison", "residual"):
-        assert results[kind].page().parts[-1].tables[-1].caption.startswith("Error: rms of")
-    documents = [results[kind].to_dict() for kind in ("comparison", "residual")]
-    assert [len(each["residuals"]["logs"]) for each in documents] == [4, 4]
-    assert all(each["residuals"]["findings"] != each["findings"] != [] for each in documents)
-
-
-def test_the_rows_of_a_choice_are_sets_of_terms_those_of_a_robot_its_parameters(results, quick):
-    chosen = results["selection"]
-    assert "in turn, the terms predict what was left out with a mean FIT of 9" in chosen.notes[-1]
-    (table,), first = chosen.tables(), chosen.rows()[0]
-    shown = dict(zip(table.headers, table.rows[0], strict=True))
-    assert (first["terms"], shown["terms"]) == ([], "none")
-    assert float(shown["FIT in sample in %"]) == pytest.approx(first["in_sample"]["median"], 0.01)
-    units = {row["parameter"]: row["unit"] for row in bf.inspect(quick).rows()}
-    assert [*units][:4] == ["p1", "p2", "p3", "p4"]
-    assert (units["p1"], units["p4"]) == ("kg m²", "N m/V")
 
 
 def test_several_sources_are_read_together_each_with_its_own_repairs(data, sine_log, tmp_path):
@@ -204,24 +136,3 @@ def test_logs_are_made_of_lists_and_frames_alike():
         np.testing.assert_array_equal(column, two.columns()[name])
     assert two.input_kind is bf.InputKind.TORQUE
     assert len(repr(one).splitlines()) == 1
-
-
-def test_the_next_run_is_not_proposed_twice_for_masses_that_load_alike(data):
-    masses = masses_at_hand(data)
-    loads = [(mass.inertia, mass.gravity_moment) for mass in masses]
-    assert (0.0, 0.0) in loads
-    assert len(set(loads)) == len(loads) == 3
-
-
-def test_an_inspection_forecasts_on_the_logs_that_are_fitted(quick_data, results, tmp_path):
-    found = results["inspection"]
-    assert [row["word"] for row in found.content["before_fit"]] == ["identifiable"] * 6
-    assert "identifiable" in found._repr_html_()
-    found.save(tmp_path / "seen.json")
-    assert unusable_logs(bf.load(tmp_path / "seen.json")) == 0
-    alone = bf.inspect(quick_data / found.rows()[0]["log"], known={"p4": 0.025})
-    assert alone.rows()[0]["log"] in (cell := alone._repr_html_())
-    assert "identifiable" in cell[cell.index("<table") :]
-    assert results["one log"].content["before_fit"] == []  # one log tells less than the data set
-    told = bf.inspect(quick_data, holdout=["of no log", "*"])
-    assert told.content["before_fit"] == []  # the first pattern does not undo the second
