@@ -9,21 +9,23 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from butterfly.arrays import Samples
 from butterfly.errors import InputError, nearest
 from butterfly.identification.data import DataSet
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.logs.formats import DEFAULT_COLUMNS, column_names, read_log
-from butterfly.logs.known_names import columns_by_joint, columns_meant, columns_of_joint
+from butterfly.logs.known_names import columns_by_joint, columns_meant, columns_of_joint, parts_of
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.logs.manifest import LogEntry, Manifest
 from butterfly.logs.model_facts import STILL, ModelFacts, PoseFacts
+from butterfly.logs.units import Units, units_spelt
 from butterfly.model.parameters import JointKind
 from butterfly.model.prior import Known
 from butterfly.model.terms import TERMS
@@ -109,6 +111,7 @@ def _with_columns(manifest: Manifest, entry: LogEntry, others: Mapping[str, int]
         columns = columns_of_joint(names, str(manifest.of), others, kind)
         if "angle" in columns:
             update["columns"] = columns
+            update["units"] = _units_beside(manifest, entry, columns, others) or entry.units
     if entry.neighbours is None and names:
         by_joint = columns_by_joint(names, {*others, str(manifest.of)})
         angles = {n: columns_meant(by_joint[n], None, by_joint[n]).get("angle") for n in others}
@@ -118,6 +121,34 @@ def _with_columns(manifest: Manifest, entry: LogEntry, others: Mapping[str, int]
             expected = nearest(name, others) if others else "no other joint"
             raise InputError(entry.file, f"neighbours.{name}", "no such joint", expected)
     return entry.model_copy(update=update)
+
+
+def _units_beside(
+    manifest: Manifest, entry: LogEntry, columns: Mapping[str, str], others: Iterable[str]
+) -> dict[str, str | float]:
+    """Return factors for columns whose joint is called like a unit, as joint ``turn`` is.
+
+    They are of the unit that the rest of a column's name says, else of the project's own.
+    """
+    joint, given = str(manifest.of), {**manifest.units, **(entry.units or {})}
+    texts = columns_by_joint([*columns.values()], {*others, joint})[joint]
+    factors = {
+        field: _factor(field, texts[columns[field]])
+        for field in ("angle", "input")
+        if field in columns and field not in given and _is_unit(joint)
+    }
+    return {**given, **factors} if factors else {}
+
+
+def _factor(field: str, text: str) -> float:
+    """Return the factor of the unit that a text says last; 1 if it says none."""
+    units = [unit for part in parts_of(text) for unit in units_spelt(field, part)]
+    return Units.of({field: units[-1]}).factor(field) if units else 1.0
+
+
+def _is_unit(joint: str) -> bool:
+    """Whether a joint's name has a word that is a unit of angles."""
+    return any(units_spelt("angle", part) for part in parts_of(joint))
 
 
 def _poses(manifest: Manifest, entries: Sequence[LogEntry]) -> list[dict[str, float]]:
@@ -149,37 +180,84 @@ def neighbours(manifest: Manifest, entry: LogEntry) -> dict[str, Log]:
     rest: dict[str, str | int]
     rest = {field: columns[field] for field in ("time", "input") if field in columns}
     whole = manifest.model_copy(update={"loop": {}})
-    return {
-        name: read_log(
+    logs = {}
+    for name, column in (entry.neighbours or {}).items():
+        factor = (
+            {"angle": _factor("angle", str(column).replace(name, ""))} if _is_unit(name) else {}
+        )
+        plain = entry.model_copy(update={"units": {**(entry.units or {}), **factor}})
+        logs[name] = read_log(
             Path(manifest.root) / entry.file,
             columns={**rest, "angle": column},
-            units=manifest.scale(entry),
+            units=whole.scale(plain),
             **whole.properties(entry),
         )
-        for name, column in (entry.neighbours or {}).items()
-    }
+    return logs
 
 
 def with_neighbours(data: DataSet) -> DataSet:
     """Return logs without the torque that the motion of other joints made, and what to say of it.
 
-    It is taken off the input where that is a torque: where p4 is known. JointMotion that is not
+    It is taken off the input where that is a torque: where p4 is known. Motion that is not
     corrected is a finding, and that some joints have no columns is another.
     """
     manifest = data.manifest
     if manifest is None or manifest.facts is None or manifest.model is None:
         return data
+    taken, moved = _taken_off(data)
+    shares = [
+        float(np.std(taken[log.name])) / max(float(np.std(log.input)), _TINY)
+        for log in data.logs
+        if log.name in taken
+    ]
+    remarks = _remarks(manifest.facts, manifest, moved, shares)
+    held = data.test_logs and with_neighbours(data.test_logs)
+    return replace(_less(data, taken, 1.0), test_logs=held, remarks=remarks)
+
+
+def with_heavier_neighbours(data: DataSet) -> DataSet | None:
+    """Return corrected logs as they are if the links weigh two standard uncertainties more.
+
+    None where nothing that moves was corrected.
+    """
+    kinds = {finding.kind for finding in data.remarks}
+    manifest = data.manifest
+    if FindingKind.NEIGHBOURS_CORRECTED not in kinds or manifest is None or manifest.facts is None:
+        return None
+    taken, _ = _taken_off(data)
+    return _less(data, taken, 2 * manifest.facts.links.uncertainty)
+
+
+def _less(data: DataSet, taken: Mapping[str, Samples], share: float) -> DataSet:
+    """Return logs with a share of some (n,) inputs taken off, by the names of logs."""
+
+    def less(log: Log) -> Log:
+        if log.name not in taken:
+            return log
+        return replace(log, input=log.input - share * taken[log.name])
+
+    return replace(data, test_logs=None).corrected(less)
+
+
+def _taken_off(data: DataSet) -> tuple[dict[str, Samples], dict[str, float]]:
+    """Return (n,) inputs that the others' motion asks for, by log; and how far each moves.
+
+    The first are of logs whose input is a torque alone.
+    """
     from butterfly.twin.joint_of_model import JointOfModel  # noqa: PLC0415 - slow to import
     from butterfly.twin.neighbours import JointMotion, coupling  # noqa: PLC0415
 
-    facts, gain = manifest.facts, data.known.parameters.get("p4")
+    manifest, gain = data.manifest, data.known.parameters.get("p4")
+    inputs, moved = dict[str, Samples](), dict[str, float]()
+    if manifest is None or manifest.facts is None or manifest.model is None:
+        return inputs, moved
     driven = data.input_kind not in {InputKind.NONE, InputKind.SETPOINT}
-    logs, moved, shares = [], dict[str, float](), list[float]()
-    robot = JointOfModel.of((Path(manifest.root) / manifest.model).resolve(), facts.joint)
+    path = (Path(manifest.root) / manifest.model).resolve()
+    robot = JointOfModel.of(path, manifest.facts.joint)
     for log, entry in zip(data.logs, manifest.logs, strict=True):
-        recorded = neighbours(manifest, entry)
         others = {
-            n: JointMotion.of(other.time, other.angle, log.time) for n, other in recorded.items()
+            name: JointMotion.of(other.time, other.angle, log.time)
+            for name, other in neighbours(manifest, entry).items()
         }
         for name, motion in others.items():
             moved[name] = max(moved.get(name, 0.0), motion.reach)
@@ -188,14 +266,8 @@ def with_neighbours(data: DataSet) -> DataSet:
             torque = coupling(robot, motion, others, entry.pose or {})
             if log.between_samples is Intersample.ZERO_ORDER_HOLD:
                 torque = (torque + np.append(torque[1:], torque[-1:])) / 2  # mean until the next
-            shares.append(float(np.std(torque / gain.value)) / max(float(np.std(log.input)), _TINY))
-            log = replace(log, input=log.input - torque / gain.value)  # noqa: PLW2901 - corrected
-        logs.append(log)
-    corrected = dict(zip([log.name for log in data.logs], logs, strict=True))
-    remarks = _remarks(facts, manifest, moved, shares)
-    held = data.test_logs and with_neighbours(data.test_logs)
-    data = replace(data, test_logs=None).corrected(lambda log: corrected[log.name])
-    return replace(data, test_logs=held, remarks=remarks)
+            inputs[log.name] = torque / gain.value
+    return inputs, moved
 
 
 def _remarks(

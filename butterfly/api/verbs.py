@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from operator import index
 from os import PathLike
 from typing import Any
 
 from butterfly.api.identification import Identification
+from butterfly.api.joint_models import with_heavier_neighbours
 from butterfly.api.saved import load
 from butterfly.api.sources import Data, Named, names_result, read
 from butterfly.arguments import checked
@@ -18,7 +20,7 @@ from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import DEFAULT_METHOD, Estimator
 from butterfly.identification.identified import read_parameters
 from butterfly.identification.identify import identify as identify_data
-from butterfly.identification.identify import judged
+from butterfly.identification.identify import judged, with_other
 from butterfly.model.parameters import LumpedParameters
 from butterfly.progress import Track, phase, untracked
 
@@ -62,7 +64,12 @@ def identify(
     others = {name: _parameters(name, given) for name, given in (against or {}).items()}
     logs, estimator = prepared(data, method, options, holdout)
     with phase("Identifying"):
-        return Identification.of(identify_data(logs, estimator, against=others, track=track))
+        identified = identify_data(logs, estimator, against=others, track=track)
+        if (heavier := with_heavier_neighbours(logs)) is not None:
+            # what was taken off the input rests on the masses of links
+            other = estimator(heavier).named
+            identified = replace(identified, estimate=with_other(identified.estimate, other))
+        return Identification.of(identified)
 
 
 def saved_identification(data: Data) -> Identification | None:

@@ -308,8 +308,14 @@ def turns_over(log: Log, zero: float) -> bool:
 
 
 def falls(log: Log, joint: LumpedParameters, zero: float) -> bool:
-    """Whether gravity drives the errors of a loaded joint apart, as it does about the upright."""
-    return not log.closed and joint.p3 > 0 and turns_over(log, zero)
+    """Whether gravity drives the errors of a loaded joint apart, as it does about the upright.
+
+    It does too where a loop that the log does not have holds the joint in its upper half: there
+    gravity's stiffness p3 cos(angle - zero) is negative on average.
+    """
+    if log.closed or not joint.p3 > 0:
+        return False
+    return turns_over(log, zero) or float(np.mean(np.cos(log.angle - zero))) < 0
 
 
 def is_held(log: Log, joint: LumpedParameters, zero: float) -> bool:

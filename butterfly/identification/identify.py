@@ -75,7 +75,7 @@ def identify(
             estimate = _finite(estimator.infer(problem, fit))
             del problem, fit  # with the derivatives of all logs
         estimate = replace(estimate, input_kind=data.input_kind, joint=data.joint)
-        data, estimate = as_taken(data, with_other_time(estimate, other))
+        data, estimate = as_taken(data, with_other(estimate, other))
         run = simulated(data, estimate, against=against, track=track)
         residuals = tracked(track, "Checking residuals", residuals_of, data, run.estimate, run.runs)
         sure = diagnose(data, estimator, run.estimate, residuals)
@@ -202,7 +202,7 @@ def in_true_time(data: DataSet, estimator: Estimator) -> tuple[DataSet, Mapping[
     return replace(best, correction=unsure), others[0][1].named
 
 
-def with_other_time(estimate: Estimate, other: Mapping[str, float]) -> Estimate:
+def with_other(estimate: Estimate, other: Mapping[str, float]) -> Estimate:
     """Return an estimate whose limits include other values, by name, if there are any."""
     if not other:
         return estimate

@@ -458,8 +458,9 @@ def manifest_text(manifest: Manifest) -> str:
     """Return a manifest as YAML, one line per log."""
     content = manifest.model_dump(mode="json", exclude_none=True)
     content["repair"].sort()  # a set has no order, a file should have one
+    defaults = Manifest.model_construct().model_dump(mode="json", include=set(_SELDOM))
     for name in _SELDOM:
-        if content[name] == Manifest.model_fields[name].get_default(call_default_factory=True):
+        if content[name] == defaults[name]:
             del content[name]
     rows = [f"  - {yaml_text(entry, flow=True)}" for entry in content.pop("logs")]
     return "".join([yaml_text(content), "logs:\n", *rows])

@@ -27,6 +27,7 @@ _MOVES = {
     int(mujoco.mjtJoint.mjJNT_SLIDE): JointKind.SLIDE,
 }
 _NO_GRAVITY = 1e-9  # share of the largest torque of gravity that rounding leaves
+_VERTICAL = 1e-4  # share of gravity across an axis that a file's digits leave of a vertical one
 _SHORTCUTS = {True: "position", False: "velocity"}
 
 
@@ -193,7 +194,7 @@ class JointOfModel:
         inertia = float(full[dof, dof]) - float(model.dof_armature[dof]) - self._rotors()
         at_zero, at_quarter = pulls
         moment = math.hypot(at_zero, at_quarter) if self.kind is JointKind.HINGE else 0.0
-        if moment <= _NO_GRAVITY * self._largest_pull():
+        if moment <= _NO_GRAVITY * self._largest_pull() or not self.gravity_across(pose):
             moment = 0.0
         return PoseFacts(
             pose={name: float(data.qpos[model.jnt_qposadr[k]]) for name, k in self.others.items()},
@@ -217,7 +218,7 @@ class JointOfModel:
         if self.model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_GRAVITY:
             return 0.0
         across = float(np.linalg.norm(pull - (pull @ axis) * axis))
-        return across if across > _NO_GRAVITY * float(np.linalg.norm(pull)) else 0.0
+        return across if across > _VERTICAL * float(np.linalg.norm(pull)) else 0.0
 
     def _drives(self) -> Iterator[int]:
         """Yield the numbers of the actuators of the joint."""

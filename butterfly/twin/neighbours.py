@@ -20,6 +20,7 @@ from butterfly.arrays import Samples
 from butterfly.model.parameters import JointKind
 from butterfly.twin.joint_of_model import JointOfModel
 
+_STANDS_OUT = 0.3  # of the noise, rms: a smoothed motion that is less is part of the noise
 _STRETCH = 1200  # samples by which the smoothness is chosen
 _DECADES = (-9.0, 9.0)  # of the smoothness, over the cube of the sampling interval in s
 
@@ -36,9 +37,13 @@ class JointMotion:
     def of(cls, time: Samples, measured: Samples, at: Samples) -> JointMotion:
         """Return the motion ``at`` (n,) times that a smoothing spline finds in measured positions.
 
-        They are (m,) at their own times.
+        They are (m,) at their own times. What does not stand out of their noise is no motion.
         """
         spline = make_smoothing_spline(time, measured, lam=smoothness(time, measured))
+        smooth = spline(time)
+        if np.std(smooth) <= _STANDS_OUT * np.std(measured - smooth):
+            still = np.zeros(at.size)
+            return cls(position=still + np.mean(measured), velocity=still, acceleration=still)
         velocity, acceleration = (spline.derivative(order)(at) for order in (1, 2))
         return cls(position=spline(at), velocity=velocity, acceleration=acceleration)
 

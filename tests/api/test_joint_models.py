@@ -7,8 +7,11 @@ import pytest
 import yaml
 
 import butterfly as bf
+from butterfly.api.joint_models import with_heavier_neighbours
 from butterfly.errors import InputError
+from butterfly.identification.estimators import OutputError
 from butterfly.identification.findings import FindingKind
+from butterfly.identification.identify import identify as identify_data
 from butterfly.logs.manifest import read_manifest
 from butterfly.model.prior import Known
 from tests.arm_logs import ARM, TRUTH, write_log, write_logs
@@ -200,3 +203,42 @@ def test_its_ranges_are_the_intervals_of_the_model_s_attributes(answer, tmp_path
     assert '"elbow_armature": EventTermCfg(\n            func=dr.joint_armature' in text
     assert 'joint_names=("elbow",)' in text
     assert '"add"' not in text
+
+
+def test_intervals_hold_what_heavier_links_would_have_taken_off(moving):
+    data = bf.read(moving, **TORQUE, **KNOWN)
+    plain, whole = identify_data(data), bf.identify(data)
+    heavier = OutputError()(with_heavier_neighbours(data))
+    for name in ("p1", "p2", "coulomb"):
+        lower, upper = whole.estimate.limits_of(name, 0.0)
+        assert lower <= heavier.named[name] <= upper
+        assert upper - lower >= np.ptp(plain.estimate.limits_of(name, 0.0)) * (1 - 1e-9)
+
+
+def test_logs_without_moving_neighbours_have_nothing_else_to_hold(read_still):
+    assert with_heavier_neighbours(read_still) is None
+
+
+@pytest.mark.parametrize(("ending", "factor"), [("position", 1.0), ("position_deg", math.pi / 180)])
+def test_a_joint_that_is_called_like_a_unit_is_none(tmp_path, ending, factor):
+    model = tmp_path / "arm.xml"
+    model.write_text(ARM.read_text().replace('"elbow"', '"turn"'))
+    write_log(tmp_path / "0.csv", "elbow", POSE, seconds=1.0)
+    text = (tmp_path / "0.csv").read_text()
+    header, rows = text.split("\n", 1)
+    header = header.replace("elbow_position", f"turn_{ending}").replace("elbow", "turn")
+    (tmp_path / "0.csv").write_text(f"{header}\n{rows}")
+    data = bf.read(tmp_path / "0.csv", **(TORQUE | {"model": model, "of": "turn"}), pose=POSE)
+    read = np.loadtxt(rows.splitlines(), delimiter=",")
+    assert data.logs[0].angle == pytest.approx(factor * read[:, 2])
+    assert data.logs[0].input == pytest.approx(read[:, 1])
+
+
+def test_an_axis_that_a_files_digits_leave_nearly_vertical_has_no_gravity(tmp_path):
+    model = tmp_path / "arm.xml"
+    model.write_text(ARM.read_text().replace('axis="0 0 1"', 'axis="1e-6 0 1"'))
+    others = {name: angle for name, angle in POSE.items() if name != "pan"}
+    write_log(tmp_path / "0.csv", "pan", others, seconds=1.0)
+    manifest = bf.read(tmp_path / "0.csv", **(TORQUE | {"model": model, "of": "pan"})).manifest
+    assert manifest.gravity == 0.0
+    assert manifest.facts.poses[0].moment == 0.0

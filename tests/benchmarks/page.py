@@ -91,7 +91,7 @@ def rows():
     """Return the rows of the page's table of ratios by what they are of."""
     text = PAGE.read_text(encoding="utf-8").partition(f"| {' | '.join(HEADS)} |")[2]
     cells = (re.split(r" *\| *", line)[1:-1] for line in text.splitlines() if line[:1] == "|")
-    return {row[0]: tuple(row) for row in list(cells)[1:]}
+    return {row[0]: (*row[:-1], row[-1].strip("–")) for row in list(cells)[1:]}
 
 
 def write():

@@ -6,7 +6,7 @@ import numpy as np
 
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators.assumptions import as_taken
-from butterfly.identification.identify import diagnose, in_true_time, with_other_time
+from butterfly.identification.identify import diagnose, in_true_time, with_other
 from butterfly.identification.residuals import LogResiduals, Residuals
 from butterfly.report.finding_texts import estimate_sentences
 from tests.identification.simulated import noisy
@@ -29,7 +29,7 @@ def fitted(data, estimator):
     """Return logs in their true time, as an estimate took them, and the estimate."""
     data, other = in_true_time(data, estimator)
     found = replace(estimator(data), input_kind=data.input_kind, joint=data.joint)
-    return as_taken(data, with_other_time(found, other))
+    return as_taken(data, with_other(found, other))
 
 
 def named_of(logs, estimator):

@@ -20,6 +20,8 @@ from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import Log, Sine
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import LumpedParameters
+from butterfly.model.prior import Prior
+from butterfly.verdict import Level
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, SWINGS, driven, simulated, steady
 from tests.independent.integrator import Joint
@@ -220,3 +222,46 @@ def test_comparisons_share_the_trajectories_and_say_whether_the_gain_was_fitted(
     assert fitted.fit.worst > 99
     assert given.fit.median < fitted.fit.median - 5
     assert len(built) <= 2 * len(swings.logs)  # the grid follows the resonance, not the gain
+
+
+HELD = {"p1": 0.006, "p2": 0.004, "p3": 0.34, "p4": 1.0, "coulomb": 0.03}
+"""A wrist that hangs outside its range: a loop, which its logs do not have, holds it above."""
+
+
+def _held_above(seed, middle=2.5, seconds=8.0):
+    """Log the torque and the angle of a joint that a loop holds in its upper half."""
+    rng = np.random.default_rng(seed)
+    pace, phase = rng.uniform(2.0, 12.0, 3), rng.uniform(0.0, 6.3, 3)
+    step, parts = 5e-3, 20
+    angle, velocity, rows = middle, 0.0, []
+    for k in range(round(seconds / step)):
+        torque = 0.12 * np.sin(pace * k * step + phase).sum() + HELD["p3"] * math.sin(middle)
+        torque += 1.2 * (middle - angle) - 0.03 * velocity
+        rows.append((k * step, torque, angle + rng.normal(0.0, 3e-4)))
+        for _ in range(parts):
+            friction = HELD["p2"] * velocity + HELD["coulomb"] * math.tanh(velocity / 1e-3)
+            velocity += (
+                step / parts * (torque - friction - HELD["p3"] * math.sin(angle)) / HELD["p1"]
+            )
+            angle += step / parts * velocity
+    time, inputs, angles = np.array(rows).T
+    about = {"input_kind": "torque", "zero": 0.0, "intersample": "zero_order_hold"}
+    return Log(time, inputs, angles, name=f"held {seed}", **about)
+
+
+def test_gravity_drives_errors_apart_where_a_loop_holds_a_joint_in_its_upper_half():
+    joint = LumpedParameters(**HELD)
+    above, below = _held_above(0, seconds=2.0), _held_above(0, middle=0.6, seconds=2.0)
+    assert free_run.falls(above, joint, 0.0)
+    assert not free_run.is_held(above, joint, 0.0)
+    assert not free_run.falls(below, joint, 0.0)
+    assert not free_run.falls(above, replace(joint, p3=0.0), 0.0)
+
+
+def test_a_joint_that_a_loop_holds_in_its_upper_half_is_identified_over_segments():
+    data = DataSet.of([_held_above(seed) for seed in range(3)], known=Prior.of({"p4": 1.0}))
+    estimate = identify(data).estimate
+    assert estimate.level is Level.GOOD
+    assert 0 < estimate.horizon < 1.0
+    for name in ("p1", "p3", "coulomb"):
+        assert estimate.named[name] == pytest.approx(HELD[name], rel=0.03)

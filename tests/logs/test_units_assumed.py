@@ -143,6 +143,7 @@ def test_a_point_that_may_group_thousands_is_named(tmp_path):
     for numbers, care in ((("999", "1.000", "1.234"), True), (("0.999", "1.000", "1.234"), False)):
         rows = [f"{0.02 * k:.2f};{numbers[k % 3]};{math.cos(k / 9):.4f}" for k in range(40)]
         path.write_text("\n".join(["time;input;angle", *rows, ""]))
-        (seen,) = bf.inspect(path, input="voltage").logs
-        told = "1.000 read with a decimal point, not as 1000" in [r.text for r in seen.remarks]
-        assert told is (seen.condition is Level.CARE) is care
+        (seen,) = bf.inspect(path, input="voltage").rows()
+        texts = [finding["text"] for finding in seen["findings"]]
+        told = "1.000 read with a decimal point, not as 1000" in texts
+        assert told is (seen["condition"] == Level.CARE.value) is care

@@ -34,6 +34,7 @@ def _of_others(text):
 
 OF_LOGS = {
     "docs/campaign.md": lambda _: [],
+    "docs/my-arm.md": lambda _: [outputs.made("examples.arm_logs")],
     "docs/others-logs.md": _of_others,
     "docs/servo.md": lambda text: [outputs.described("xl330", "my-servo", text)],
     "docs/torque-joint.md": lambda _: [outputs.made(outputs.REHEARSED)],

@@ -101,3 +101,14 @@ def test_gravity_compensation_of_the_model_is_no_torque_of_neighbours(tmp_path):
     robot = JointOfModel.of(path, "lower")
     assert robot.pose_facts({}).moment == 0.0
     assert abs(coupling(robot, own, {"upper": upper}, {})).max() < 1e-9
+
+
+def test_what_does_not_stand_out_of_the_encoders_noise_is_no_motion():
+    time = np.arange(2000) / 200
+    noise = np.random.default_rng(2).normal(0, 3e-4, time.size)
+    still = JointMotion.of(time, 0.7 + noise, time)
+    assert still.reach == 0.0
+    assert not still.acceleration.any()
+    assert still.position[0] == pytest.approx(0.7, abs=1e-4)
+    moving = JointMotion.of(time, 1e-3 * np.sin(3 * time) + noise, time)
+    assert moving.reach == pytest.approx(1e-3, rel=0.2)
