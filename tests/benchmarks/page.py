@@ -29,8 +29,8 @@ _TEXT = """# Performance
 
 ## Commands
 
-In this order after an installation: the first that needs a kernel compiles it, which no later run
-does (`inspect` takes 4 s when it is repeated).
+With compiled kernels: the first command after an installation takes some 10 s more, to compile them
+([first run](benches.md)).
 
 {costs}
 
