@@ -21,7 +21,7 @@ BEYOND = {
     "mujoco.sysid, 6 logs, 4 parameters: from the logs on",
     "a run in MuJoCo on a jittered clock",
 }
-"""What is beyond its bar or ceiling today, so that `make bench` fails; this may only grow shorter."""
+"""What is beyond its bar or ceiling today: `make bench` fails; this may only grow shorter."""
 
 
 def test_a_row_of_the_page_is_called_missed_where_its_figure_is_and_no_other_is_beyond():
