@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -116,7 +115,7 @@ def _answer(
     order = [*Level].index
     worst = sorted(answers, key=lambda joint: -order(answers[joint].judged.level))
     ordered = {joint: answers[joint] for joint in worst}
-    rows = [*map(_refused_row, refused, refused.values()), *map(_row, ordered, ordered.values())]
+    rows = [*map(_refused_row, refused), *map(_row, ordered, ordered.values())]
     verdict = Verdict.of_several({joint: answer.judged for joint, answer in ordered.items()})
     counts = {
         level.verdict: sum(answer.judged.level is level for answer in ordered.values())
@@ -166,7 +165,7 @@ _ATTRIBUTES = ("armature", "damping", "frictionloss")
 """Attributes in the table of joints."""
 
 
-def _refused_row(joint: str, _: ButterflyError) -> dict[str, Any]:
+def _refused_row(joint: str) -> dict[str, Any]:
     """Return the row of a joint without an answer."""
     nothing = dict.fromkeys([*_ATTRIBUTES, *(f"{name}_half_width" for name in _ATTRIBUTES), "fit"])
     return {"joint": joint, "verdict": "no answer", **nothing}
@@ -174,8 +173,8 @@ def _refused_row(joint: str, _: ButterflyError) -> dict[str, Any]:
 
 def _line(row: Mapping[str, Any]) -> tuple[str, ...]:
     """Return a row as texts."""
-    cells = partial(_cell, row)
-    return row["joint"], row["verdict"], *map(cells, _ATTRIBUTES), fit_text(row["fit"])
+    cells = (_cell(row, name) for name in _ATTRIBUTES)
+    return row["joint"], row["verdict"], *cells, fit_text(row["fit"])
 
 
 def _cell(row: Mapping[str, Any], name: str) -> str:

@@ -20,10 +20,10 @@ from butterfly.arrays import Samples
 from butterfly.errors import InputError, nearest
 from butterfly.identification.data import DataSet
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.logs.formats import DEFAULT_COLUMNS, column_names, read_log
+from butterfly.logs.formats import DEFAULT_COLUMNS, read_log
 from butterfly.logs.known_names import columns_by_joint, columns_meant, columns_of_joint, parts_of
 from butterfly.logs.log import InputKind, Intersample, Log
-from butterfly.logs.manifest import LogEntry, Manifest
+from butterfly.logs.manifest import LogEntry, Manifest, columns_of_entry
 from butterfly.logs.model_facts import STILL, ModelFacts, PoseFacts
 from butterfly.logs.units import Units, units_spelt
 from butterfly.model.parameters import JointKind
@@ -57,12 +57,12 @@ def with_model(manifest: Manifest) -> Manifest:
     robot = JointOfModel.of(path, joint)
     entries = [_with_columns(manifest, entry, robot.others) for entry in manifest.logs]
     poses = _poses(manifest, entries)
-    facts = robot.facts(poses, manifest.link_masses)
+    whole = [robot.pose_facts(pose) for pose in poses]
+    facts = robot.facts(whole, manifest.link_masses)
     for name, value in (("joint", facts.kind), ("gravity", facts.gravity)):
         given = getattr(manifest, name)
         if name in written and given not in {value, Manifest.model_fields[name].default}:
             raise InputError(source, name, given, f"{value}, as {path.name} has it")
-    whole = [robot.pose_facts(pose) for pose in poses]
     update = {
         "model": os.path.relpath(path, manifest.root),
         "facts": facts,
@@ -93,8 +93,7 @@ def drives(manifest: Manifest, entry: LogEntry, joint: str, others: Sequence[str
     """Whether a log is of a joint: it says so, or has columns of its motion and its command."""
     if entry.of is not None:
         return entry.of == joint
-    place = {"at": entry.at} if entry.at else {}
-    columns = column_names(Path(manifest.root) / entry.file, **place)
+    columns = columns_of_entry(manifest, entry)
     kind = manifest.input if entry.input is None else entry.input
     meant = columns_of_joint(columns, joint, others, kind)
     return "angle" in meant and ("input" in meant or kind is InputKind.NONE)
@@ -102,9 +101,7 @@ def drives(manifest: Manifest, entry: LogEntry, joint: str, others: Sequence[str
 
 def _with_columns(manifest: Manifest, entry: LogEntry, others: Mapping[str, int]) -> LogEntry:
     """Return an entry with its columns by the names of joints, and the pose that they show."""
-    place = {"at": entry.at} if entry.at else {}
-    file = Path(manifest.root) / entry.file
-    names = column_names(file, **place)
+    names = columns_of_entry(manifest, entry)
     kind = manifest.input if entry.input is None else entry.input
     update: dict[str, Any] = {}
     if entry.columns is None and manifest.columns is None and names:

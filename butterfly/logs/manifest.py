@@ -432,16 +432,21 @@ def require_columns(path: Path, manifest: Manifest) -> None:
     """Refuse the manifest in a file if it leaves a column to be chosen from those of a log."""
     for entry in manifest.logs:
         columns = manifest.columns if entry.columns is None else entry.columns
-        place = {"at": entry.at} if entry.at else {}
         about = {
             "interval": entry.interval or manifest.interval,
             "input_kind": entry.input or manifest.input,
         }
         for field in () if columns is None else unsaid(columns, about):
-            names = column_names(Path(manifest.root) / entry.file, **place)
+            names = columns_of_entry(manifest, entry)
             which = f"one of the columns of {entry.file}, by name or by number from 0"
             expected = f"{which}: {', '.join(map(repr, names))}" if names else which
             raise InputError(path, f"columns.{field}", "nothing", expected)
+
+
+def columns_of_entry(manifest: Manifest, entry: LogEntry) -> list[str]:
+    """Return the names of the columns of a log; none if it has none."""
+    place = {"at": entry.at} if entry.at else {}
+    return column_names(Path(manifest.root) / entry.file, **place)
 
 
 def own_units(kind: InputKind) -> dict[str, str | float]:

@@ -16,14 +16,20 @@ from butterfly.logs.formats import (
     FORMATS,
     OFTEN_OTHERS,
     NoColumnError,
-    column_names,
     holds_table,
     unsaid,
 )
 from butterfly.logs.json import logs_in, numbers_in
 from butterfly.logs.known_names import columns_meant, meaning_of
 from butterfly.logs.log import InputKind
-from butterfly.logs.manifest import MANIFEST_NAME, LogEntry, Manifest, described, manifest_text
+from butterfly.logs.manifest import (
+    MANIFEST_NAME,
+    LogEntry,
+    Manifest,
+    columns_of_entry,
+    described,
+    manifest_text,
+)
 from butterfly.logs.reading import read_entry
 from butterfly.logs.units import Units
 from butterfly.model.prior import known_of
@@ -154,7 +160,11 @@ def _with_own_columns(manifest: Manifest, entry: LogEntry, kind: InputKind | Non
     try:
         read_entry(manifest.model_copy(update={"loop": {}, "input": plain}), entry)
     except InputError as error:
-        names = [*error.names] if isinstance(error, NoColumnError) else _names(manifest, entry)
+        names = (
+            [*error.names]
+            if isinstance(error, NoColumnError)
+            else columns_of_entry(manifest, entry)
+        )
     else:
         return entry
     columns = columns_meant(names, kind)
@@ -170,12 +180,6 @@ def _with_own_columns(manifest: Manifest, entry: LogEntry, kind: InputKind | Non
 
 def _is_json(entry: LogEntry) -> bool:
     return FORMATS[PurePath(entry.file).suffix.lower()] == "json"
-
-
-def _names(manifest: Manifest, entry: LogEntry) -> list[str]:
-    """Return the names of the columns of a log; none if it has none."""
-    place = {"at": entry.at} if entry.at else {}
-    return column_names(Path(manifest.root) / entry.file, **place)
 
 
 def _with_facts(entry: LogEntry, manifest: Manifest, given: Mapping[str, Any]) -> LogEntry:
@@ -207,7 +211,7 @@ def open_questions(manifest: Manifest, given: Collection[str], *, named: bool) -
         columns = manifest.columns if entry.columns is None else entry.columns
         lacking = [] if columns is None else unsaid(columns, about)
         if lacking:
-            names = _names(manifest, entry)
+            names = columns_of_entry(manifest, entry)
             called = names if "input" in lacking else called
             listing = ", ".join(map(repr, names)) or "without names"
             which = f"The columns of {entry.file}: {listing}."

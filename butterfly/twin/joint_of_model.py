@@ -9,7 +9,7 @@ body about the axis). So a pose of the other joints is to this joint what an add
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -261,12 +261,11 @@ class JointOfModel:
                 by_ratio=float(self.spec.actuators[k].biasprm[2]) > 0,
             )
 
-    def facts(self, poses: Iterable[Mapping[str, float]], links: LinkMasses) -> ModelFacts:
-        """Return what the model says of the joint, in some poses of the others."""
+    def facts(self, poses: Sequence[PoseFacts], links: LinkMasses) -> ModelFacts:
+        """Return what the model says of the joint, in some poses of the others (`pose_facts`)."""
         model, number = self.model, self.joint
         dof = int(model.jnt_dofadr[number])
-        some = [self.pose_facts(pose) for pose in poses]
-        distinct = [pose for k, pose in enumerate(some) if pose not in some[:k]]
+        distinct = [pose for k, pose in enumerate(poses) if pose not in poses[:k]]
         limited = bool(model.jnt_limited[number])
         low, high = map(float, model.jnt_range[number])
         clipped = bool(model.jnt_actfrclimited[number])

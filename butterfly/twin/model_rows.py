@@ -24,7 +24,6 @@ from butterfly.identification.identified import Identified
 from butterfly.identification.parameter import SPREADS, unit_of
 from butterfly.logs.log import InputKind
 from butterfly.logs.model_facts import ActuatorFacts, ModelFacts
-from butterfly.model.parameters import JointKind
 from butterfly.model.prior import Known
 
 _SCALE = "scale of the links' masses"
@@ -125,28 +124,14 @@ def _quantities(facts: ModelFacts, estimate: Estimate) -> Quantities:
         for name, value in (estimate.known.fixed | estimate.fixed).items()
         if name not in names
     }
-    exact = Quantities.of({name: Known(value=value) for name, value in fixed.items()})
-    links = Quantities.of({_SCALE: Known(value=1.0, uncertainty=facts.links.uncertainty)})
-    parts = [
-        Quantities(
-            names=tuple(names),
-            values=estimate.values[rows],
-            covariance=estimate.interval_covariance[np.ix_(rows, rows)],
-        ),
-        exact,
-        links,
-    ]
-    sizes = [len(part.names) for part in parts]
-    covariance = np.zeros((sum(sizes), sum(sizes)))
-    at = 0
-    for part, size in zip(parts, sizes, strict=True):
-        covariance[at : at + size, at : at + size] = part.covariance
-        at += size
-    return Quantities(
-        names=tuple(name for part in parts for name in part.names),
-        values=np.concatenate([part.values for part in parts]),
-        covariance=covariance,
+    given = {name: Known(value=value) for name, value in fixed.items()}
+    given[_SCALE] = Known(value=1.0, uncertainty=facts.links.uncertainty)
+    estimated = Quantities(
+        names=tuple(names),
+        values=estimate.values[rows],
+        covariance=estimate.interval_covariance[np.ix_(rows, rows)],
     )
+    return estimated.combined_with(Quantities.of(given), {}, new=frozenset())
 
 
 def _of_actuators(facts: ModelFacts, identified: Identified) -> Iterator[ModelRow]:
@@ -158,8 +143,7 @@ def _of_actuators(facts: ModelFacts, identified: Identified) -> Iterator[ModelRo
     for actuator in facts.actuators[:1]:
         element = actuator.shortcut
         about: dict[str, Any] = {"element": element, "name": actuator.name}
-        force = "N" if facts.kind is JointKind.SLIDE else "N m"
-        per = "m" if facts.kind is JointKind.SLIDE else "rad"
+        force, way = unit_of("coulomb", joint=facts.kind), facts.kind.way
         if drive is None and kind is not InputKind.NONE and "p4" in estimate.names:
             attribute, now = _said_of_gain(actuator)
             value = gain * now / actuator.gain if actuator.gain else gain
@@ -173,8 +157,8 @@ def _of_actuators(facts: ModelFacts, identified: Identified) -> Iterator[ModelRo
                 writes=element == "motor" and not facts.rotors,
             )
         if drive is not None and drive[0]:
-            rows = {"kp": (drive[0], f"{force}/{per}", actuator.kp)}
-            rows |= {"kv": (drive[1], f"{force} s/{per}", actuator.kv)} if drive[1] else {}
+            rows = {"kp": (drive[0], f"{force}/{way}", actuator.kp)}
+            rows |= {"kv": (drive[1], f"{force} s/{way}", actuator.kv)} if drive[1] else {}
             for attribute, (value, unit, now) in rows.items():
                 squared = actuator.gear**2
                 yield ModelRow(

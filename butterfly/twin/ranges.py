@@ -22,7 +22,6 @@ from scipy.special import chdtri
 
 from butterfly.errors import InputError
 from butterfly.identification.parameter import CONFIDENCE, SPREADS, unit_of
-from butterfly.model.parameters import JointKind
 from butterfly.twin.model_rows import ModelRow, model_rows
 from butterfly.twin.plain import drive_at_joint, joint_name
 from butterfly.twin.twin import NO_DELAY, Twin
@@ -154,10 +153,7 @@ def _of_twin(twin: Twin) -> Iterator[ModelRow]:
             )
     kp, kv, effort, speed = drive_at_joint(twin)
     kv -= p.back_emf if math.isfinite(speed) else 0.0
-    force, way = (
-        unit_of("coulomb", joint=twin.joint),
-        "m" if twin.joint is JointKind.SLIDE else "rad",
-    )
+    force, way = unit_of("coulomb", joint=twin.joint), twin.joint.way
     units = {"kp": f"{force}/{way}", "kv": f"{force} s/{way}", "effort": force}
     for attribute, value in zip(units, (kp, kv, effort), strict=True):
         if value and math.isfinite(value):

@@ -28,7 +28,9 @@ from butterfly.twin.accuracy import Case, Mover, Yardstick
 from butterfly.twin.forms import DEFAULTS, Options, xml_comment
 from butterfly.twin.twin import NO_DELAY, Accuracy, Twin, Written, unheard
 
-_GRIPS = (0.12, 0.25, 0.06)  # steps: time constants with which dry friction stops the joint
+GRIPS = (0.12, 0.25, 0.06)
+"""Time constants in steps with which dry friction stops the joint, the usual first."""
+
 _KNOTS = 12  # of the polygon that stands for Stribeck's curve,
 _REACH = 3.0  # Stribeck velocities long: there all but 1e-4 is lost
 _CROWD = 1.3  # by which power they crowd about 0, where most logs are
@@ -40,7 +42,7 @@ class Form(NamedTuple):
     """One way to write a twin at a step."""
 
     # time constant in steps with which dry friction stops the joint; None for MuJoCo's own
-    grip: float | None = _GRIPS[0]
+    grip: float | None = GRIPS[0]
     # how a delay is written: none, in whole steps, between past commands, or half a step later
     delay: str = "whole"
 
@@ -103,7 +105,7 @@ def _best(twin: Twin, options: Options, yardstick: Yardstick) -> Form:
     error = cache(lambda form: yardstick.worst_of_some(mover(options, form)))
     best = min(forms, key=error) if len(forms) > 1 else forms[0]
     if twin.loaded.holding:
-        best = min((best._replace(grip=grip) for grip in _GRIPS), key=error)
+        best = min((best._replace(grip=grip) for grip in GRIPS), key=error)
     return best
 
 
@@ -140,7 +142,7 @@ def _root(twin: Twin, options: Options, form: Form) -> ElementTree.Element:
     if form.grip is None:
         del joint.attrib["solreffriction"], joint.attrib["solimpfriction"]
     else:  # which, said so, grips within a step whatever the flags of the model are
-        joint.set("solreffriction", f"-1 {-2 / (form.grip * step)!r}")
+        joint.set("solreffriction", f"-1 {gripping(form.grip, step)!r}")
     motor = named(root, "motor")
     if math.isfinite(twin.limit):
         motor.set("ctrlrange", f"{-twin.limit!r} {twin.limit!r}")
@@ -159,6 +161,14 @@ def _root(twin: Twin, options: Options, form: Form) -> ElementTree.Element:
         for node in root.iter():
             node.attrib |= {k: "slide" for k in ("name", "joint") if node.get(k) == "hinge"}
     return root
+
+
+def gripping(grip: float, step: float) -> float:
+    """Return the second number of ``solreffriction``, after -1, of a time constant in steps.
+
+    Said so, friction grips within a step whatever the flags of the model are.
+    """
+    return -2 / (grip * step)
 
 
 def _left_out(twin: Twin, form: Form) -> Iterator[str]:

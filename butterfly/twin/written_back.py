@@ -29,9 +29,9 @@ from butterfly.twin.joint_alone import JointAlone
 from butterfly.twin.joint_of_model import JointOfModel, compiled
 from butterfly.twin.model_rows import ModelRow, facts_of, model_rows
 from butterfly.twin.robot_text import ACTUATOR, DYNAMICS, Edit, TextChange, with_attributes
+from butterfly.twin.stand_alone import GRIPS, gripping
 from butterfly.twin.twin import NO_DELAY, beyond, listed
 
-_GRIP = 0.12  # steps: time constant with which dry friction stops the joint
 _STIFF = "0.9999 0.9999 0.001 0.5 2"  # of MuJoCo's impedance: friction does not creep
 _OF_URDF = {"damping": "damping", "frictionloss": "friction"}
 _OFF = 0.01  # share of gravity, and rad, by which a file's may differ unsaid
@@ -149,7 +149,7 @@ def _of_joint(
         joint["springdamper"] = None  # which would override it
     friction = rows["frictionloss"].value if "frictionloss" in rows else facts.frictionloss
     if friction > 0:
-        joint["solreffriction"] = f"-1 {_number(-2 / (_GRIP * step))}"
+        joint["solreffriction"] = f"-1 {_number(gripping(GRIPS[0], step))}"
         joint["solimpfriction"] = _STIFF
     return joint
 

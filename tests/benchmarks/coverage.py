@@ -41,6 +41,16 @@ def main(arguments=None):
     write("coverage", asked, _score_robot, jobs, report)
 
 
+def each_met(meet, jobs, workers):
+    """Meet what each job makes, in workers; print each as it comes, and return all."""
+    met = []
+    with ProcessPoolExecutor(workers) as pool:
+        for one in pool.map(meet, *zip(*jobs, strict=True)):
+            met.append(one)
+            print(one, flush=True)
+    return met
+
+
 def options(doc, methods, robots):
     """What the programs that score robots have in common."""
     parser = argparse.ArgumentParser(description=doc.splitlines()[0])

@@ -8,7 +8,6 @@ import json
 import math
 import tempfile
 import time
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -19,7 +18,7 @@ from butterfly.errors import ButterflyError
 from butterfly.model.terms import PARAMETERS
 from butterfly.twin.model_rows import facts_of
 from butterfly.verdict import Level
-from tests.benchmarks.coverage import options
+from tests.benchmarks.coverage import each_met, options
 from tests.benchmarks.kept import command, keep
 from tests.independent.whole_robots import FILES, draw, file_of
 
@@ -110,11 +109,7 @@ def main(arguments=None):
         joints = [name for name in FILES[model].asked if not asked.joint or name in asked.joint]
         numbers = asked.of or range(asked.robots)
         jobs += [(model, name, k, asked.seed, asked.logs) for name in joints for k in numbers]
-    met = []
-    with ProcessPoolExecutor(asked.workers) as pool:
-        for each in pool.map(meet, *zip(*jobs, strict=True)):
-            met.append(each)
-            print(each, flush=True)
+    met = each_met(meet, jobs, asked.workers)
     text = summary(met)
     print(text)
     keep("robots", text, command())

@@ -7,7 +7,6 @@ python -m tests.benchmarks.strangers --kind free --of 7 12 --json FILE.json
 import json
 import tempfile
 import time
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from itertools import product
 from pathlib import Path
@@ -18,7 +17,7 @@ import butterfly as bf
 from butterfly.errors import ButterflyError
 from butterfly.model.terms import PARAMETERS
 from butterfly.verdict import Level
-from tests.benchmarks.coverage import options
+from tests.benchmarks.coverage import each_met, options
 from tests.benchmarks.kept import command, keep
 from tests.independent.strangers import KINDS, bound, draw
 
@@ -94,11 +93,7 @@ def main(arguments=None):
     parser.add_argument("--of", type=int, nargs="*", help="numbers of the robots, instead")
     asked = parser.parse_args(arguments)
     jobs = [(*job, asked.seed) for job in product(asked.kind, asked.of or range(asked.robots))]
-    met = []
-    with ProcessPoolExecutor(asked.workers) as pool:
-        for each in pool.map(meet, *zip(*jobs, strict=True)):
-            met.append(each)
-            print(each, flush=True)
+    met = each_met(meet, jobs, asked.workers)
     text = summary(met)
     print(text)
     keep("strangers", f"```text\n{text.strip()}\n```", command())

@@ -37,7 +37,7 @@ def _commands():
 def _by_hand(robot, pose, time, torques, angle):
     facts, model = robot.pose_facts(pose), robot.model
     dof = int(model.jnt_dofadr[robot.joint])
-    rotors = robot.facts([pose], LinkMasses()).rotors
+    rotors = robot.facts([robot.pose_facts(pose)], LinkMasses()).rotors
     joint = Joint(
         inertia=facts.inertia + float(model.dof_armature[dof]) + rotors,
         viscous=DAMPING,

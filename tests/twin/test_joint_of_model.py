@@ -141,7 +141,9 @@ def test_the_rest_of_a_pose_is_where_the_model_begins():
 def test_the_file_says_what_the_joint_has(tmp_path):
     more = '<actuator><motor name="m" joint="bend" gear="20" forcerange="-2 2"/></actuator>'
     robot = JointOfModel.of(_written(tmp_path, more=more), "bend")
-    facts = robot.facts([{}, {}, {"lift": 1.0}], LinkMasses(uncertainty=0.02))
+    facts = robot.facts(
+        [robot.pose_facts(pose) for pose in ({}, {}, {"lift": 1.0})], LinkMasses(uncertainty=0.02)
+    )
     assert (facts.armature, facts.damping, facts.frictionloss) == (0.04, 0.3, 0.2)
     assert (facts.kind, facts.file, facts.urdf) == (JointKind.HINGE, "robot.xml", False)
     assert [pose.pose for pose in facts.poses] == [{"lift": 0.0}, {"lift": 1.0}]
@@ -163,7 +165,8 @@ def test_the_file_says_what_the_joint_has(tmp_path):
 )
 def test_an_actuator_is_known_by_its_gains_at_the_joint(tmp_path, element, shortcut, gains):
     path = _written(tmp_path, more=f"<actuator>{element}</actuator>")
-    facts = JointOfModel.of(path, "bend").facts([{}], LinkMasses())
+    robot = JointOfModel.of(path, "bend")
+    facts = robot.facts([robot.pose_facts({})], LinkMasses())
     (actuator,) = facts.actuators
     assert actuator.shortcut == shortcut
     assert (actuator.kp, actuator.kv) == pytest.approx(gains)
@@ -171,7 +174,7 @@ def test_an_actuator_is_known_by_its_gains_at_the_joint(tmp_path, element, short
 
 def test_what_an_actuator_adds_to_the_inertia_is_not_that_of_the_links():
     robot = JointOfModel.of(MODELS["leg"], "knee")
-    facts = robot.facts([{}], LinkMasses())
+    facts = robot.facts([robot.pose_facts({})], LinkMasses())
     assert facts.rotors == pytest.approx(12.0**2 * 8e-5)
     alone = built(robot.model, facts.poses[0].pose | {"knee": -1.0}, {"knee"}, BARE, "knee")
     data = mujoco.MjData(compiled_alone := alone.compile())
@@ -182,7 +185,8 @@ def test_what_an_actuator_adds_to_the_inertia_is_not_that_of_the_links():
 def test_a_urdf_has_damping_friction_effort_and_range_and_no_armature(tmp_path):
     path = tmp_path / "swing.urdf"
     path.write_text(URDF, encoding="utf-8")
-    facts = JointOfModel.of(path, "hinge").facts([{}], LinkMasses())
+    robot = JointOfModel.of(path, "hinge")
+    facts = robot.facts([robot.pose_facts({})], LinkMasses())
     assert is_urdf(path)
     assert not is_urdf(MODELS["arm"])
     assert (facts.urdf, facts.range, facts.effort) == (True, (-1.5, 1.0), 7.0)
@@ -239,7 +243,8 @@ def test_a_free_joint_is_refused_and_is_held_where_another_is_asked_about(tmp_pa
     path = _written(tmp_path, root='<freejoint name="floating"/>')
     with pytest.raises(InputError, match="a hinge or a slide"):
         JointOfModel.of(path, "floating")
-    facts = JointOfModel.of(path, "bend").facts([{}], LinkMasses())
+    robot = JointOfModel.of(path, "bend")
+    facts = robot.facts([robot.pose_facts({})], LinkMasses())
     assert facts.others == ["lift"]
     assert [each for each in facts.warnings if each.startswith("floating")]
 

@@ -16,11 +16,16 @@ from tests.arm_logs import ARM, TRUTH, write_logs
 POSE = {"pan": 0.0, "shoulder": 0.3, "wrist": 0.4, "roll": 0.0}
 
 
+def _read(logs, model):
+    """The logs of the elbow, as of this model."""
+    about = {"of": "elbow", "pose": POSE, "input": "torque", "known": {"p4": 1.0}}
+    return bf.read(logs, model=model, **about)
+
+
 @pytest.fixture(scope="module")
 def answer(tmp_path_factory):
     logs = write_logs(tmp_path_factory.mktemp("elbow"), "elbow", [POSE, POSE])
-    data = bf.read(logs, model=ARM, of="elbow", pose=POSE, input="torque", known={"p4": 1.0})
-    return bf.identify(data)
+    return bf.identify(_read(logs, ARM))
 
 
 @pytest.fixture(scope="module")
@@ -82,14 +87,7 @@ def test_an_attribute_that_the_file_has_right_stays(answer, tmp_path):
     near = tmp_path / "near.xml"
     value = answer.to_dict()["model"][0]["value"]
     with_attributes(ARM, [Edit("joint", "elbow", {"armature": f"{value}"})]).write(near)
-    data = bf.read(
-        answer.data.manifest.root,
-        model=near,
-        of="elbow",
-        pose=POSE,
-        input="torque",
-        known={"p4": 1.0},
-    )
+    data = _read(answer.data.manifest.root, near)
     back = bf.identify(data).write_back(near, tmp_path / "out.xml")
     assert "armature" not in {change.attribute for change in back.changes}
     assert any("armature stays" in note for note in back.notes)
@@ -122,14 +120,7 @@ def test_a_file_without_the_joint_is_refused(answer, tmp_path):
 def test_links_of_another_weight_are_said(answer, tmp_path):
     heavy = tmp_path / "heavy.xml"
     heavy.write_text(ARM.read_text().replace('mass="0.3" dia', 'mass="0.34" dia'))
-    data = bf.read(
-        answer.data.manifest.root,
-        model=heavy,
-        of="elbow",
-        pose=POSE,
-        input="torque",
-        known={"p4": 1.0},
-    )
+    data = _read(answer.data.manifest.root, heavy)
     notes = bf.identify(data).write_back(heavy, tmp_path / "out.xml").notes
     assert any("% less than that of the file's links" in note for note in notes)
 
