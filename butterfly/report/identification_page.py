@@ -14,6 +14,12 @@ from butterfly.identification.identified import Identified
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import JointKind
 from butterfly.model.terms import PARAMETERS
+from butterfly.report.corner import (
+    corner_caption,
+    corner_figure,
+    corner_of,
+    corner_sentences,
+)
 from butterfly.report.figures import middle
 from butterfly.report.finding_texts import estimate_verdict, grave_notes
 from butterfly.report.forest import forest, forest_caption
@@ -102,7 +108,7 @@ def identification_page(
             },
             tables=(residual_table(residuals.logs, picks=range(len(runs))),),
         ),
-        *_correlations(identification),
+        *corner_sections(identification),
         Section(
             title="FIT log by log",
             text=f"Health of the {conditions_text(states)} A click on a point selects its log."
@@ -181,15 +187,14 @@ def _lead(identification: Identified) -> Section:
     return Section(title="Parameters", text=text, tables=(table,))
 
 
-def _correlations(identification: Identified) -> list[Section]:
-    drawn = IdentificationPlots(identification).correlations()
-    if drawn is None:
+def corner_sections(identification: Identified) -> list[Section]:
+    """Say and draw which parameters move together; nothing without a covariance."""
+    corner = corner_of(identification)
+    if corner is None:
         return []
-    text = (
-        "Correlation of the parameters' errors. Near +1 or −1 these logs determine little more "
-        "than a combination of the two: add a run that separates them."
-    )
-    return [Section(title="Parameter correlations", text=text, figures={"map": drawn})]
+    text = "\n".join([*corner_sentences(corner), corner_caption(corner)])
+    figures = {"corner": corner_figure(corner)}
+    return [Section(title="Which parameters move together", text=text, figures=figures)]
 
 
 def _logs_table(identification: Identified) -> PageTable:
