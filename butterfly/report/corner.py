@@ -40,7 +40,8 @@ _CELL, _AROUND = 105, 130  # pixels of a panel, and of all that is beside the pa
 _POINTS = 73  # of an ellipse, whose first is its last
 _BINS = 24  # of a histogram
 _ROOM = 1.12  # times what a panel has to show
-_LONG = 9  # letters of a mark, from which all are turned
+_SMALL = 10  # of marks, in pixels
+_LONG = 10  # letters of a mark, from which all are turned
 _TURN = -35  # degrees
 _CLEARLY = 0.5  # of the smaller error of two parameters, below which that of a ratio is smaller
 _ROUND = 0.995  # correlation that two decimals would show as 1
@@ -65,7 +66,7 @@ class CornerAxis(NamedTuple):
             return self.name
         size = abs(self.value)
         width = upwards(half / size) if half < size else f"{half:.1g} {self.unit}"
-        return f"{self.name}<br>± {width}"
+        return f"{self.name}<br>±{width}"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -174,7 +175,7 @@ def corner_figure(whole: Corner) -> Figure:
     for k, axis in enumerate(corner.axes):
         _alone(figure, corner, k)
         marks = {"tickvals": [axis.lower, axis.value, axis.upper], "range": reaches[k]}
-        marks["zeroline"] = False
+        marks |= {"zeroline": False, "tickfont": {"size": _SMALL}}
         text = escape(axis.mark).replace("&lt;br&gt;", "<br>")
         for row in range(k, count):
             below = {"ticktext": ["", text, ""], "tickangle": _TURN * turned}
@@ -183,7 +184,8 @@ def corner_figure(whole: Corner) -> Figure:
         for column in range(k):
             names = {"ticktext": ["", escape(axis.name), ""], "showticklabels": column == 0}
             figure.update_yaxes({**marks, **names}, row=k + 1, col=column + 1)
-        figure.update_yaxes(showticklabels=False, row=k + 1, col=k + 1)
+        alone = {"tickvals": [0.5], "ticktext": [escape(axis.name)], "showticklabels": k == 0}
+        figure.update_yaxes(alone | {"range": [0, 1.1]}, row=k + 1, col=k + 1)
     return figure.update_layout(height=_CELL * count + _AROUND)
 
 
@@ -222,16 +224,17 @@ def _alone(figure: Figure, corner: Corner, k: int) -> None:
     axis, spread = corner.axes[k], math.sqrt(corner.covariance[k, k])
     if corner.draws is not None:
         counts, edges = np.histogram(corner.draws[:, k], _BINS)
-        x, y = np.repeat(edges, 2), np.concatenate([[0], np.repeat(counts, 2), [0]])
+        shares = counts / counts.max()
+        x, y = np.repeat(edges, 2), np.concatenate([[0], np.repeat(shares, 2), [0]])
     else:
         steps = np.linspace(-REACH, REACH, _POINTS)
         x, y = axis.value + spread * steps, np.exp(-0.5 * steps**2)
-    place, top = {"row": k + 1, "col": k + 1}, float(np.max(y))
+    place = {"row": k + 1, "col": k + 1}
     common = {"showlegend": False, "hoverinfo": "skip", "mode": "lines"}
     figure.add_scatter(x=x, y=y, line={"color": PALETTE[0], "width": 1.6}, **common, **place)
     for name, value in axis.marks.items():
         line = {"color": _MARKS[name][0], "width": 2}
-        figure.add_scatter(x=[value, value], y=[0, top], line=line, **common, **place)
+        figure.add_scatter(x=[value, value], y=[0, 1], line=line, **common, **place)
 
 
 def _say(figure: Figure, count: int, row: int, column: int, correlation: float) -> None:
@@ -244,7 +247,7 @@ def _say(figure: Figure, count: int, row: int, column: int, correlation: float) 
         xref="paper",
         yref="paper",
         text=f"<b>{text}</b>" if strong else text,
-        font={"size": 14, **({"color": PALETTE[5]} if strong else {})},
+        font={"size": 12, **({"color": PALETTE[5]} if strong else {})},
         showarrow=False,
     )
 
