@@ -200,6 +200,8 @@ def corner_sections(identification: Identified) -> list[Section]:
 def _logs_table(identification: Identified) -> PageTable:
     """Tabulate the logs, those that the model follows worst first, and their health."""
     data, rows = identification.data, []
+    every = [health.findings for health in data.health]
+    shared = [text for text in every[0] if all(text in others for others in every)]
     order = np.argsort(identification.fit_of_logs).tolist()
     for number in order:
         point, health = data.points[number], data.health[number]
@@ -211,7 +213,7 @@ def _logs_table(identification: Identified) -> PageTable:
         rows.append(
             (
                 *(run.log.label, f"{fit_text(run.fit)}", Marked(STATES[state], level=state)),
-                "; ".join(health.findings) or "–",
+                "; ".join(text for text in health.findings if text not in shared) or "–",
                 *steady,
                 *(f"{health.samples}", f"{1e3 * health.step:.2f}", f"{1e3 * health.jitter:.2f}"),
                 run.log.name.rsplit("/", maxsplit=1)[-1],
@@ -226,6 +228,7 @@ def _logs_table(identification: Identified) -> PageTable:
         "Health: ok; note, which needs no action; care. Swing: amplitude of the fundamental in the "
         "steady window. Drift: its change from the window's first to its second half."
     )
+    caption += f" All logs: {'; '.join(shared)}." if shared else ""
     return PageTable(
         name="logs", headers=headers, rows=rows, words=(3, 10), caption=caption, picks=order
     )
