@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
-from markupsafe import Markup
+from markupsafe import Markup, escape
 from numpy.typing import NDArray
 
 from butterfly.files import write_document, write_file
@@ -306,10 +306,23 @@ def environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    templates.filters["coded"] = _coded
     templates.filters["packed"] = lambda program: b64encode(
         gzip.compress(program.encode(), 6, mtime=0)  # the same bytes at any time
     ).decode("ascii")
     return templates
+
+
+def _coded(sentence: str) -> Markup:
+    """Return a sentence as HTML, what stands between a pair of backticks as code."""
+    parts = sentence.split("`")
+    if len(parts) % 2 == 0:
+        return escape(sentence)
+    marked = (
+        Markup("<code>{}</code>").format(part) if k % 2 else escape(part)
+        for k, part in enumerate(parts)
+    )
+    return Markup("").join(marked)
 
 
 def rendered(page: Page) -> str:
