@@ -248,15 +248,20 @@ class Estimates:
     def rows(self) -> list[Parameter]:
         """Return its rows as they are in the table of an estimate."""
         names = ("value", "lower", "upper", "true")
-        numbers = zip(*(self[name].tolist() for name in names), strict=True)
+        numbers = (map(or_none, self[name].tolist()) for name in names)
         return [
             Parameter(
                 name=name,
                 meaning=meaning_of(name),
                 unit=unit_of(name),
-                **{key: or_none(number) for key, number in zip(names, row, strict=True)},
+                value=value,
+                lower=lower,
+                upper=upper,
+                true=true,
             )
-            for name, row in zip(self["parameter"].tolist(), numbers, strict=True)
+            for name, value, lower, upper, true in zip(
+                self["parameter"].tolist(), *numbers, strict=True
+            )
         ]
 
     def recovery(self) -> Iterator[dict[str, Any]]:

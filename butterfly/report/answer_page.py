@@ -210,12 +210,15 @@ def answer_page(numbers: dict[str, Any]) -> Page:
     kind, verdict = numbers["schema"].removeprefix("butterfly."), Verdict.of_numbers(numbers)
     figures, lines = figures_of(numbers), () if verdict is None else verdict.lines
     tables = [PageTable.of_plain(table) for table in numbers["tables"]]
+    summary = numbers["summary"]
+    begin = summary.index(lines[0]) if lines and lines[0] in summary else 0
     page = Page(
         name=numbers["title"],
         description=(numbers.get("data") or {}).get("description", ""),
         kind=kind,
-        summary=[sentence for sentence in numbers["summary"] if sentence not in lines],
+        summary=[sentence for sentence in summary if sentence not in lines],
         verdict=verdict,
+        asked=summary[:begin],
         facts=[Fact(**fact) for fact in numbers["facts"]],
         lead=Section(title="At a glance", figures=figures) if figures else None,
         sections=[

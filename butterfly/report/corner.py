@@ -161,7 +161,9 @@ def corner_figure(whole: Corner) -> Figure:
     """Draw parameters alone, below against each other, and above as numbers their correlations."""
     corner = whole.chosen()
     count, spread = len(corner.axes), np.sqrt(np.diag(corner.covariance))
-    specs = [[{} if column <= row else None for column in range(count)] for row in range(count)]
+    specs: list[list[dict[str, Any] | None]] = [
+        [{} if column <= row else None for column in range(count)] for row in range(count)
+    ]
     figure = make_subplots(
         count, count, specs=specs, horizontal_spacing=0.012, vertical_spacing=0.012
     )
@@ -174,7 +176,10 @@ def corner_figure(whole: Corner) -> Figure:
     )
     for k, axis in enumerate(corner.axes):
         _alone(figure, corner, k)
-        marks = {"tickvals": [axis.lower, axis.value, axis.upper], "range": reaches[k]}
+        marks: dict[str, Any] = {
+            "tickvals": [axis.lower, axis.value, axis.upper],
+            "range": reaches[k],
+        }
         marks |= {"zeroline": False, "tickfont": {"size": _SMALL}}
         text = escape(axis.mark).replace("&lt;br&gt;", "<br>")
         for row in range(k, count):

@@ -223,6 +223,7 @@ class Page:
     numbers: dict[str, Any] = field(default_factory=dict)  # what it says, for programs, as JSON
     verdict: Verdict | None = None  # on the estimate that it rests on
     badge: Badge | None = None  # that of the verdict if not given
+    asked: Sequence[str] = ()  # sentences on what was asked, before the verdict's reasons
     facts: Sequence[Fact] = ()
     lead: Section | None = None
     logs: Sequence[str] = ()  # labels of the logs that can be chosen
@@ -238,7 +239,7 @@ class Page:
             return self.badge
         text = self.verdict.level.verdict
         text = text if self.kind == "identification" else f"parameters: {text}"
-        return Badge(self.verdict.level, text.capitalize(), list(self.verdict.reasons))
+        return Badge(self.verdict.level, text.capitalize(), [*self.asked, *self.verdict.reasons])
 
     @property
     def findings(self) -> list[str]:
