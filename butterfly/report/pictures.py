@@ -116,8 +116,8 @@ def _within(place: float) -> float:
 def _panel(still: Still, layout: dict[str, Any], key: tuple[str, str]) -> Axes:
     across, up = (layout.get(f"{name[0]}axis{name[1:]}", {}) for name in key)
     (start, stop), (bottom, top) = (axis.get("domain", (0, 1)) for axis in (across, up))
-    left, below = _within(start), _within(bottom)
-    box = (left, below, _within(stop) - left, _within(top) - below)
+    begin, below = _within(start), _within(bottom)
+    box = (begin, below, _within(stop) - begin, _within(top) - below)
     axes = still.add_axes(box)
     axes.grid(visible=True, alpha=0.3)
     axes.ticklabel_format(useOffset=False)
