@@ -171,7 +171,10 @@ def changes(numbers: Mapping[str, Any]) -> Figure:
     figure = rows_panel([row["parameter"] for row in rows], across, _CHANGE).add_scatter(
         x=moved,
         y=list(range(len(rows))),
-        error_x={"array": [most - shift for most, shift in zip(upper, moved, strict=True)]},
+        error_x={
+            "array": [most - shift for most, shift in zip(upper, moved, strict=True)],
+            "color": GREY,
+        },
         mode="markers",
         marker={"color": [PALETTE[5 if row["changed"] else 0] for row in rows], "size": 9},
     )

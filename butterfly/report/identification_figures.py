@@ -134,7 +134,7 @@ class IdentificationPlots:
         height = 820 if data.sines else 520
         across, shares = "frequency in rad/s", _HEIGHTS[:count]
         figure = panels(across, titles[:count], height, spacing=0.03, shares=shares)
-        figure.update_xaxes(log_ticks(*range(1, 10)))
+        figure.update_xaxes(log_ticks(*(range(1, 10) if data.sines else (1, 2, 5))))
         figure.update_yaxes(log_ticks(1, 2, 5), row=1)
         for mass, (colour, symbol) in mass_looks(data.masses).items():
             pairs = [

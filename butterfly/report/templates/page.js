@@ -9,7 +9,7 @@ let printing = false;
 
 function recoloured(value, colours) {
   if (typeof value === "string") return colours[value] ?? value;
-  if (Array.isArray(value)) return value.length && typeof value[0] === "object" ? value.map(each => recoloured(each, colours)) : value;
+  if (Array.isArray(value)) return ["object", "string"].includes(typeof value[0]) ? value.map(each => recoloured(each, colours)) : value;
   if (value === null || typeof value !== "object" || ArrayBuffer.isView(value)) return value;
   return Object.fromEntries(Object.entries(value).map(([key, each]) => [key, recoloured(each, colours)]));
 }
