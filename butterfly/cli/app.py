@@ -87,6 +87,7 @@ def _library() -> dict[str, Function]:
     return {
         "library list": library.list_motors,
         "library show": library.show_motor,
+        "library draft": library.draft_motor,
     }
 
 
@@ -131,6 +132,7 @@ COMMANDS = {
     "reproduce": Command("Simulated experiments", _experiments, "reproduction"),
     "library list": Command("Commands", _library, "motors"),
     "library show": Command("Commands", _library, "motor"),
+    "library draft": Command("Commands", _library),
     "results list": Command("Commands", _results, "results"),
     "results show": Command("Commands", _results, "run"),
     "results table": Command("Commands", _results, "table"),
@@ -176,6 +178,7 @@ EXAMPLES = {
     "schema": "butterfly schema experiment --out experiment.schema.json",
     "reproduce": "butterfly reproduce thesis --out figures",
     "library show": "butterfly library show xl330",
+    "library draft": "butterfly library draft servo.json --out my-servo.yaml",
     "results show": "butterfly results show results/large-sweep 0",
     "results table": "butterfly results table results/large-sweep --columns number,fit_median",
 }

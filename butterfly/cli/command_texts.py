@@ -30,6 +30,10 @@ SUMMARIES = {
     "reproduce": "Reproduce the thesis's numbers, with its mistakes and corrected.",
     "library list": "List the motors of the library.",
     "library show": "Show a motor: what it takes to another joint, and where that is from.",
+    "library draft": (
+        "Write a file for the library from a saved result: your motor's values, the rest "
+        "to fill in."
+    ),
     "results list": "List sweeps, and how many of their runs are done.",
     "results show": "Show one run: settings, estimates, times and versions.",
     "results table": "Print a sweep's table, or export it.",
@@ -171,9 +175,7 @@ FACTS = {
         "motor if angle, velocity, setpoint and the loop's gains are those before a gear; "
         "its gear_ratio must be known"
     ),
-    "known": (
-        "Known values of the robot, with standard uncertainties; from a motor of the library"
-    ),
+    "known": "Known values of the robot, with standard uncertainties",
     "zeros": "Encoder zero per added mass; overrides zero, and a log's own zero overrides both",
     "repair": "Faults to repair",
     "holdout": "Files, or glob patterns of them, held out from fits for testing",

@@ -1,20 +1,30 @@
-"""`butterfly library`: motors that others measured, listed and shown."""
+"""`butterfly library`: motors that others measured, listed and shown; a file for yours."""
 
 from __future__ import annotations
 
-from typing import Annotated
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from butterfly.cli.output import say, show_table, write_json
-from butterfly.logs.motors import Motor, SharedValue, motor_names, motor_of, motor_path
-from butterfly.result import document
+from butterfly.cli.options import OUT
+from butterfly.cli.output import ExitCode, say, say_verdict, show_table, write_json
+from butterfly.cli.written import OutputFile
+from butterfly.errors import InputError
+from butterfly.files import locate, write_file
+
+if TYPE_CHECKING:
+    from butterfly.logs.motors import Motor, SharedValue
 
 _HEADERS = ("name", "motor", "drive", "verdict", "measured", "values")
 
 
 def list_motors() -> None:
     """List the motors of the library."""
+    from butterfly.logs.motors import motor_names, motor_of  # noqa: PLC0415 - slow to import
+    from butterfly.result import document  # noqa: PLC0415
+
     motors = {name: motor_of(name) for name in motor_names()}
     rows = [
         (name, f"{m.maker} {m.name}", m.drive, m.verdict, m.count, ", ".join(m.known))
@@ -30,6 +40,9 @@ def show_motor(
     name: Annotated[str, Parameter(help="Its name in the library, or a file (.yaml).")], /
 ) -> None:
     """Show a motor: what it takes to another joint, and where that is from."""
+    from butterfly.logs.motors import motor_of, motor_path  # noqa: PLC0415 - slow to import
+    from butterfly.result import document  # noqa: PLC0415
+
     motor = motor_of(name)
     titled = f"{motor.maker} {motor.name}"
     say(f"{motor.verdict.capitalize()}: {titled}, driven by {motor.drive}; {motor.count} measured.")
@@ -55,6 +68,37 @@ def show_motor(
     ]
     show_table("Where this is from", (), pairs)
     write_json(document("motor", titled, _numbers(motor)))
+
+
+def draft_motor(
+    source: Annotated[Path, Parameter(help="A saved result.")],
+    /,
+    *,
+    out: Annotated[Path, OUT, OutputFile((".yaml", ".yml"))],
+) -> ExitCode:
+    """Write a file for the library from a saved result: your motor's values, the rest to fill in.
+
+    Name, maker, conditions and source are left empty. `butterfly library show FILE` says what is
+    still missing.
+
+    Parameters
+    ----------
+    out
+        File to write.
+    """
+    from butterfly.api.verbs import saved_identification  # noqa: PLC0415 - slow to import
+    from butterfly.twin.motor_file import motor_draft  # noqa: PLC0415
+
+    identified = saved_identification(locate(source))
+    if identified is None:
+        raise InputError(source, "path", "no saved result", "one of butterfly identify --save")
+    text = motor_draft(identified)
+    if identified.judged is not None:
+        say_verdict(identified.judged)
+    write_file(out, text)
+    say(f"Motor: {out}. Fill in name, maker, conditions and source.")
+    say(f"Next: butterfly library show {shlex.quote(str(out))}")
+    return ExitCode.of(identified.judged)
 
 
 def _row(name: str, value: SharedValue) -> tuple[str, ...]:

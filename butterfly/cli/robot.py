@@ -204,8 +204,7 @@ def export(
     to
         Format: MuJoCo model (mjcf), lines to paste into your MJCF (snippet), URDF (urdf), actuator
         settings for mjlab and Isaac Lab (actuator), ranges to randomise in (randomisation; several
-        results are units of a product), a motor for the library (motor), a C99 header (c), JSON for
-        BAM (bam), the command that
+        results are units of a product), a C99 header (c), JSON for BAM (bam), the command that
         cancels gravity and friction in C or Python (compensation), or gains of WPILib as JSON
         (wpilib).
     timestep

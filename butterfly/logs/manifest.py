@@ -229,8 +229,8 @@ class Manifest(StrictModel):
     known: Annotated[dict[str, Uncertain], BeforeValidator(_read_values), _Rule.ADDS] = Field(
         default={}
     )
-    """Known values of the robot, with standard uncertainties; ``from`` a motor of the library. See
-    `butterfly.model.prior`."""
+    """Known values of the robot, with standard uncertainties. ``from`` names a motor whose values
+    are taken (`butterfly.logs.motors`). See `butterfly.model.prior`."""
     zero: Uncertain | None = None
     """Encoder zero: the reading in rad where the joint hangs at rest. Estimated if not given."""
     zeros: list[MassZero] = Field(default_factory=list)

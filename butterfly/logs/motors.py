@@ -12,13 +12,14 @@ h the distance of the farther limit, s the relative standard deviation between m
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from statistics import NormalDist
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, PositiveInt, model_validator
+from pydantic import AfterValidator, Field, PositiveInt, model_validator
 
 from butterfly.errors import InputError, nearest
 from butterfly.files import shipped
@@ -41,6 +42,21 @@ _ENDINGS = {".yaml", ".yml"}
 
 Share = Annotated[float, Field(ge=0)]
 """A number over a value, not negative."""
+
+
+def _text(pattern: str, expected: str) -> AfterValidator:
+    """Return what refuses texts of another pattern, with what is expected in words."""
+
+    def check(value: str) -> str:
+        if not re.fullmatch(pattern, value, re.DOTALL):
+            raise ValueError(expected)
+        return value
+
+    return AfterValidator(check)
+
+
+Words = Annotated[str, _text(r".*\S.*", "a text that is not empty")]
+"""A text that says something."""
 
 
 class MotorValue(StrictModel):
@@ -78,21 +94,21 @@ class SharedValue(MotorValue):
 class MotorSource(StrictModel):
     """Where the logs are from."""
 
-    repository: Annotated[str, Field(pattern="^https://")]
-    commit: Annotated[str, Field(pattern="^[0-9a-f]{40}$")]
-    folder: str
+    repository: Annotated[str, _text(r"https://\S+", "an address that begins with https://")]
+    commit: Annotated[str, _text(r"[0-9a-f]{40}", "the 40 hexadecimal digits of a commit")]
+    folder: Words
     """Of the logs in the repository."""
     licence: Literal["Apache-2.0", "BSD-2-Clause", "BSD-3-Clause", "CC0-1.0", "CC-BY-4.0", "MIT"]
     """That allows to publish what is computed from them."""
-    holder: str
+    holder: Words
     """Who holds the rights."""
 
 
 class Making(StrictModel):
     """How the values were made."""
 
-    command: Annotated[str, Field(pattern="^butterfly identify ")]
-    version: str
+    command: Annotated[str, _text("butterfly identify .+", "butterfly identify ...")]
+    version: Words
     """Of the program."""
     manifest: dict[str, Any]
     """Content of the manifest that the command reads, beside the logs."""
@@ -101,17 +117,17 @@ class Making(StrictModel):
 class Motor(StrictModel):
     """The file of a motor."""
 
-    name: Annotated[str, Field(min_length=1)]
-    maker: Annotated[str, Field(min_length=1)]
+    name: Words
+    maker: Words
     drive: Literal["voltage", "torque", "current", "duty"]
     """What drives it: p4 is per unit of that. Of a servo, what its firmware puts out."""
     law: str | None = None
     """Of the servo's firmware."""
-    units: PositiveInt
+    measured: PositiveInt
     """How many motors were measured."""
-    scatter: Annotated[str, Field(min_length=1)]
+    scatter: Words
     """Where the scatter between motors is from."""
-    conditions: Annotated[dict[str, str], Field(min_length=1)]
+    conditions: Annotated[dict[str, Words], Field(min_length=1)]
     """Under which the logs were recorded: supply, temperature, gains, load, sampling."""
     verdict: Literal["good", "use with care"]
     """On the identification."""
@@ -119,7 +135,7 @@ class Motor(StrictModel):
     """What the motor takes to another joint."""
     rig: dict[str, MotorValue] = Field(default={})
     """What belongs to the joint that it was measured in, or is not significant: never used."""
-    notes: list[str] = Field(default=[])
+    notes: list[Words] = Field(default=[])
     """What else a user should know."""
     source: MotorSource
     made: Making
@@ -137,7 +153,7 @@ class Motor(StrictModel):
             if shared.lower <= 0 <= shared.upper:
                 expected = "an interval without 0; else it belongs to rig"
                 raise InputError("motor", f"known.{name}", f"{shared.value:g}", expected)
-            if self.units == 1 and not shared.scatter:
+            if self.measured == 1 and not shared.scatter:
                 expected = "above 0: one motor does not tell how far others differ"
                 raise InputError("motor", f"known.{name}.scatter", 0, expected)
         Prior.of({name: value.known() for name, value in self.known.items()}, "motor")
@@ -160,7 +176,7 @@ class Motor(StrictModel):
     @property
     def count(self) -> str:
         """How many motors were measured, in words."""
-        return "one motor" if self.units == 1 else f"{self.units} motors"
+        return "one motor" if self.measured == 1 else f"{self.measured} motors"
 
     def knowledge(self, origin: str) -> dict[str, Known]:
         """Return its values as those of an ``origin`` that answers name."""

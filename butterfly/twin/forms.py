@@ -24,7 +24,6 @@ FORMS = {
     "c": ("butterfly.twin.c:as_c", ".h"),
     "bam": ("butterfly.twin.bam:as_bam", ".json"),
     "compensation": ("butterfly.twin.compensation:as_compensation", ".h", ".py"),
-    "motor": ("butterfly.twin.motor_file:as_motor", ".yaml"),
     "wpilib": ("butterfly.twin.compensation:as_wpilib", ".json"),
 }
 """What makes each form, by its name: a function of a twin and options; and its files' endings."""

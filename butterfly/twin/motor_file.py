@@ -12,13 +12,13 @@ from typing import Any
 from butterfly import __version__
 from butterfly.errors import InputError
 from butterfly.identification.estimate import Estimate
+from butterfly.identification.identified import Identified
 from butterfly.identification.parameter import Parameter
 from butterfly.logs.log import InputKind
 from butterfly.logs.manifest import Manifest
+from butterfly.logs.motors import MotorSource
 from butterfly.model.parameters import JointKind
 from butterfly.model.terms import GROWING, TERMS
-from butterfly.twin.forms import Options
-from butterfly.twin.twin import Twin, Written
 from butterfly.yaml_files import yaml_text
 
 SCATTER_OF_GAIN, SCATTER_OF_FRICTION, SCATTER_OF_DAMPING = 0.12, 0.35, 1.1
@@ -27,54 +27,53 @@ of Coulomb friction and of viscous friction. Those of BAM's M1 of five Feetech S
 (kscalelabs/sysid f4739df, feetech/sts3215-12v/params)."""
 
 ASSUMED = (
-    "one motor was measured; the scatter is that of five Feetech STS3215, by BAM's M1 of each "
-    "(kscalelabs/sysid f4739df): 12 % of kt/R, 35 % of Coulomb and 110 % of viscous friction"
+    "one motor was measured; 12 % of the gain, 35 % of Coulomb and 110 % of viscous friction are "
+    "what five Feetech STS3215 differ by, each with BAM's M1 (kscalelabs/sysid f4739df, "
+    "feetech/sts3215-12v/params)"
 )
 """Where that scatter is from, in words."""
 
 _FIT = "butterfly identify manifest.yaml"
 _DIGITS = 4
-_EMPTY = ("repository", "commit", "folder", "licence", "holder")
+_ASKED = ("supply", "temperature", "load", "sampling")
 
 
-def as_motor(twin: Twin, options: Options) -> Written:  # noqa: ARG001 - as every form is called
-    """Return the motor of a joint, as measured once; InputError if that says nothing of it."""
-    if twin.source is None or twin.estimate is None:
-        raise InputError("export", "source", twin.name, "a saved result of logs, or logs")
-    estimate, manifest = twin.estimate, twin.source.origin["manifest"]
+def motor_draft(identified: Identified) -> str:
+    """Return the file of the motor of an identified joint, as measured once.
+
+    InputError if the result is not to be used, or says nothing that a motor takes along.
+    """
+    estimate, origin = identified.estimate, identified.origin
     if not estimate.level.usable:
-        expected = "a verdict of good, or use with care: no motor is published by such values"
-        raise InputError("export", "verdict", estimate.level.verdict, expected)
-    if twin.joint is not JointKind.HINGE or twin.kind is InputKind.NONE or twin.ratios:
-        raise InputError("export", "motor", twin.name, "a hinge with a drive, on an absolute scale")
+        expected = "good, or use with care: nobody should use such values"
+        raise InputError("library", "verdict", estimate.level.verdict, expected)
+    kind = InputKind(origin["input"])
+    if kind is InputKind.NONE or estimate.joint is not JointKind.HINGE or estimate.ratios:
+        what = "free decays" if kind is InputKind.NONE else "a slide"
+        what = "ratios to p1" if estimate.ratios else what
+        raise InputError("library", "result", what, "a driven hinge, on an absolute scale")
     known, rig = measured_values(estimate)
     if not known:
-        expected = "values whose interval excludes 0: those of p4, friction, ..."
-        raise InputError("export", "known", "nothing that a motor takes along", expected)
-    content = {
-        "name": "",
-        "maker": "",
-        "drive": str(twin.kind),
-        **({} if twin.servo is None else {"law": twin.servo.law}),
-        "units": 1,
-        "scatter": ASSUMED,
-        "conditions": {"supply": "", "temperature": "", "load": "", "sampling": ""},
-        "verdict": estimate.level.verdict,
-        "known": known,
-        "rig": rig,
-        "source": dict.fromkeys(_EMPTY, ""),
-        "made": {
-            "command": _FIT,
-            "version": __version__,
-            "manifest": _plain(manifest) if manifest else {},
-        },
-    }
-    notes = (
-        "Fill in name, maker, conditions and source, then try it: "
-        "butterfly library show ./FILE.yaml",
-    )
-    return Written(
-        text=yaml_text(content), about=f"{len(known)} values", title="Motor", notes=notes
+        expected = "an interval without 0 of p4, friction, ..."
+        raise InputError("library", "result", "nothing that a motor takes along", expected)
+    manifest = _plain(origin["manifest"]) if origin["manifest"] else {}
+    law = manifest.get("loop", {}).get("law")
+    return yaml_text(
+        {
+            "name": "",
+            "maker": "",
+            "drive": str(kind),
+            **({} if law is None else {"law": law}),
+            "measured": 1,
+            "verdict": estimate.level.verdict,
+            "known": known,
+            "scatter": ASSUMED,
+            "conditions": dict.fromkeys(_ASKED, ""),
+            "notes": [],
+            "rig": rig,
+            "source": dict.fromkeys(MotorSource.model_fields, ""),
+            "made": {"command": _FIT, "version": __version__, "manifest": manifest},
+        }
     )
 
 

@@ -177,7 +177,9 @@ def test_a_motor_that_nobody_measured_is_one_line(whose, message):
 
 def test_a_motor_s_values_are_refused_for_another_drive_and_for_a_slide():
     logs = recorded(motor_of("ak80-6"), {"coulomb": 0.2})[:1]
-    with pytest.raises(InputError, match=r"from: got xl330 with input: torque; expected .* voltage"):
+    with pytest.raises(
+        InputError, match=r"from: got xl330 with input: torque; expected .* voltage"
+    ):
         bf.read(logs, known={"from": "xl330"})
     slide = {"time": TIME, "input": 0 * TIME, "angle": np.sin(TIME)}
     with pytest.raises(InputError, match="from: got ak80-6 of a slide; expected a hinge"):
@@ -211,14 +213,15 @@ OHM = {"value": 0.1, "lower": 0.08, "upper": 0.12, "unit": "Ohm"}
         ("rig.p9", {**P4, "scatter": 1}, "rig.p9.scatter: got an unknown key"),
         ("rig.resistance", OHM, "rig: got resistance; expected one of 'p1'"),
         ("law", "dynamixel-xl3300", "law: got dynamixel-xl3300; expected 'dynamixel-xl330'"),
-        ("source.commit", "af22604", "source.commit: got 'af22604'"),
+        ("source.commit", "af22604", "source.commit: got 'af22604'; expected the 40 hexadecimal"),
         ("source.licence", "GPL-3.0", "source.licence: got 'GPL-3.0'; expected 'Apache-2.0'"),
-        ("source.repository", "", "source.repository: got ''"),
-        ("made.command", "make it", "made.command: got 'make it'"),
+        ("source.repository", "", "source.repository: got ''; expected an address"),
+        ("made.command", "make it", "made.command: got 'make it'; expected butterfly identify"),
         ("verdict", "do not use", "verdict: got 'do not use'; expected 'good' or 'use with care'"),
-        ("name", "", "name: got ''"),
+        ("name", " ", "name: got ' '; expected a text that is not empty"),
         ("conditions", {}, "conditions: got {}"),
-        ("units", 0, "units: got 0"),
+        ("conditions.supply", "", "conditions.supply: got ''; expected a text"),
+        ("measured", 0, "measured: got 0"),
         ("colour", "red", "colour: got an unknown key"),
     ],
 )
