@@ -15,7 +15,7 @@ from butterfly.errors import InputError
 from butterfly.files import locate, write_file
 
 if TYPE_CHECKING:
-    from butterfly.logs.motors import Motor, SharedValue
+    from butterfly.logs.motors import MeasuredMotor, SharedValue
 
 _HEADERS = ("name", "motor", "drive", "verdict", "measured", "values")
 
@@ -107,7 +107,7 @@ def _row(name: str, value: SharedValue) -> tuple[str, ...]:
     return name, str(value.known()), measured, f"± {100 * value.scatter:.3g} %", value.unit
 
 
-def _numbers(motor: Motor) -> dict[str, object]:
+def _numbers(motor: MeasuredMotor) -> dict[str, object]:
     """Return a motor for programs, with the uncertainty of each value in another joint."""
     content = motor.model_dump(mode="json", exclude={"name"})
     for name, value in motor.known.items():

@@ -114,7 +114,7 @@ class Making(StrictModel):
     """Content of the manifest that the command reads, beside the logs."""
 
 
-class Motor(StrictModel):
+class MeasuredMotor(StrictModel):
     """The file of a motor."""
 
     name: Words
@@ -141,7 +141,7 @@ class Motor(StrictModel):
     made: Making
 
     @model_validator(mode="after")
-    def _of_a_motor(self) -> Motor:
+    def _of_a_motor(self) -> MeasuredMotor:
         if self.law is not None and self.law not in LAWS:
             raise InputError("motor", "law", self.law, nearest(self.law, LAWS))
         for place, values in (("known", self.known), ("rig", self.rig)):
@@ -189,12 +189,12 @@ def motor_names() -> list[str]:
 
 
 @cache
-def _read(path: Path) -> Motor:
+def _read(path: Path) -> MeasuredMotor:
     document = load_yaml(path)
-    return validate([document], document.content, Motor)
+    return validate([document], document.content, MeasuredMotor)
 
 
-def motor_of(name: str) -> Motor:
+def motor_of(name: str) -> MeasuredMotor:
     """Return a shipped motor by name, or that of a file; InputError if there is none."""
     return _read(motor_path(name))
 

@@ -16,7 +16,7 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.findings import FindingKind
 from butterfly.logs.log import Log
 from butterfly.logs.manifest import Manifest
-from butterfly.logs.motors import FOLDER, Motor, motor_names, motor_of, with_motor
+from butterfly.logs.motors import FOLDER, MeasuredMotor, motor_names, motor_of, with_motor
 from butterfly.model.prior import Known, Prior
 from butterfly.model.terms import TORQUES
 from butterfly.yaml_files import load_yaml, validate, yaml_text
@@ -230,5 +230,5 @@ def test_a_file_that_says_too_little_or_too_much_is_one_line(tmp_path, place, va
     path.write_text(yaml_text(changed(content_of("xl330"), place, value)))
     document = load_yaml(path)
     with pytest.raises(InputError, match=message) as error:
-        validate([document], document.content, Motor)
+        validate([document], document.content, MeasuredMotor)
     assert str(path) in str(error.value)
