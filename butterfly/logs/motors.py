@@ -218,7 +218,14 @@ def with_motor(given: Mapping[str, Any]) -> dict[str, Any]:
     name = given[FROM]
     if not isinstance(name, str):
         raise InputError("known", FROM, name, f"the name of a motor: {', '.join(motor_names())}")
-    return {**motor_of(name).knowledge(name), **rest}
+    try:
+        motor = motor_of(name)
+    except InputError as error:
+        if error.field == FROM:
+            raise
+        slip = f"{name}: {error.field}: {error.value}"  # who reads a manifest names that alone
+        raise InputError("known", FROM, slip, error.expected) from None
+    return {**motor.knowledge(name), **rest}
 
 
 def described_origin(origin: str) -> str:

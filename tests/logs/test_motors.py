@@ -166,13 +166,21 @@ def test_a_motor_is_named_in_a_manifest_or_its_file_is(tmp_path, way):
     ("whose", "message"),
     [
         ("xl30", r"known: from: got xl30; expected 'xl330' \(did you mean that\?\)"),
-        ("nothing.yaml", "nothing.yaml: path: got no such file"),
+        ("nothing.yaml", "known: from: got nothing.yaml: path: no such file"),
         (7, "known: from: got 7; expected the name of a motor: ak80-6, "),
     ],
 )
 def test_a_motor_that_nobody_measured_is_one_line(whose, message):
     with pytest.raises(InputError, match=message):
         with_motor({"from": whose})
+
+
+def test_a_damaged_file_of_a_motor_is_named_with_its_field(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text(yaml_text(changed(content_of("xl330"), "drive", "steam")))
+    head = {"name": "a", "input": "torque", "logs": [{"file": "a.csv"}]}
+    with pytest.raises(InputError, match=r"known.from: got .*mine.yaml: drive: 'steam'; expected"):
+        validate([], head | {"known": {"from": str(path)}}, Manifest)
 
 
 def test_a_motor_s_values_are_refused_for_another_drive_and_for_a_slide():
