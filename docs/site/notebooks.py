@@ -146,7 +146,7 @@ def _shown(output: Any, picture: Any) -> str:  # noqa: ANN401 - nbformat's; writ
     """Return an output of a cell in Markdown and HTML."""
     data = output.get("data", {})
     if PLOTLY in data:
-        figure = Figure(_with_arrays({key: data[PLOTLY][key] for key in ("data", "layout")}))
+        figure = Figure(_with_numbers({key: data[PLOTLY][key] for key in ("data", "layout")}))
         return f"![The figure of this cell]({picture(png_text(figure))})"
     if ANSWER in data.get("text/html", ""):
         html = STYLE.sub("", data["text/html"])  # which the site has once
@@ -156,12 +156,14 @@ def _shown(output: Any, picture: Any) -> str:  # noqa: ANN401 - nbformat's; writ
     return f'<pre class="output">{escape(text.rstrip())}</pre>' if text.strip() else ""
 
 
-def _with_arrays(value: Any) -> Any:  # noqa: ANN401 - plain values of JSON
-    """Return a figure's values with its arrays, which JSON has as bytes in text."""
+def _with_numbers(value: Any) -> Any:  # noqa: ANN401 - plain values of JSON
+    """Return a figure's values with its arrays, which JSON has as bytes in text, and its gaps."""
     if isinstance(value, dict) and "bdata" in value:
         flat = np.frombuffer(b64decode(value["bdata"]), dtype=value["dtype"])
         sizes = str(value.get("shape", flat.size)).split(",")
-        return flat.reshape([int(size) for size in sizes])
+        return flat.reshape([int(size) for size in sizes]).tolist()
     if isinstance(value, dict):
-        return {key: _with_arrays(below) for key, below in value.items()}
-    return [_with_arrays(below) for below in value] if isinstance(value, list) else value
+        return {key: _with_numbers(below) for key, below in value.items()}
+    if isinstance(value, list) and all(isinstance(below, int | float | None) for below in value):
+        return np.array(value, dtype=float).tolist()  # with nan for null
+    return [_with_numbers(below) for below in value] if isinstance(value, list) else value
