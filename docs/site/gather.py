@@ -124,10 +124,18 @@ def _first_sentence(page: str) -> str:
 
 
 def finish() -> None:
-    """Make the built site independent of the network, and readable for programs."""
-    (SITE / "llms.txt").write_text(list_of_pages(), encoding="utf-8")
+    """Make the built site independent of the network, and readable for programs.
+
+    A page that is missing, or that the search does not know, ends it.
+    """
+    search = json.loads((SITE / "search.json").read_text(encoding="utf-8"))
+    searched = {item["location"].partition("#")[0] for item in search["items"]}
     for name in (page for pages in navigation().values() for page in pages):
+        built = str(Path(name.replace("README.md", "index.md")).with_suffix(".html"))
+        if built not in searched or not (SITE / built).is_file():
+            sys.exit(f"{name} is not in the built site, or not in its search")
         shutil.copy(PAGES / name, SITE / name)
+    (SITE / "llms.txt").write_text(list_of_pages(), encoding="utf-8")
     shutil.copy(Path(__file__).with_name(SHIM), SITE / "assets/javascripts" / SHIM)
     for page in SITE.rglob("*.html"):
         up = "../" * (len(page.relative_to(SITE).parts) - 1)
