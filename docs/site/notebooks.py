@@ -30,7 +30,7 @@ RAN = CHECKOUT / "build/notebooks"
 USED = ("butterfly", "examples", "experiments", "models")
 """What answers depend on."""
 AT_A_TIME = 2
-LONGEST = 600  # s that a cell may take
+LONGEST = 1800  # s that a cell may take, on a machine that others share
 PLOTLY = "application/vnd.plotly.v1+json"
 ANSWER = "butterfly-result"
 """What the cell of an answer is marked with; other HTML loads plotly, for a notebook."""
@@ -88,28 +88,28 @@ def executed() -> dict[str, Notebook]:
 
 def _executed(source: Path) -> Notebook:
     """Return a notebook as it was run last, or run it."""
-    digest, kept = _digest(source), RAN / source.name
-    if kept.exists():
-        notebook = nbformat.read(kept, as_version=4)
+    digest, path = _digest(source), RAN / source.name
+    if path.exists():
+        notebook = nbformat.read(path, as_version=4)
         if notebook.metadata.get("digest") == digest:
             return notebook
     with tempfile.TemporaryDirectory() as folder:
         notebook = run(source, Path(folder))
     notebook.metadata["digest"] = digest
     RAN.mkdir(parents=True, exist_ok=True)
-    nbformat.write(notebook, kept)
+    nbformat.write(notebook, path)
     return notebook
 
 
 def _digest(source: Path) -> str:
     """Return what changes with a notebook, and with the program that it calls."""
     files = (path for name in USED for path in (CHECKOUT / name).rglob("*"))
-    program = (path for path in files if path.suffix in {".py", ".yaml", ".xml"})
-    told = hashlib.sha256(source.read_bytes())
+    program = (path for path in files if path.suffix in {".j2", ".py", ".yaml", ".xml"})
+    content = hashlib.sha256(source.read_bytes())
     for path in sorted(program):
         if "results" not in path.parts:
-            told.update(path.read_bytes())
-    return told.hexdigest()
+            content.update(path.read_bytes())
+    return content.hexdigest()
 
 
 def as_page(notebook: Notebook, name: str, folder: Path) -> str:
@@ -150,7 +150,7 @@ def _shown(output: Any, picture: Any) -> str:  # noqa: ANN401 - nbformat's; writ
         return f"![The figure of this cell]({picture(png_text(figure))})"
     if ANSWER in data.get("text/html", ""):
         html = STYLE.sub("", data["text/html"])  # which the site has once
-        html = PICTURE.sub(lambda found: f'src="{picture(found[1])}"', html)
+        html = PICTURE.sub(lambda match: f'src="{picture(match[1])}"', html)
         return "\n".join(line for line in html.splitlines() if line.strip())
     text = output.get("text", data.get("text/plain", ""))
     return f'<pre class="output">{escape(text.rstrip())}</pre>' if text.strip() else ""
