@@ -299,7 +299,9 @@ class Identification(Identified, Answer):
 
     def figures(self) -> dict[str, Figure]:
         """Return the figures of its page, by name."""
-        return {"frequency-response": self.plot.frequency_response(), "time": self.plot.time()}
+        of_logs = {"frequency-response": self.plot.frequency_response(), "time": self.plot.time()}
+        corner = self.plot.corner()
+        return of_logs if corner is None else of_logs | {"corner": corner}
 
     def facts(self) -> list[Fact]:
         """Return the numbers that matter most."""
@@ -321,16 +323,21 @@ class Identification(Identified, Answer):
 
     def page(self) -> Page:
         """Return the page of `report`: without the logs, its first screen and tables."""
-        from butterfly.report.identification_page import first_screen, identification_page  # noqa: PLC0415 - slow to import
+        from butterfly.report.identification_page import (  # noqa: PLC0415 - slow to import
+            corner_sections,
+            first_screen,
+            identification_page,
+        )
 
         numbers, facts = self.to_dict(), self.facts()
         try:
             _ = self.data
         except InputError as error:
-            note = f"Without figures: the logs cannot be read ({error})."
+            note = f"Without figures of the logs, which cannot be read ({error})."
         else:
             return identification_page(self, self.notes, facts, numbers)
-        sections = [Section(title=t.title, tables=(t.on_page(),)) for t in self.tables()[1:]]
+        tables = [Section(title=t.title, tables=(t.on_page(),)) for t in self.tables()[1:]]
+        sections = [*corner_sections(self), *tables]
         first = first_screen(self, facts)
         return replace(first, summary=[note, *self.notes], sections=sections, numbers=numbers)
 

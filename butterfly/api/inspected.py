@@ -43,6 +43,8 @@ from butterfly.report.inspection import (
     hints,
     inspect_logs,
     log_row,
+    shared_sentences,
+    shared_texts,
     taken_sentences,
 )
 from butterfly.report.numbers import estimate_numbers
@@ -80,13 +82,20 @@ def inspection_answer(
         if inspected.log is not None and inspected.health is not None
         for pair in health_rows(inspected.log, inspected.health)
     ]
-    doubtful = PageTable.of(source, [r for r in rows if r["condition"] != ok], LOG_COLUMNS)
+    shared = shared_texts(seen)
+    columns = {
+        **LOG_COLUMNS,
+        "findings": lambda row: "; ".join(
+            finding["text"] for finding in row["findings"] if finding["text"] not in shared
+        ),
+    }
+    doubtful = PageTable.of(source, [r for r in rows if r["condition"] != ok], columns)
     sound = [row for row in rows if row["condition"] == ok]
     forecast = PageTable(FORECAST, FORECAST_HEADERS, forecast_rows(forecasts))
     tables = [
         doubtful,
         forecast,
-        PageTable.of("Without findings", sound, LOG_COLUMNS, detail=True),
+        PageTable.of("Without findings", sound, columns, detail=True),
     ]
     if pairs:
         findings = str(LOG_COLUMNS["findings"](rows[0])) or "none"
@@ -98,6 +107,7 @@ def inspection_answer(
         summary=(
             conditions_text([inspected.condition for inspected in seen]),
             *forecast_sentences(forecasts),
+            *shared_sentences(seen),
             *hints(seen),
             *taken_sentences(seen),
             *more,

@@ -127,6 +127,19 @@ def taken_sentences(seen: Iterable[Inspected]) -> list[str]:
     return [f"{text[:1].upper()}{text[1:]}." for text in dict.fromkeys(assumed)]
 
 
+def shared_texts(seen: Sequence[Inspected]) -> list[str]:
+    """Return the remarks that all of several logs have, which are said once."""
+    texts = [[remark.text for remark in inspected.remarks] for inspected in seen]
+    return [text for text in texts[0] if all(text in others for others in texts)] * (len(seen) > 1)
+
+
+def shared_sentences(seen: Sequence[Inspected]) -> list[str]:
+    """Say what is found on all of several logs, but for what `taken_sentences` says."""
+    assumed = {r.text for inspected in seen for r in inspected.remarks if r.condition is Level.GOOD}
+    texts = [text for text in shared_texts(seen) if text not in assumed]
+    return [f"All {len(seen)} logs: {text}." for text in texts]
+
+
 def _inspected(manifest: Manifest, entry: LogEntry) -> Inspected:
     try:
         ((_, recorded),) = read_pieces(manifest, entry)
