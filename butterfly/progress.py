@@ -66,7 +66,9 @@ def stopped_text(seconds: float, left_out: Iterable[str]) -> str:
     """Say that a search was stopped, by a budget in s or else by its work, and what it skipped."""
     skipped = ", ".join(left_out)
     if math.isfinite(seconds):
-        return f"Search stopped after {seconds:g} s. Skipped: {skipped}. Drop --budget to go on."
+        return (
+            f"Search stopped after {seconds:g} s. Skipped: {skipped}. Drop --budget to complete it."
+        )
     return (
         f"Search stopped after {SIMULATIONS} simulations of all logs, or {STEPS / 1e6:g} million "
         f"steps. Skipped: {skipped}. Use fewer --terms."

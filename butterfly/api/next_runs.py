@@ -94,7 +94,7 @@ def design_answer(
         ]
     )
     best, title = rows[0], f"Next runs for {data.name!r}"
-    title += ": standard errors after one over the present ones"
+    title += ": standard errors after one run, relative to the present ones"
     cells = [
         (str(k), *(f"{v:.2f}" if isinstance(v, float) else cell_text(v) for v in row.values()))
         for k, row in enumerate(rows, start=1)

@@ -344,7 +344,7 @@ def _read_journal(file: Path) -> Journal:
     if kind != _KIND:
         raise InputError(file, "schema", kind, f"{_KIND}: no campaign was begun here")
     if number != _VERSION:
-        remedy = f"{_VERSION}; go on with the version that began it, or begin in a new folder"
+        remedy = f"{_VERSION}; continue with the version that began it, or begin in a new folder"
         raise InputError(file, "schema_number", number, remedy)
     try:
         journal = _JOURNAL.validate_json(text)

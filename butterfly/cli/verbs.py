@@ -331,7 +331,7 @@ def campaign(
     terminal = CampaignTerminal(asks=moves and not yes, moves=moves)
     change = terminal.mount if keyboard else None
     folder = shlex.quote(str(options.out or "campaign"))
-    state = f"the drive is off; finished runs are kept in {folder}, and the same command goes on"
+    state = f"the drive is off; finished runs are kept in {folder}, and the same command continues"
     try:
         answer = bf.campaign(robot, **keywords, known=pairs, change=change, callbacks=terminal)
     except KeyboardInterrupt:

@@ -195,7 +195,7 @@ def forecast(logs: Sequence[Log], known: Prior) -> tuple[Forecast, ...]:
         elif fit is not None and name in fit.names:
             row = _rated(row, fit, fastest)
             if name == "coulomb" and not any(_reverses(log.angle) for log in logs):
-                why = "no log reverses, so it cannot be told from a constant torque"
+                why = "no log reverses, so it looks like a constant torque"
                 row = replace(
                     row,
                     word=max(row.word, Identifiability.WEAK, key=[*Identifiability].index),

@@ -220,7 +220,7 @@ def open_questions(manifest: Manifest, given: Collection[str], *, named: bool) -
             break
     kinds = {name: meaning.kind for name in called if (meaning := meaning_of(name)).kind}
     answer = " or ".join(f"{kind} by the name of {name!r}" for name, kind in kinds.items())
-    questions["input"] += f" It is {answer}." if answer else " No name of a column says it."
+    questions["input"] += f" It is {answer}." if answer else " No column name says it."
     for entry in manifest.logs[:_MOST]:
         if facts := [f"{key} {number:g}" for key, number in _facts(manifest, entry).items()]:
             questions["logs"] += f" {entry.file} says {', '.join(facts)}."

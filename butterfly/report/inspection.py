@@ -31,7 +31,7 @@ from butterfly.verdict import Level
 STATES = {Level.GOOD: "ok", Level.NOTE: "note", Level.CARE: "care", Level.WARNING: "do not use"}
 """Condition of a log, in a word or two."""
 
-FORECAST = "What these logs can tell"
+FORECAST = "Expected precision"
 """Title of the table of forecasts."""
 
 LOG_COLUMNS: Mapping[str, Callable[[Mapping[str, Any]], object]] = {

@@ -14,7 +14,7 @@ from butterfly.model.prior import plain
 from butterfly.report.format import interval, limit_text, upwards, with_error
 from butterfly.report.page import Marked, PageTable
 
-FORECAST_HEADERS = ("parameter", "meaning", "before the fit", "expected", "what would mend it")
+FORECAST_HEADERS = ("parameter", "meaning", "before the fit", "expected", "remedy")
 """Headers of `forecast_rows`."""
 
 PHYSICAL_TITLE = "Physical parameters and derived quantities"

@@ -168,7 +168,7 @@ def unheard(twin: Twin) -> Iterator[str]:
             f"{1e3 * (p.delay + p.slow_delay):.3g} ms."
         )
     if p.delay < -NO_DELAY:
-        yield f"The delay of {1e3 * p.delay:.3g} ms is not included: a delay is not negative."
+        yield f"The delay of {1e3 * p.delay:.3g} ms is not included: a delay cannot be negative."
 
 
 def beyond(p: LumpedParameters, held: Collection[str]) -> list[Term]:

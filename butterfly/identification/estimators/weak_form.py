@@ -164,7 +164,9 @@ def _require_enough(windows: Sequence[Averaging], names: Sequence[str], delay: f
     if moving >= len(names):
         return
     longest = max(windows, key=lambda window: window.duration)
-    hold = f"{longest.duration:.3g} s hold" if len(windows) == 1 else f"{len(windows)} logs hold"
+    hold = (
+        f"{longest.duration:.3g} s contain" if len(windows) == 1 else f"{len(windows)} logs contain"
+    )
     plural, length = "" if moving == 1 else "s", 2 * longest.half_width
     raise IdentifiabilityError(
         f"{hold} {moving or 'no'} window{plural} of {length:.3g} s in which the joint moves, fewer "
