@@ -36,7 +36,7 @@ def design(
     price: float = 120.0,
     track: Track = untracked,
 ) -> Answer:
-    """Say which run to do next: the one from which a goal is reached for the least robot time.
+    """Say which run to do next: the one that reaches a goal in the least robot time.
 
     Candidates: sines, multisines and free decays, with each added mass and without. Each one is
     simulated with the identified parameters.

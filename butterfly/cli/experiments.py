@@ -101,7 +101,7 @@ def reproduce(
     root: Annotated[Path | None, Parameter(metavar="FOLDER")] = None,
     out: OutFolder = None,
 ) -> None:
-    """Reproduce the thesis's numbers, with its mistakes and corrected.
+    """Reproduce the thesis's numbers, with its mistakes and without.
 
     Parameters
     ----------

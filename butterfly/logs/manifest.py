@@ -196,7 +196,7 @@ class Manifest(StrictModel):
     """Input between its samples: ``zero_order_hold`` (held until the next) or ``first_order_hold``
     (straight lines). If nobody says, both are compared, and what no log can tell counts as held."""
     sign: Literal[1, -1] = 1
-    """-1 if a positive command turns towards negative angles: the input is negated."""
+    """-1 if a positive command turns the joint towards negative angles: the input is negated."""
     arm: Annotated[Size | None, _Rule.FILLS] = None
     """Distance from pivot to added mass in m. An added mass on a hinge requires it."""
     joint: JointKind = JointKind.HINGE
@@ -212,12 +212,12 @@ class Manifest(StrictModel):
     pose: Annotated[dict[str, float], _Rule.ADDS] = Field(default={})
     """Positions of the model's other joints in rad or m. Default: their columns, its keyframe."""
     link_masses: LinkMasses = LinkMasses()
-    """How well that model's masses are known: 5 % (0.05), all by one factor."""
+    """Uncertainty of that model's masses: 5 % (0.05), one factor for all."""
     facts: ModelFacts | None = None
     """What the model says of the joint; read from it."""
     encoder: Literal["joint", "motor"] = "joint"
-    """``motor`` if angle, velocity, setpoint and the loop's gains are those before a gear; its
-    ``gear_ratio`` must be ``known``."""
+    """``motor`` if angle, velocity, setpoint and the loop's gains are on the motor side of a gear,
+    whose ``gear_ratio`` must be ``known``."""
     known: Annotated[dict[str, Uncertain], _checked(Prior.of), _Rule.ADDS] = Field(default={})
     """Known values of the robot, with standard uncertainties. See `butterfly.model.prior`."""
     zero: Uncertain | None = None

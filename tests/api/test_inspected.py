@@ -33,6 +33,11 @@ def test_what_is_loaded_lists_the_robot_that_an_experiment_names(quick, tmp_path
     assert named.judged is None
 
 
+def test_its_first_line_says_whose_values_these_are(quick):
+    first, *_ = bf.inspect(quick).summary
+    assert first == "The robot that 'quickstart' simulates: its true values."
+
+
 def test_its_rows_are_its_parameters_with_their_units(quick):
     units = {row["parameter"]: row["unit"] for row in bf.inspect(quick).rows()}
     assert [*units][:4] == ["p1", "p2", "p3", "p4"]

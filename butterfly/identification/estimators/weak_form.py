@@ -70,7 +70,7 @@ class WeakForm(Estimator):
     Parameters
     ----------
     terms
-        Terms fitted besides p1..p4, coulomb and delay; none if not given.
+        Terms fitted besides p1..p4, coulomb and delay. Default: none.
     half_width
         Half width of the test functions in s; if not given, each log's own, from its duration, its
         period and its noise.
