@@ -234,7 +234,7 @@ def digest_of(content: bytes) -> str:
 
 
 def signed(text: str) -> str:
-    """Return a JSON text with the digest of it, which tells of damage, in its empty ``digest``."""
+    """Return a JSON text with the digest of it, which reveals damage, in its empty ``digest``."""
     before, _, after = text.rpartition(_signature(""))
     return f"{before}{_signature(digest_of(text.encode()))}{after}"
 

@@ -162,7 +162,7 @@ def campaign(
         Mounts a mass, and returns when it is mounted; without it a motor's mass is never changed.
         The drive is off meanwhile. A continued campaign calls it before its first run.
     callbacks
-        Is told what begins and why, and shown each cycle (`butterfly.campaigns.callbacks`).
+        Is called with what begins and why, and at each cycle (`butterfly.campaigns.callbacks`).
 
     Raises
     ------

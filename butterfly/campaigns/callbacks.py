@@ -1,4 +1,4 @@
-"""Who is told what a campaign does, while it moves a joint."""
+"""What a campaign reports while it moves a joint, and to whom."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from butterfly.plant.motor import Reading
 
 
 class CampaignCallbacks:
-    """Is told each phase and shown each cycle; this one says nothing. Any method may be replaced.
+    """Is called at each phase and each cycle; this one does nothing. Any method may be replaced.
 
     What a method raises ends the campaign, with the drive off.
     """

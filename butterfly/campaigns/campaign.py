@@ -1,4 +1,4 @@
-"""Experiments on an unknown joint that choose themselves, until the goal is reached.
+"""Experiments on an unknown joint, each chosen from those before, until the goal is reached.
 
 Contact; a probe of little reach; then, after each run, identification by the same engine as of any
 logs, and the run from which the goal is reached for the least cost. While only one mass was seen
@@ -94,7 +94,7 @@ def conduct(
     carry: MountMass | None = None,
     callbacks: CampaignCallbacks | None = None,
 ) -> CampaignResult:
-    """Run a campaign, or go on with one, to its end.
+    """Run a campaign, or continue one, to its end.
 
     ``carry`` mounts a mass, or asks a person to, and returns when it is mounted; without it the
     mass is never changed. The drive is off whenever nothing is played.

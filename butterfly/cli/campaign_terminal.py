@@ -1,4 +1,4 @@
-"""A campaign on a terminal: what begins is asked for, what moves is shown, what ends is said."""
+"""A campaign on a terminal: it asks before it begins, shows the motion, and says how it ended."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class CampaignTerminal(CampaignCallbacks):
     asks
         Whether the first motion waits for Enter.
     moves
-        Whether a motor moves; nobody has to be told of a simulated one, except on a terminal.
+        Whether a motor moves; a simulated one is reported only on a terminal.
     """
 
     def __init__(self, *, asks: bool, moves: bool) -> None:

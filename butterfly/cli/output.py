@@ -1,6 +1,6 @@
 """What commands print: sentences, tables, documents; all, the verdict alone, or a document alone.
 
-How far long work has come is told on standard error: results alone go to standard output.
+Progress goes to standard error: standard output has only results.
 
 A pipe gets the same tables as a terminal of 80 columns (or of as many as ``COLUMNS`` says), but
 each sentence in one line, which `grep` finds whole.

@@ -179,7 +179,7 @@ class _Rule(Enum):
 class Manifest(StrictModel):
     """A data set: its files and what they have in common.
 
-    A new fact is a field here and its use. Marks say what an option does to the field.
+    A new fact is a field here, and its use. Its rule says what an option does to the field.
     """
 
     name: str
@@ -194,7 +194,8 @@ class Manifest(StrictModel):
     """Control loop of a servo: its ``law`` and gains. See `butterfly.model.servo`."""
     intersample: Annotated[Intersample | None, _Rule.FILLS] = None
     """Input between its samples: ``zero_order_hold`` (held until the next) or ``first_order_hold``
-    (straight lines). If nobody says, both are compared, and what no log can tell counts as held."""
+    (straight lines). If it is not given, both are compared; it is held if no log shows a
+    difference."""
     sign: Literal[1, -1] = 1
     """-1 if a positive command turns the joint towards negative angles: the input is negated."""
     arm: Annotated[Size | None, _Rule.FILLS] = None

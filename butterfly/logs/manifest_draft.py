@@ -127,9 +127,9 @@ def of_logs(
 
 
 def with_columns(manifest: Manifest, given: Mapping[str, Any] = MappingProxyType({})) -> Manifest:
-    """Return a manifest with the columns, the kind of input and the facts that files tell by name.
+    """Return a manifest with the columns, the kind of input and the facts that files name.
 
-    ``given`` is from `checked_options`. Columns that no name tells, or several, are left out.
+    ``given`` is from `checked_options`. Columns without a clear name are left out.
     """
     kind, entries, by_ending = given.get("input"), [*manifest.logs], dict[str, LogEntry]()
     if manifest.columns is None:
@@ -202,7 +202,7 @@ def _facts(manifest: Manifest, entry: LogEntry) -> dict[str, float]:
 
 
 def open_questions(manifest: Manifest, given: Collection[str], *, named: bool) -> dict[str, str]:
-    """Return the questions on a draft, by key that was not given; files ``named`` tell masses."""
+    """Return the questions on a draft, by key not given; names of ``named`` files give masses."""
     questions = {"units": _unit_taken(manifest)} | _QUESTIONS
     settled = {*given, "columns", "logs" * named}
     about = {"interval": manifest.interval, "input_kind": manifest.input}

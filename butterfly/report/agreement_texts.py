@@ -31,10 +31,10 @@ _FOLLOWS = {
 
 _CAUSES: dict[tuple[Condition, str], tuple[str, ...]] = {
     (Condition.MASS, "p1"): _WITH_MASS,
-    (Condition.MASS, "p2"): ("friction that grows with the load", *_WITH_MASS),
+    (Condition.MASS, "p2"): ("friction that depends on the load", *_WITH_MASS),
     (Condition.MASS, "p3"): ("wrong masses", *_WITH_MASS),
     (Condition.MASS, "p4"): ("the motor's resistance", "wrong masses", *_WITH_MASS),
-    (Condition.MASS, "coulomb"): ("friction that grows with the load", *_WITH_MASS),
+    (Condition.MASS, "coulomb"): ("friction that depends on the load", *_WITH_MASS),
     (Condition.SWING, "p1"): _PLAY,
     (Condition.SWING, "p2"): _FRICTION,
     (Condition.SWING, "p3"): ("a spring, such as a cable", *_PLAY),

@@ -47,7 +47,7 @@ def changes_of_mass(journal: Journal) -> int:
 def campaign_estimate(ended: CampaignResult) -> Estimate | None:
     """Return the estimate from all runs, of ratios to p1 while the scale is open; None if none.
 
-    Such an estimate was made with p1 = 1, which nobody has given.
+    Such an estimate was made with p1 = 1, which was not given.
     """
     if ended.identified is None:
         return None

@@ -200,7 +200,7 @@ def physical_numbers(parameters: PhysicalParameters) -> dict[str, dict[str, Any]
 
 
 def physical_sentences(parameters: PhysicalParameters) -> list[str]:
-    """Say what is left open, and which measurement would tell."""
+    """Say what is left open, and which measurement would determine it."""
     return [
         _SENTENCES[gap.missing].format(
             names=" and ".join(gap.names),

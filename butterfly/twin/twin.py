@@ -193,7 +193,7 @@ def listed(p: LumpedParameters, rows: Iterable[Term], unit: str) -> str:
 
 
 def told_of(servo: ServoLoop, held: Collection[str]) -> list[str]:
-    """Return what else is told of a servo's loop than what a format holds."""
+    """Return the facts of a servo's loop that a format does not hold."""
     return [
         f"{setting.name} {value.value if isinstance(value, Known) else value}"
         for setting in fields(servo)
