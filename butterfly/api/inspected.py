@@ -35,14 +35,16 @@ from butterfly.report.finding_texts import require_possible
 from butterfly.report.format import field_unit
 from butterfly.report.inspection import (
     FORECAST,
-    LOG_COLUMNS,
     STATES,
     Inspected,
     conditions_text,
     health_rows,
     hints,
     inspect_logs,
+    log_columns,
     log_row,
+    shared_findings,
+    shared_sentences,
     taken_sentences,
 )
 from butterfly.report.numbers import estimate_numbers
@@ -80,16 +82,18 @@ def inspection_answer(
         if inspected.log is not None and inspected.health is not None
         for pair in health_rows(inspected.log, inspected.health)
     ]
-    doubtful = PageTable.of(source, [r for r in rows if r["condition"] != ok], LOG_COLUMNS)
+    shared = shared_findings(rows)
+    columns = log_columns(shared)
+    doubtful = PageTable.of(source, [r for r in rows if r["condition"] != ok], columns)
     sound = [row for row in rows if row["condition"] == ok]
     forecast = PageTable(FORECAST, FORECAST_HEADERS, forecast_rows(forecasts))
     tables = [
         doubtful,
         forecast,
-        PageTable.of("Without findings", sound, LOG_COLUMNS, detail=True),
+        PageTable.of("Without findings", sound, columns, detail=True),
     ]
     if pairs:
-        findings = str(LOG_COLUMNS["findings"](rows[0])) or "none"
+        findings = str(columns["findings"](rows[0])) or "none"
         first = ("state", rows[0]["condition"]), ("findings", findings)
         tables = [PageTable(source, (), [*first, *pairs]), forecast]
     return Answer(
@@ -98,6 +102,7 @@ def inspection_answer(
         summary=(
             conditions_text([inspected.condition for inspected in seen]),
             *forecast_sentences(forecasts),
+            *shared_sentences(seen, shared),
             *hints(seen),
             *taken_sentences(seen),
             *more,

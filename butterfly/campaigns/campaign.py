@@ -157,7 +157,7 @@ class _Campaign:
             kind, mass = self._bench.input_kind, self._mounted
             unseen = validation(model.estimate, mass, self._wish.limits, kind, least)
             try:
-                self._play(_Next("held out, to test the prediction", unseen), held_out=True)
+                self._play(_Next("to test the prediction on a held-out run", unseen), held_out=True)
             except TimeUsed as error:
                 ending = f"{error}, before a held-out run could test the prediction"
         seen = {} if self._knowledge.sound is None else self._knowledge.sound.held_out

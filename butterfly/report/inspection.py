@@ -44,6 +44,25 @@ LOG_COLUMNS: Mapping[str, Callable[[Mapping[str, Any]], object]] = {
 }
 """Columns of the table of logs, each of a `log_row`."""
 
+
+def shared_findings(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return the texts of findings that all of several logs have, which are said once."""
+    texts = [[finding["text"] for finding in row["findings"]] for row in rows]
+    return [text for text in texts[0] if all(text in other for other in texts[1:])] * bool(
+        texts[1:]
+    )
+
+
+def log_columns(shared: Sequence[str]) -> dict[str, Callable[[Mapping[str, Any]], object]]:
+    """Return `LOG_COLUMNS` without the findings that are ``shared`` by all logs."""
+
+    def unshared(row: Mapping[str, Any]) -> str:
+        texts = (finding["text"] for finding in row["findings"])
+        return "; ".join(text for text in texts if text not in shared)
+
+    return {**LOG_COLUMNS, "findings": unshared}
+
+
 _ADVICE = {
     Level.GOOD: "No check found a problem with this log.",
     Level.NOTE: "Nothing needs to be done.",
@@ -122,9 +141,15 @@ def hints(seen: Iterable[Inspected]) -> list[str]:
 
 
 def taken_sentences(seen: Iterable[Inspected]) -> list[str]:
-    """Say what inputs were taken in whose files do not say it."""
+    """Say which units of inputs are assumed because no file states them."""
     assumed = [r.text for inspected in seen for r in inspected.remarks if r.condition is Level.GOOD]
     return [f"{text[:1].upper()}{text[1:]}." for text in dict.fromkeys(assumed)]
+
+
+def shared_sentences(seen: Sequence[Inspected], shared: Sequence[str]) -> list[str]:
+    """Say once what all logs have in common, besides `taken_sentences`."""
+    assumed = {r.text for inspected in seen for r in inspected.remarks if r.condition is Level.GOOD}
+    return [f"All {len(seen)} logs: {text}." for text in shared if text not in assumed]
 
 
 def _inspected(manifest: Manifest, entry: LogEntry) -> Inspected:

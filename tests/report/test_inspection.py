@@ -3,7 +3,12 @@
 import pytest
 
 from butterfly.logs.health import examine
-from butterfly.report.inspection import conditions_text, health_rows
+from butterfly.report.inspection import (
+    conditions_text,
+    health_rows,
+    log_columns,
+    shared_findings,
+)
 from butterfly.verdict import Level
 
 
@@ -28,3 +33,20 @@ def test_health_rows_find_the_frequency_and_the_swing(sine_log):
 def test_health_is_told_by_severity(counts, text):
     conditions = [each for each, n in zip(Level, counts, strict=True) for _ in range(n)]
     assert conditions_text(conditions) == text
+
+
+def _row(*texts):
+    return {"log": "a.csv", "condition": "note", "findings": [{"text": text} for text in texts]}
+
+
+def test_what_all_logs_have_is_not_repeated_in_the_row_of_each():
+    rows = [_row("input taken in V", "2 gaps"), _row("input taken in V")]
+    assert shared_findings(rows) == ["input taken in V"]
+    column = log_columns(shared_findings(rows))["findings"]
+    assert [column(row) for row in rows] == ["2 gaps", ""]
+
+
+def test_a_single_log_keeps_all_its_findings():
+    (row,) = rows = [_row("2 gaps")]
+    assert shared_findings(rows) == []
+    assert log_columns([])["findings"](row) == "2 gaps"
