@@ -64,8 +64,8 @@ def watch_section(watched: Watched, zero: float) -> Section:
         title="Watched for changes",
         text=f"{lead}\nStatistic: the largest change of a parameter since any instant, in standard "
         "errors, relative to a reference period; none at the start and after an alarm, while the "
-        f"reference is recorded. Vertical lines: alarms. Amplitude: over {_SWINGS} periods, with the "
-        "dither; the controller is retuned continuously.",
+        f"reference is recorded. Vertical lines: alarms. Amplitude: over {_SWINGS} periods, with "
+        "the dither; the controller is retuned continuously.",
         tables=tuple(map(_causes_table, detector.alarms)),
         figures={"watched": figure},
     )
