@@ -37,9 +37,10 @@ profile: $(VENV)/.development
 	$(WITH_KERNELS) $(BIN)/pytest -q -n auto --dist loadfile --ignore=tests/benchmarks -m '$(PROFILED)' \
 		-p tests.cpu_profile --profile-to build/profile.json
 
-# The documentation as a site in build/site, which opens from its folder; a broken link fails it.
+# The documentation as a site in build/site, which opens from its folder; a broken link fails it. The
+# notebooks run first: minutes, after a change of one of them or of the program.
 docs: $(VENV)/.development
-	$(BIN)/python docs/site/gather.py
+	$(WITH_KERNELS) $(BIN)/python docs/site/gather.py
 	$(BIN)/zensical build --clean --strict
 	$(BIN)/python docs/site/gather.py finish
 

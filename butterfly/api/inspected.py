@@ -98,7 +98,7 @@ def inspection_answer(
         PageTable.of("Without findings", sound, columns, detail=True),
     ]
     if pairs:
-        findings = str(LOG_COLUMNS["findings"](rows[0])) or "none"
+        findings = str(columns["findings"](rows[0])) or "none"
         first = ("state", rows[0]["condition"]), ("findings", findings)
         tables = [PageTable(source, (), [*first, *pairs]), forecast]
     return Answer(
@@ -177,12 +177,14 @@ def model_answer(named: NamedTwin) -> Answer:
         ("resonance", f"{resonance:.5g} rad/s"),
     ]
     rows = [{"parameter": name, **numbers[name]} for name in sorted(numbers, key=[*TERMS].index)]
+    truth = f"The robot that {twin.name!r} simulates: its true values."
+    lines = verdict.lines if verdict else (truth,)
     tables = [PageTable("", (), pairs), PageTable.of("Lumped parameters", rows, detail=True)]
     return Answer(
         kind="model",
         title=f"The robot of {twin.name!r}",
         judged=verdict,
-        summary=(*(verdict.lines if verdict else ()), *filter(None, [named.note])),
+        summary=(*lines, *filter(None, [named.note])),
         content={
             "data": {"name": twin.name, "input": str(kind)},
             **named.numbers,
@@ -232,10 +234,10 @@ def inspect(
     track: Track = untracked,
     **description: Any,  # noqa: ANN401 - what `read` takes
 ) -> Answer:
-    """Check logs for faults, and forecast which parameters they can tell.
+    """Check logs for faults, and forecast how well they determine the parameters.
 
-    Checks clock, gaps, saturation and clipping; several logs come worst first, those without
-    findings with --verbose. Of an experiment or a saved result: the robot's parameters instead.
+    Checks clock, gaps, saturation and clipping. Several logs are listed worst first; --verbose adds
+    those without findings. Of an experiment or a saved result: the robot's parameters instead.
 
     Parameters
     ----------

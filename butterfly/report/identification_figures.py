@@ -122,9 +122,9 @@ class IdentificationPlots:
     def frequency_response(self) -> Figure:
         """Draw gain and phase over frequency, measured and modelled, and the residual.
 
-        Each simulated log is treated as the measured one is. The lines pass through what that
-        gives; in between they follow the describing functions, at a swing in between. Of logs
-        without sines there are only these, at the median of their rms swings.
+        Each simulated log is evaluated like the measured one. The lines pass through these points;
+        in between they follow the describing functions, at a swing in between. Logs without sines
+        have only the describing functions, at the median of their rms swings.
         """
         data, parameters = self.identification.data, self.identification.estimate.parameters
         count = len(_HEIGHTS) if data.sines else 2
@@ -192,7 +192,7 @@ class IdentificationPlots:
         Parameters
         ----------
         log
-            The one with the middle FIT if not given.
+            Default: the log with the median FIT.
         """
         runs = self.identification.free_runs
         names = [run.log.name for run in runs]

@@ -31,7 +31,7 @@ from butterfly.verdict import Level
 STATES = {Level.GOOD: "ok", Level.NOTE: "note", Level.CARE: "care", Level.WARNING: "do not use"}
 """Condition of a log, in a word or two."""
 
-FORECAST = "What these logs can tell"
+FORECAST = "Expected precision"
 """Title of the table of forecasts."""
 
 LOG_COLUMNS: Mapping[str, Callable[[Mapping[str, Any]], object]] = {
@@ -43,6 +43,7 @@ LOG_COLUMNS: Mapping[str, Callable[[Mapping[str, Any]], object]] = {
     "findings": lambda row: "; ".join(finding["text"] for finding in row["findings"]),
 }
 """Columns of the table of logs, each of a `log_row`."""
+
 
 _ADVICE = {
     Level.GOOD: "No check found a problem with this log.",
@@ -122,7 +123,7 @@ def hints(seen: Iterable[Inspected]) -> list[str]:
 
 
 def taken_sentences(seen: Iterable[Inspected]) -> list[str]:
-    """Say what inputs were taken in whose files do not say it."""
+    """Say which units of inputs are assumed because no file states them."""
     assumed = [r.text for inspected in seen for r in inspected.remarks if r.condition is Level.GOOD]
     return [f"{text[:1].upper()}{text[1:]}." for text in dict.fromkeys(assumed)]
 

@@ -243,7 +243,7 @@ class Page:
 
     @property
     def findings(self) -> list[str]:
-        """The summary, but for what the badge says."""
+        """The summary without the sentences of the badge."""
         reasons = self.headed.reasons if self.headed else ()
         return [sentence for sentence in self.summary if sentence not in reasons]
 

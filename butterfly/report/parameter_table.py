@@ -14,7 +14,7 @@ from butterfly.model.prior import plain
 from butterfly.report.format import interval, limit_text, upwards, with_error
 from butterfly.report.page import Marked, PageTable
 
-FORECAST_HEADERS = ("parameter", "meaning", "before the fit", "expected", "what would mend it")
+FORECAST_HEADERS = ("parameter", "meaning", "before the fit", "expected", "remedy")
 """Headers of `forecast_rows`."""
 
 _NEXT_TO_ZERO = 10.0  # times the true value, from which a deviation in per cent says nothing
@@ -215,7 +215,7 @@ def physical_numbers(parameters: PhysicalParameters) -> dict[str, dict[str, Any]
 
 
 def physical_sentences(parameters: PhysicalParameters) -> list[str]:
-    """Say what is left open, and which measurement would tell."""
+    """Say what is left open, and which measurement would determine it."""
     return [
         _SENTENCES[gap.missing].format(
             names=" and ".join(gap.names),
