@@ -67,6 +67,7 @@ def _experiments() -> dict[str, Function]:
         "fetch": experiments.fetch,
         "schema": experiments.schema,
         "reproduce": experiments.reproduce,
+        "report": experiments.report,
     }
 
 
@@ -119,6 +120,7 @@ COMMANDS = {
     "campaign": Command("Use a robot", _verbs, "campaign"),
     "schema": Command("Simulated experiments", _experiments),
     "reproduce": Command("Simulated experiments", _experiments, "reproduction"),
+    "report": Command("If it fails", _experiments),
     "results list": Command("Commands", _results, "results"),
     "results show": Command("Commands", _results, "run"),
     "results table": Command("Commands", _results, "table"),
@@ -154,6 +156,7 @@ EXAMPLES = {
     "butterfly campaign my_robot:motor --command 6 --masses 0,0.1 --arm 0.1 --out campaign",
     "schema": "butterfly schema experiment --out experiment.schema.json",
     "reproduce": "butterfly reproduce thesis --out figures",
+    "report": "butterfly report logs --with result.json --bundle report.zip",
     "results show": "butterfly results show results/large-sweep 0",
     "results table": "butterfly results table results/large-sweep --columns number,fit_median",
 }

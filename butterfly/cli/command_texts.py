@@ -28,6 +28,9 @@ SUMMARIES = {
     ),
     "schema": "Print the JSON Schema of experiment or manifest files.",
     "reproduce": "Reproduce the thesis's numbers, with its mistakes and corrected.",
+    "report": (
+        "Collect what to attach to a report of an error: versions, health of logs, a result."
+    ),
     "results list": "List sweeps, and how many of their runs are done.",
     "results show": "Show one run: settings, estimates, times and versions.",
     "results table": "Print a sweep's table, or export it.",
