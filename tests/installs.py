@@ -15,14 +15,16 @@ import sys
 import tarfile
 import tempfile
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 VERSIONS = ("3.11", "3.12", "3.13", "3.14")
 TESTS = ("tests/model", "tests/signals", "tests/logs", "tests/test_butterfly_testbed.py")
 TOOLS = ("hypothesis", "pytest", "pyyaml")
-EXTRAS = "butterfly-testbed[can,excel,hdf5,matlab,mcap,pandas]"
+EXTRAS = ("can", "excel", "hdf5", "matlab", "mcap", "pandas")
 COLUMNS = ("Python", "versions", "quick start", "tests", "pip, sdist", "uv tool", "pipx")
+NAME, NO = "butterfly-testbed", "no: "
 _LONGEST = 90  # characters of a reason
 
 
@@ -44,7 +46,8 @@ def run(*words: object, cwd: Path | None = None, **environment: str) -> str:
     )
     if ended.returncode:
         lines = [line.strip() for line in ended.stdout.splitlines() if line.strip()]
-        raise FailedError((lines or [f"exit code {ended.returncode}"])[-1][:_LONGEST])
+        reasons = [line for line in lines if line.startswith(("error", "E ", "FAILED", "×"))]
+        raise FailedError([f"exit code {ended.returncode}", *lines, *reasons][-1][:_LONGEST])
     return ended.stdout
 
 
@@ -76,15 +79,14 @@ def attempt(what: Callable[[], str]) -> str:
     """Return what something answers, or why it failed."""
     try:
         return what()
-    except FailedError as error:
-        return f"no: {error}"
+    except (FailedError, FileNotFoundError) as error:
+        return f"{NO}{error}"
 
 
 def on_python(version: str, uv: str, wheel: Path, source: Path, place: Path) -> list[str]:
     """Return a row of the table: all that is tried on a Python."""
     python = python_of(version, uv)
     lowest = version == VERSIONS[0]
-    extra = f"{EXTRAS} @ {wheel.as_uri()}"
     own = place / "wheel"
     elsewhere = place / "elsewhere"
     elsewhere.mkdir(parents=True)
@@ -93,10 +95,15 @@ def on_python(version: str, uv: str, wheel: Path, source: Path, place: Path) -> 
 
     def by_wheel() -> str:
         how = ("--resolution", "lowest-direct") if lowest else ()
-        run(uv, "pip", "install", "--quiet", "--python", own, *how, extra)
+        install = (uv, "pip", "install", "--quiet", "--no-build", "--python", own, *how)
+        run(*install, wheel)
         for command in ("butterfly", "butterfly-testbed"):
             run(binaries / command, "--version", cwd=elsewhere)
-        return "lowest" if lowest else "newest"
+        more = {extra: f"{NAME}[{extra}] @ {wheel.as_uri()}" for extra in EXTRAS}
+        done = {extra: attempt(partial(run, *install, named)) for extra, named in more.items()}
+        without = [extra for extra, answer in done.items() if answer.startswith(NO)]
+        missing = f", without {', '.join(without)} (no wheels)" if without else ""
+        return f"{'lowest' if lowest else 'newest'}{missing}"
 
     def quick_start() -> str:
         out = ("--force", "--out", "run")
@@ -157,7 +164,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             print(*row, sep=" | ", flush=True)
             shutil.rmtree(place, ignore_errors=True)
     print(*(f"| {' | '.join(row)} |" for row in rows), sep="\n")
-    sys.exit(any(cell.startswith("no: ") for row in rows for cell in row))
+    sys.exit(any(cell.startswith(NO) for row in rows for cell in row))
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ def _run(*folders):
     path = os.pathsep.join(map(str, [*folders, ROOT]))
     call = "import sys; sys.argv[1:] = ['--version']; from butterfly_testbed import main; main()"
     ended = subprocess.run(  # noqa: S603 - our own
-        [sys.executable, "-c", call],
+        [sys.executable, "-P", "-c", call],
         env=os.environ | {"PYTHONPATH": path},
         capture_output=True,
         text=True,

@@ -14,7 +14,8 @@ from pathlib import Path
 
 CHECKOUT = Path(__file__).parents[2]
 DOCS, PAGES, SITE = (CHECKOUT / name for name in ("docs", "build/docs", "build/site"))
-BESIDE = ("CHANGELOG.md", "examples/*.*", "experiments/**/*.*", "models/**/*.*")
+OF_PROJECT = ("CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md")
+BESIDE = (*OF_PROJECT, "examples/*.*", "experiments/**/*.*", "models/**/*.*")
 SHIM = "iframe-worker.js"
 NETWORK = "https://unpkg.com/iframe-worker/shim"
 """What Zensical loads from the network where pages are opened as files."""
