@@ -20,7 +20,10 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 VERSIONS = ("3.11", "3.12", "3.13", "3.14")
-TESTS = ("tests/model", "tests/signals", "tests/logs", "tests/test_butterfly_testbed.py")
+TESTS = (
+    *("tests/signals", "tests/logs/test_csv.py", "tests/logs/test_mat.py"),
+    *("tests/logs/test_matlab_variables.py", "tests/test_butterfly_testbed.py"),
+)
 TOOLS = ("hypothesis", "pytest", "pyyaml")
 EXTRAS = ("can", "excel", "hdf5", "matlab", "mcap", "pandas")
 COLUMNS = ("Python", "versions", "quick start", "tests", "pip, sdist", "uv tool", "pipx")
@@ -83,8 +86,10 @@ def attempt(what: Callable[[], str]) -> str:
         return f"{NO}{error}"
 
 
-def on_python(version: str, uv: str, wheel: Path, source: Path, place: Path) -> list[str]:
-    """Return a row of the table: all that is tried on a Python."""
+def on_python(
+    version: str, *, uv: str, wheel: Path, source: Path, place: Path, asked: Sequence[str]
+) -> list[str]:
+    """Return a row of the table: all that is tried on a Python, with the tests asked for."""
     python = python_of(version, uv)
     lowest = version == VERSIONS[0]
     own = place / "wheel"
@@ -118,8 +123,8 @@ def on_python(version: str, uv: str, wheel: Path, source: Path, place: Path) -> 
         (sources,) = elsewhere.glob("butterfly_testbed-*")
         for name in ("butterfly", "butterfly_testbed", "models", "experiments"):
             shutil.rmtree(sources / name)  # those of the wheel are tested
-        quiet = ("-q", "-p", "no:cacheprovider", "-m", "not slow")
-        text = run(binaries / "python", "-m", "pytest", *quiet, *TESTS, cwd=sources)
+        quiet = ("-q", "-p", "no:cacheprovider", "-m", "not slow", *asked)
+        text = run(binaries / "python", "-m", "pytest", *quiet, cwd=sources)
         return text.strip().splitlines()[-1].partition(" in ")[0]
 
     def by_pip() -> str:
@@ -149,6 +154,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Print the table; end with 1 if something failed on a Python that is there."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", nargs="+", default=VERSIONS, choices=VERSIONS)
+    parser.add_argument("--tests", nargs="+", default=TESTS, help="of the source distribution")
     parser.add_argument("--uv", default=shutil.which("uv") or "uv")
     asked = parser.parse_args(arguments)
     rows = [COLUMNS, tuple("---" for _ in COLUMNS)]
@@ -157,7 +163,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
         for version in asked.only:
             place = Path(folder) / version
             try:
-                row = on_python(version, asked.uv, wheel, source, place)
+                row = on_python(
+                    version,
+                    uv=asked.uv,
+                    wheel=wheel,
+                    source=source,
+                    place=place,
+                    asked=asked.tests,
+                )
             except FailedError as error:
                 row = [version, f"not tried, no such Python here: {error}"]
             rows.append(tuple([*row, *[""] * len(COLUMNS)][: len(COLUMNS)]))

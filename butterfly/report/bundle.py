@@ -154,7 +154,7 @@ def system() -> dict[str, Any]:
     }
 
 
-def packages() -> dict[str, str | None]:
+def packages() -> dict[str, str]:
     """Return the installed versions of the program and of all that it may use."""
     try:
         requirements = requires(_DISTRIBUTION) or []
@@ -202,7 +202,9 @@ def _health(log: Log, manifest: Manifest) -> dict[str, Any]:
         refused = {"log": log.name, "condition": STATES[Level.WARNING]} | failure(examined)
         return refused | ({"message": str(examined)} if isinstance(examined, InputError) else {})
     repaired, health = examined
-    row = log_row(Inspected(name=log.name, log=repaired, health=health, remarks=health.remarks))
+    row = log_row(
+        Inspected(name=log.name, log=repaired, health=health, remarks=tuple(health.remarks))
+    )
     return {name: value for name, value in row.items() if name not in _OF_ROW} | {"log": log.name}
 
 
