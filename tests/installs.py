@@ -19,6 +19,7 @@ from functools import partial
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
+PROJECT = ROOT / "pyproject.toml"
 VERSIONS = ("3.11", "3.12", "3.13", "3.14")
 TESTS = (
     *("tests/signals", "tests/logs/test_csv.py", "tests/logs/test_mat.py"),
@@ -99,13 +100,20 @@ def on_python(
     binaries = own / ("Scripts" if os.name == "nt" else "bin")
 
     def by_wheel() -> str:
-        how = ("--resolution", "lowest-direct") if lowest else ()
-        install = (uv, "pip", "install", "--quiet", "--no-build", "--python", own, *how)
-        run(*install, wheel)
+        install = (uv, "pip", "install", "--quiet", "--no-build", "--python", own)
+        if lowest:  # of what the project itself declares: a wheel's requirements are not direct
+            install = (*install, "--resolution", "lowest-direct", "--requirement", PROJECT)
+            run(*install)
+            run(uv, "pip", "install", "--quiet", "--no-deps", "--python", own, wheel)
+        else:
+            run(*install, wheel)
         for command in ("butterfly", "butterfly-testbed"):
             run(binaries / command, "--version", cwd=elsewhere)
-        more = {extra: f"{NAME}[{extra}] @ {wheel.as_uri()}" for extra in EXTRAS}
-        done = {extra: attempt(partial(run, *install, named)) for extra, named in more.items()}
+        more: dict[str, tuple[str, ...]] = {
+            extra: ("--extra", extra) if lowest else (f"{NAME}[{extra}] @ {wheel.as_uri()}",)
+            for extra in EXTRAS
+        }
+        done = {extra: attempt(partial(run, *install, *words)) for extra, words in more.items()}
         without = [extra for extra, answer in done.items() if answer.startswith(NO)]
         missing = f", without {', '.join(without)} (no wheels)" if without else ""
         return f"{'lowest' if lowest else 'newest'}{missing}"
