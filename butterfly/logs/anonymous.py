@@ -15,10 +15,10 @@ import numpy as np
 from butterfly.logs.formats import FORMATS
 from butterfly.logs.log import AS_WRITTEN, OF_SERVO, SAMPLED, Log
 from butterfly.logs.manifest import LogEntry, Manifest
+from butterfly.model.prior import Known, known_of
 from butterfly.model.servo import LAWS, ServoLoop
 
-_OF_DATA_SET = ("input", "intersample", "joint", "shape", "gravity", "known", "repair", "zero")
-_OF_ENTRY = ("input", "zero")
+_OF_DATA_SET = ("input", "intersample", "joint", "shape", "gravity", "repair")
 _ASKED = ("sign", "encoder", "units", "interval", "split")
 _OTHER = "other"  # format of a file with an unknown ending
 
@@ -44,7 +44,9 @@ def anonymous_manifest(manifest: Manifest, logs: Iterable[tuple[LogEntry, Log]])
     """Return the manifest of logs of a manifest, each in a file of its own, in the usual units."""
     facts = manifest.model_dump(include={*_OF_DATA_SET})
     entries = [_anonymous_entry(entry, log) for entry, log in logs]
-    return Manifest(name="logs", root=".", loop=loop_facts(manifest.loop), logs=entries, **facts)
+    known = {name: _number(value) for name, value in manifest.prior.values.items()}
+    about = {"known": known, "zero": _number(manifest.zero), "loop": loop_facts(manifest.loop)}
+    return Manifest(name="logs", root=".", logs=entries, **facts, **about)
 
 
 def manifest_facts(manifest: Manifest) -> dict[str, Any]:
@@ -68,10 +70,15 @@ def format_of(entry: LogEntry) -> str:
 
 
 def _anonymous_entry(entry: LogEntry, log: Log) -> LogEntry:
-    facts: dict[str, Any] = {field: getattr(entry, field) for field in _OF_ENTRY}
-    facts["loop"] = loop_facts(entry.loop or {}) or None
+    loop = loop_facts(entry.loop or {}) or None
+    facts = {"input": entry.input, "zero": _number(entry.zero), "loop": loop}
     bare = LogEntry.carrying(f"{log.name}.csv", log.added_mass, log.excitation)
     return bare.model_copy(update=facts)
+
+
+def _number(value: Any) -> Known | None:  # noqa: ANN401 - as a manifest gives it
+    """Return a value without the name of the motor that it is from."""
+    return None if value is None else replace(known_of(value), origin="")
 
 
 def loop_facts(given: Mapping[str, Any]) -> dict[str, Any]:
