@@ -42,11 +42,11 @@ def anonymous_log(log: Log, name: str) -> Log:
 
 def anonymous_manifest(manifest: Manifest, logs: Iterable[tuple[LogEntry, Log]]) -> Manifest:
     """Return the manifest of logs of a manifest, each in a file of its own, in the usual units."""
-    facts = manifest.model_dump(include={*_OF_DATA_SET})
+    facts: dict[str, Any] = manifest.model_dump(include={*_OF_DATA_SET})
     entries = [_anonymous_entry(entry, log) for entry, log in logs]
     known = {name: _number(value) for name, value in manifest.prior.values.items()}
-    about = {"known": known, "zero": _number(manifest.zero), "loop": loop_facts(manifest.loop)}
-    return Manifest(name="logs", root=".", logs=entries, **facts, **about)
+    facts |= {"known": known, "zero": _number(manifest.zero), "loop": loop_facts(manifest.loop)}
+    return Manifest(name="logs", root=".", logs=entries, **facts)
 
 
 def manifest_facts(manifest: Manifest) -> dict[str, Any]:
