@@ -45,7 +45,7 @@ def anonymous_manifest(manifest: Manifest, logs: Iterable[tuple[LogEntry, Log]])
     facts: dict[str, Any] = manifest.model_dump(include={*_OF_DATA_SET})
     entries = [_anonymous_entry(entry, log) for entry, log in logs]
     known = {name: _number(value) for name, value in manifest.prior.values.items()}
-    facts |= {"known": known, "zero": _number(manifest.zero), "loop": loop_facts(manifest.loop)}
+    facts.update(known=known, zero=_number(manifest.zero), loop=loop_facts(manifest.loop))
     return Manifest(name="logs", root=".", logs=entries, **facts)
 
 
