@@ -23,6 +23,7 @@ _MARKS = {
     ".xml": "<!-- butterfly.{} -->",
     ".urdf": "<!-- butterfly.{} -->",
     ".parquet": "butterfly.{}",
+    ".zip": "butterfly.{}",
 }
 """What marks a file of a kind, by the ending of its name."""
 

@@ -27,6 +27,9 @@ SUMMARIES = {
     ),
     "schema": "Print the JSON Schema of experiment or manifest files.",
     "reproduce": "Reproduce the thesis's numbers, with its mistakes and without.",
+    "report": (
+        "Collect what to attach to a report of an error: versions, health of logs, a result."
+    ),
     "library list": "List the motors of the library.",
     "library show": "Show a motor: what it takes to another joint, and where that is from.",
     "library draft": (

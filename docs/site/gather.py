@@ -20,8 +20,9 @@ from notebooks import NOTEBOOKS, as_page, executed, style
 
 CHECKOUT = Path(__file__).parents[2]
 DOCS, PAGES, SITE = (CHECKOUT / name for name in ("docs", "build/docs", "build/site"))
+OF_PROJECT = ("CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md")
 BESIDE = (
-    "CHANGELOG.md",
+    *OF_PROJECT,
     "examples/*.*",
     "examples/notebooks/*.ipynb",
     "experiments/**/*.*",
