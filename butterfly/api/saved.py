@@ -79,6 +79,16 @@ def answer_of(content: dict[str, Any], **more: Any) -> Answer:  # noqa: ANN401 -
     return _WITH_MORE.get(kind, Answer).from_dict(content, **more)
 
 
+def kind_of(file: Path) -> str:
+    """Return the kind of answer that a file seems to hold; empty if none."""
+    try:
+        schema = json.loads(file.read_bytes())["schema"]
+    except (OSError, ValueError, LookupError, TypeError, RecursionError):
+        return ""
+    kind = str(schema).removeprefix("butterfly.")
+    return kind if kind in ANSWERS else ""
+
+
 def read_saved(file: Path) -> dict[str, Any]:
     """Return the content of a saved result; InputError if it is none, or damaged."""
     with whole(file, "a saved result"):

@@ -85,9 +85,6 @@ def _results() -> dict[str, Function]:
     from butterfly.cli import results  # noqa: PLC0415 - when one is called
 
     return {
-        "results list": results.list_sweeps,
-        "results show": results.show_run,
-        "results table": results.table,
         "results clean": results.clean,
     }
 
@@ -102,7 +99,7 @@ class Command(NamedTuple):
 
 
 COMMANDS = {
-    "inspect": Command("Logs", _verbs, "inspection", ("model",)),
+    "inspect": Command("Logs", _verbs, "inspection", ("model", "results", "run", "sweep")),
     "manifest": Command("Logs", _experiments),
     "fetch": Command("Logs", _experiments),
     "identify": Command("Identify", _verbs, "identification"),
@@ -119,16 +116,14 @@ COMMANDS = {
     "campaign": Command("Use a robot", _verbs, "campaign"),
     "schema": Command("Simulated experiments", _experiments),
     "reproduce": Command("Simulated experiments", _experiments, "reproduction"),
-    "results list": Command("Commands", _results, "results"),
-    "results show": Command("Commands", _results, "run"),
-    "results table": Command("Commands", _results, "table"),
     "results clean": Command("Commands", _results),
 }
 """All commands, by the words that call them, in the order of help."""
 
 EXAMPLES = {
     "inspect": "butterfly inspect logs/ --units time=ms; "
-    "butterfly inspect Data_52__8__002.mat --report log.html",
+    "butterfly inspect Data_52__8__002.mat --report log.html; "
+    "butterfly inspect results; butterfly inspect results/large-sweep/0",
     "manifest": "butterfly manifest logs --units time=ms,angle=deg",
     "identify": "butterfly identify real-logs --report report.html --save result.json; "
     "butterfly identify arm.csv --model arm.xml --of elbow",
@@ -154,14 +149,21 @@ EXAMPLES = {
     "butterfly campaign my_robot:motor --command 6 --masses 0,0.1 --arm 0.1 --out campaign",
     "schema": "butterfly schema experiment --out experiment.schema.json",
     "reproduce": "butterfly reproduce thesis --out figures",
-    "results show": "butterfly results show results/large-sweep 0",
-    "results table": "butterfly results table results/large-sweep --columns number,fit_median",
+    "results clean": "butterfly results clean results/large-sweep --failed",
 }
 """Calls that help shows last, by command."""
 
 _DATA = "root arm input intersample columns units repair known zero joint gravity interval from to"
 OF_DATA = {f"--{name}" for name in (*_DATA.split(), "restarts")}
 """Options of the commands that read logs without a manifest."""
+
+_MOVED = {
+    "results list": "butterfly inspect FOLDER",
+    "results show": "butterfly inspect FOLDER/NUMBER",
+    "results table": "butterfly inspect FOLDER; all rows are in its runs.parquet and "
+    "estimates.parquet",
+}
+"""Former commands, and what does the same."""
 
 _SEARCHING = {"Identify", "Check a result"}
 """Groups of the commands that search, for as long as --budget says."""
@@ -183,7 +185,7 @@ def program(tokens: Sequence[str] | None = None) -> App:
         group_commands=_EVERYWHERE,
         group_parameters=Group("Options", sort_key=1),
     )
-    results = App(name="results", help="List, show, export and clean up the results of sweeps.")
+    results = App(name="results", help="Clean up the results of sweeps.")
     results.group = Group("Results", sort_key=8)
     app.command(results)  # its commands have the names of groups of `app`
     panels = dict.fromkeys(command.panel for command in COMMANDS.values())
@@ -253,6 +255,8 @@ def launch(
     if help_all:
         tokens = (*tokens, "--help")
     name = _name_of(tokens)
+    if name in _MOVED:
+        raise InputError("butterfly", "command", name, _MOVED[name])
     called = COMMANDS.get(name, _NO_COMMAND)
     if json is not None and not called.answer:
         raise InputError("butterfly", "--json", name, "a command with a JSON answer")

@@ -28,9 +28,6 @@ SUMMARIES = {
     ),
     "schema": "Print the JSON Schema of experiment or manifest files.",
     "reproduce": "Reproduce the thesis's numbers, with its mistakes and corrected.",
-    "results list": "List sweeps, and how many of their runs are done.",
-    "results show": "Show one run: settings, estimates, times and versions.",
-    "results table": "Print a sweep's table, or export it.",
     "results clean": "Remove outdated records and unfinished files.",
 }
 """First lines of commands."""
@@ -39,8 +36,9 @@ DESCRIPTIONS = {
     "inspect": (
         "Check logs for faults, and forecast which parameters they can tell.\n\nChecks "
         "clock, gaps, saturation and clipping; several logs come worst first, those "
-        "without findings with --verbose. Of an experiment or a saved result: the robot's "
-        "parameters instead."
+        "without findings with --verbose. Of an experiment or a saved identification: the "
+        "robot's parameters instead. Of a folder of results: what is in it, verdict "
+        "first; of a run or sweep: its answer."
     ),
     "identify": (
         "Identify the joint from logs.\n\nThe result has a verdict, and the parameters with "
@@ -87,7 +85,8 @@ DESCRIPTIONS = {
 
 ARGUMENTS = {
     "inspect.source": (
-        "Logs, a folder of logs, a manifest, a saved result, an experiment, or a shipped name."
+        "Logs, a folder of logs, a manifest, an experiment, or a shipped name; a saved "
+        "result, a folder of results, or a run of a sweep: results/NAME/NUMBER."
     ),
     "identify.data": (
         "Logs, a folder of logs, a manifest, a saved result, or a shipped data set's name."

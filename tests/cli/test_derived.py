@@ -30,9 +30,10 @@ def _options(call):
     return [each.names for each in arguments if each.names and each.names[0].startswith("-")]
 
 
-def test_commands_have_eleven_options_at_most_in_the_mean():
+def test_commands_have_209_options_at_most_in_all():
+    """It was a mean of eleven of 21 commands: it would rise as a command without options goes."""
     assert COMMANDS.keys() == CALLS.keys()
-    assert 5 < sum(len(_options(call)) for call in COMMANDS) / len(COMMANDS) <= 11
+    assert 100 < sum(len(_options(call)) for call in COMMANDS) <= 209
 
 
 def test_only_commands_that_describe_data_take_what_is_said_of_them():
@@ -40,7 +41,7 @@ def test_only_commands_that_describe_data_take_what_is_said_of_them():
         names = {name for option in _options(call) for name in option}
         told = names >= OF_DATA
         assert told == (call in {"inspect", "manifest", "identify"}), call
-        assert told or "--columns" not in names or call == "results table"
+        assert told or "--columns" not in names
 
 
 def test_short_forms_mean_the_same_everywhere():
