@@ -15,8 +15,8 @@ from butterfly.api.saved import answer_of, read_saved
 from butterfly.api.sources import Named
 from butterfly.arguments import checked
 from butterfly.errors import ButterflyError, InputError
-from butterfly.experiment.perform import RunResult, outcome_of, perform
-from butterfly.experiment.record import OK, REFUSED, EstimateRecord, RunRecord
+from butterfly.experiment.perform import perform
+from butterfly.experiment.record import OK, REFUSED, EstimateRecord, Outcome, RunRecord
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.simulate import data_set_of, file_of, write_logs
 from butterfly.experiment.simulate import simulate as simulated_logs
@@ -273,11 +273,10 @@ def _run_once(
     store, experiment, (task,) = ResultStore(folder), plan.experiment, plan.tasks
     names = keep_experiment(source, folder)
     store.begin_sweep(sweep_record(plan))
-    result = perform(experiment, threads=jobs, track=track)
+    result = perform(experiment, task=task, threads=jobs, track=track)
     written = _write_logs(experiment, result, folder)
-    outcome = outcome_of(task, experiment, result)
-    store.write(outcome)
-    record, identified = outcome.record, result.identifications
+    store.write(result)
+    record, identified = result.record, result.identifications
     truth, reports = experiment.plant.robot.lumped, _reports(folder, record)
     answers = {
         name: Identification.of(identification) for name, identification in identified.items()
@@ -311,7 +310,7 @@ def _run_once(
     return replace(done, reports=reports)
 
 
-def _write_logs(experiment: Experiment, result: RunResult, folder: Path) -> list[str]:
+def _write_logs(experiment: Experiment, result: Outcome, folder: Path) -> list[str]:
     """Write logs and their manifest, and those of an orbit; return the names of their files."""
     written = []
     if result.logs:
