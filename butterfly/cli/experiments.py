@@ -34,7 +34,7 @@ def manifest(
     """Write a draft manifest for the logs in a folder, or in one file.
 
     Open questions are comments in the draft ("To settle"), each above its assumed value; columns
-    that no name tells are left out. Names like Data_52__8__002.mat give added mass, frequency and
+    without a clear name are left out. Names like Data_52__8__002.mat give added mass, frequency and
     amplitude; with --arm, 100g_a.csv its mass.
 
     Parameters
@@ -101,7 +101,7 @@ def reproduce(
     root: Annotated[Path | None, Parameter(metavar="FOLDER")] = None,
     out: OutFolder = None,
 ) -> None:
-    """Reproduce the thesis's numbers, with its mistakes and corrected.
+    """Reproduce the thesis's numbers, with its mistakes and without.
 
     Parameters
     ----------

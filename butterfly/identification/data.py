@@ -32,6 +32,7 @@ from butterfly.identification.weak_regression import (
 from butterfly.logs.health import DEFAULT_REPAIRS, Health, Repair, examine
 from butterfly.logs.log import InputKind, Log
 from butterfly.logs.manifest import Manifest
+from butterfly.logs.motors import require_drive
 from butterfly.logs.reading import numbers_named, read_logs, with_unique_names
 from butterfly.logs.thinning import GLANCE, thinned
 from butterfly.model.parameters import AddedMass, JointKind
@@ -76,7 +77,7 @@ class DataSet:
     correction
         Correction of ``logs`` in addition to repairs, if any.
     remarks
-        What is to be said of the logs with every answer from them.
+        Findings on the logs that every answer from them repeats.
     """
 
     name: str
@@ -126,11 +127,12 @@ class DataSet:
             raise InputError(
                 name, "input", " and ".join(kinds), "the same kind of input in all logs"
             )
-        given = _of_loops(logs) | known
+        given, kind = _of_loops(logs) | known, kinds[0] if kinds else InputKind.NONE
+        require_drive(given, kind, logs[0].added_mass.joint, name)
         return cls(
             name=name,
             description=description,
-            input_kind=kinds[0] if kinds else InputKind.NONE,
+            input_kind=kind,
             given=given,
             known=_implied(given, logs),
             recorded=tuple(recorded),
@@ -141,7 +143,7 @@ class DataSet:
 
     @property
     def assumed(self) -> dict[str, str]:
-        """Why each parameter is taken to be 0 that logs imply and nobody gave, by its name."""
+        """Reasons, by name, for parameters assumed to be 0 although they were not given."""
         return {
             name: why for name, why in _absent(self.logs).items() if name not in self.given.values
         }
@@ -286,6 +288,7 @@ class DataSet:
         if not known:
             return self
         given = self.given | known
+        require_drive(given, self.input_kind, self.joint, self.name)
         return replace(
             self,
             given=given,

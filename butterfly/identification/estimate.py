@@ -275,7 +275,9 @@ class Estimate:
         shape, covariance = self.values.shape, self.covariance
         if any(array.shape != shape for array in self._arrays) or covariance.shape != 2 * shape:
             raise ValueError("not as many values as names")
-        if not np.allclose(covariance, covariance.T, atol=0.0, equal_nan=True):
+        errors = np.sqrt(np.nan_to_num(np.abs(np.diag(covariance))))
+        rounded = 1e-9 * np.outer(errors, errors)  # where one is 0 but for rounding
+        if not np.allclose(covariance, covariance.T, atol=rounded, equal_nan=True):
             raise ValueError("a covariance that is not symmetric")
         if (np.diag(covariance) < 0).any():
             raise ValueError("variances below 0")
@@ -329,7 +331,7 @@ class Estimate:
 
     @property
     def unsettled(self) -> bool:
-        """Whether the fit did not converge, though nobody stopped it."""
+        """Whether the fit did not converge, although it was not stopped."""
         stopped = any(finding.kind is FindingKind.SEARCH_STOPPED for finding in self.findings)
         return self.ending is not Ending.CONVERGED and not stopped
 

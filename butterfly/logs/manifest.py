@@ -32,6 +32,7 @@ from butterfly.logs.formats import column_names, unsaid
 from butterfly.logs.health import DEFAULT_REPAIRS, Repair
 from butterfly.logs.log import InputKind, Intersample, Sine
 from butterfly.logs.model_facts import STILL, LinkMasses, ModelFacts
+from butterfly.logs.motors import with_motor
 from butterfly.logs.units import Units
 from butterfly.model.parameters import GRAVITY, AddedMass, JointKind, rounded
 from butterfly.model.prior import Known, Prior, known_of, plain
@@ -58,6 +59,13 @@ def _checked(check: Callable[[Any], object]) -> BeforeValidator:
 def _read_loop(values: Any) -> None:  # noqa: ANN401 - whatever was given
     if isinstance(values, Mapping) and "law" in values:
         ServoLoop.of(values, whole=False)
+
+
+def _read_values(given: Any) -> Any:  # noqa: ANN401 - whatever was given
+    """Return known values, those of a motor that they name among them, checked."""
+    values = with_motor(given) if isinstance(given, Mapping) else given
+    Prior.of(values)
+    return values
 
 
 LoopFacts = Annotated[dict[str, Any], _checked(_read_loop)]
@@ -179,7 +187,7 @@ class _Rule(Enum):
 class Manifest(StrictModel):
     """A data set: its files and what they have in common.
 
-    A new fact is a field here and its use. Marks say what an option does to the field.
+    A new fact is a field here, and its use. Its rule says what an option does to the field.
     """
 
     name: str
@@ -194,9 +202,10 @@ class Manifest(StrictModel):
     """Control loop of a servo: its ``law`` and gains. See `butterfly.model.servo`."""
     intersample: Annotated[Intersample | None, _Rule.FILLS] = None
     """Input between its samples: ``zero_order_hold`` (held until the next) or ``first_order_hold``
-    (straight lines). If nobody says, both are compared, and what no log can tell counts as held."""
+    (straight lines). If it is not given, both are compared; it is held if no log shows a
+    difference."""
     sign: Literal[1, -1] = 1
-    """-1 if a positive command turns towards negative angles: the input is negated."""
+    """-1 if a positive command turns the joint towards negative angles: the input is negated."""
     arm: Annotated[Size | None, _Rule.FILLS] = None
     """Distance from pivot to added mass in m. An added mass on a hinge requires it."""
     joint: JointKind = JointKind.HINGE
@@ -212,14 +221,17 @@ class Manifest(StrictModel):
     pose: Annotated[dict[str, float], _Rule.ADDS] = Field(default={})
     """Positions of the model's other joints in rad or m. Default: their columns, its keyframe."""
     link_masses: LinkMasses = LinkMasses()
-    """How well that model's masses are known: 5 % (0.05), all by one factor."""
+    """Uncertainty of that model's masses: 5 % (0.05), one factor for all."""
     facts: ModelFacts | None = None
     """What the model says of the joint; read from it."""
     encoder: Literal["joint", "motor"] = "joint"
-    """``motor`` if angle, velocity, setpoint and the loop's gains are those before a gear; its
-    ``gear_ratio`` must be ``known``."""
-    known: Annotated[dict[str, Uncertain], _checked(Prior.of), _Rule.ADDS] = Field(default={})
-    """Known values of the robot, with standard uncertainties. See `butterfly.model.prior`."""
+    """``motor`` if angle, velocity, setpoint and the loop's gains are on the motor side of a gear,
+    whose ``gear_ratio`` must be ``known``."""
+    known: Annotated[dict[str, Uncertain], BeforeValidator(_read_values), _Rule.ADDS] = Field(
+        default={}
+    )
+    """Known values of the robot, with standard uncertainties. ``from`` names a motor whose values
+    are taken (`butterfly.logs.motors`). See `butterfly.model.prior`."""
     zero: Uncertain | None = None
     """Encoder zero: the reading in rad where the joint hangs at rest. Estimated if not given."""
     zeros: list[MassZero] = Field(default_factory=list)

@@ -259,6 +259,15 @@ def _prior_conflict(finding: Finding, _: Values) -> str:
     )
 
 
+def _motor_conflict(finding: Finding, _: Values) -> str:
+    name, motor = finding.parameters
+    return (
+        f"The logs contradict the {name} of {motor} by {_number(finding):.1f} standard errors: "
+        "yours is another motor, or is driven otherwise. The estimate is a compromise; identify "
+        f"without it, or give your own {name}."
+    )
+
+
 def _few_masses(finding: Finding, _: Values) -> str:
     if _number(finding) < _LEAST_MASSES:
         return "Fewer than three added masses: no leave-one-mass-out check of the intervals."
@@ -294,7 +303,7 @@ def _missing_term(finding: Finding, _: Values) -> str:
     them = "it" if re.fullmatch(r"\w+", terms) else "them"
     return (
         f"The model lacks {terms}, which improves the prediction of held-out logs{moves} and "
-        f"explains {100 * _number(finding):.0f} % of the residual. Add {them} to the terms."
+        f"explains {100 * _number(finding):.0f} % of the residual. Add {them} to --terms."
     )
 
 
@@ -302,7 +311,7 @@ def _like_scale(finding: Finding) -> str:
     term, *scales = finding.parameters
     either = " or ".join(_RESTS_ON[name].partition(" (")[0] for name in scales)
     return (
-        f"These data cannot tell {term} from an error of {either} that moves p1 by "
+        f"These data cannot distinguish {term} from an error of {either} that shifts p1 by "
         f"{percent(_number(finding))}: the intervals include both. Check "
         f"{'it' if len(scales) == 1 else 'them'}."
     )
@@ -343,7 +352,7 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     FindingKind.POOR_FIT: _poor_fit,
     FindingKind.NO_INERTIA: (
         "No joint has these values: {names} gives an inertia of {number:.2g} kg m². "
-        "`butterfly inspect` shows what these logs can tell."
+        "`butterfly inspect` shows which parameters these logs determine."
     ),
     FindingKind.NEGATIVE: (
         "No joint has these values: {names} cannot be negative. Something besides the recorded "
@@ -358,8 +367,8 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "(as in --units input=-V)."
     ),
     FindingKind.SOURCES_CONFLICT: (
-        "The given {names} and the one that follows from the given motor and body data differ by "
-        "{number:.1f} standard uncertainties. Check both, and the gear ratio."
+        "The given {names} and its value from the given motor and body data differ by {number:.1f} "
+        "standard uncertainties. Check both, and the gear ratio."
     ),
     FindingKind.CONTRADICTED: (
         "The given motor and body data contradict these values: {combined} would be {number:.1f} "
@@ -370,6 +379,7 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "{larger}. One of the two is wrong."
     ),
     FindingKind.PRIOR_CONFLICT: _prior_conflict,
+    FindingKind.MOTOR_CONFLICT: _motor_conflict,
     FindingKind.LEFT_OUT: (
         "{logs} {were} excluded: the joint turns over, rests elsewhere or never settles, and has "
         "no steady response to a sine. The methods weak-form and output-error use such logs."
@@ -410,12 +420,12 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     ),
     FindingKind.COMBINATION: (
         "These logs hardly separate {combined} (condition number {rounded:.0f}): add a run that "
-        "does."
+        "separates them."
     ),
-    FindingKind.ON_BOUND: "{names} hit the bound: these data show no such effect.",
+    FindingKind.ON_BOUND: "{names} at the bound: these data show no such effect.",
     FindingKind.PULLED: (
-        "{names} stopped at the bound, and the data would push it further: the model lacks an "
-        f"effect that looks like it. {_LOOK}"
+        "{names} stopped at the bound, beyond which the logs would fit better: the model lacks a "
+        f"similar effect. {_LOOK}"
     ),
     FindingKind.FEW_MASSES: _few_masses,
     FindingKind.FEW_LOGS: (
@@ -437,24 +447,24 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "this best: it was corrected. Check omega."
     ),
     FindingKind.STRAIGHT: (
-        "Nobody says what the input does between its samples: straight lines follow the logs "
-        "better than held values, and were taken. If that is right, set intersample: "
-        "first_order_hold in the manifest."
+        "The input between samples is not specified: straight lines fit the logs better than held "
+        "values, and were used. If that is right, set intersample: first_order_hold in the "
+        "manifest."
     ),
     FindingKind.LIKE_SCALE: lambda finding, _: _like_scale(finding),
     FindingKind.LIKE_TERM: lambda finding, _: (
         f"{finding.parameters[0]} is not fitted and would move {_both(finding.parameters[1:])} by "
         f"{percent(_number(finding))}: these data cannot rule it out, and the intervals include "
-        "it. Add larger swings, or the term."
+        "it. Add larger swings, or fit it (--terms)."
     ),
     FindingKind.SIGN_UNKNOWN: (
         "The sign of {names} is not identifiable from the motion; the magnitude is shown."
     ),
     FindingKind.OFF_CENTRE: lambda finding, _: (
-        "The error repeats with the angle, as of an encoder that is off its centre and reads up to "
-        f"{math.degrees(_number(finding)):.2g}° too much or too little. This scales the angle, and "
-        "p4 with it; the intervals include it. Centre the encoder, or check it against known "
-        "angles."
+        "The error repeats with the angle, as it does for an encoder mounted off centre, which "
+        f"reads up to {math.degrees(_number(finding)):.2g}° too much or too little. This scales "
+        "the angle, and p4 with it; the intervals include it. Centre the encoder, or check it "
+        "against known angles."
     ),
     FindingKind.TORQUE_DRIVEN: _torque_driven,
     FindingKind.NOT_ESTIMATED: _not_estimated,
@@ -471,25 +481,34 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     FindingKind.UNIT_UNREAD: lambda finding, _: _unit_unread(*finding.parameters[1:]),
     FindingKind.UNIT_ASSUMED: lambda finding, _: f"I{taken_text(finding.parameters[1])[1:]}.",
     FindingKind.HELD: (
-        "Nobody says what the input does between its samples: it was held, as straight lines "
-        "follow the logs no better. With these the {names} would be half a sample longer."
+        "The input between samples is not specified: it was held, as straight lines fit the logs "
+        "no better. With straight lines the "
+        "{names} "
+        "would be half a sample longer."
     ),
     FindingKind.RESTS_ON: lambda finding, _: (
         "The logs cannot show errors of "
-        f"{_both([_RESTS_ON[name] for name in finding.parameters])}. A spring "
-        "at small swings appears as p3."
+        f"{_both([_RESTS_ON[name] for name in finding.parameters])}. At small "
+        "swings a spring looks like p3."
     ),
     FindingKind.PLANT: (
-        "All values rest on the simulator, too: solved more finely it moves {names} by "
-        "{percent:.1g} %, the others by less of their intervals. These include it."
+        "All values depend on the simulator, too: finer steps shift "
+        "{names} "
+        "by "
+        "{percent:.1g} "
+        "%, and the others by a smaller part of their intervals, which include this."
     ),
     FindingKind.NEIGHBOURS_MOVED: (
-        "{names} moved by up to {number:.2g} rad (or m), which nothing corrects: hold them, or "
-        "give p4 (their torque is then taken off the input)."
+        "{names} moved by up to {number:.2g} rad (or m), which is not corrected: hold them, or "
+        "give p4 (their torque is then subtracted from the input)."
     ),
-    FindingKind.NEIGHBOURS_STILL: "Without their columns {names} are taken to stand still.",
+    FindingKind.NEIGHBOURS_STILL: "Assumed to stand still, as their columns are missing: {names}.",
     FindingKind.NEIGHBOURS_CORRECTED: (
-        "The motion of {names} made {percent:.2g} % of the drive's torque, which is taken off it."
+        "The motion of "
+        "{names} "
+        "accounts for "
+        "{percent:.2g} "
+        "% of the drive's torque; this is corrected."
     ),
     FindingKind.ABSOLUTE: "Absolute values, scaled by the known masses.",
     FindingKind.RATIOS: (

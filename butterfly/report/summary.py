@@ -15,11 +15,14 @@ from butterfly.identification.design import MOST_RUNS, OF_GOAL, Candidate, Plan
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identified import Identified
+from butterfly.identification.parameter import unit_of
 from butterfly.identification.validate import CrossValidation, Structure
 from butterfly.identification.weak_regression import EncoderOffset, OffsetKind, encoder_offsets
 from butterfly.logs.log import InputKind, Log
+from butterfly.logs.motors import described_origin
 from butterfly.logs.thinning import thinned
-from butterfly.model.prior import Prior
+from butterfly.model.prior import PHYSICAL, Prior
+from butterfly.model.terms import TERMS
 from butterfly.report.agreement_texts import agreement_table
 from butterfly.report.finding_texts import REMEDY, estimate_verdict, grave_notes, minor_notes
 from butterfly.report.format import counted, fit_text, times_text, upwards
@@ -44,14 +47,15 @@ def summary(identification: Identified) -> list[str]:
     data, estimate = identification.data, identification.estimate
     conditions = [health.condition for health in data.health]
     worst = Level.worst(conditions)
-    where = "" if worst is Level.GOOD else " `butterfly inspect` tells which, and why."
+    where = "" if worst is Level.GOOD else " `butterfly inspect` says which, and why."
     health = f"Health of the {conditions_text(conditions)}{where}"
     unsound = worst in {Level.CARE, Level.WARNING}
     used = sum(log.time.size for log in data.logs)
     sound = sum(health.samples - health.dropped for health in data.health)
-    means = f"{used:,} means of neighbouring samples stand for the {sound:,} that were recorded."
+    means = f"Fitted to {used:,} means of neighbouring samples, of {sound:,} recorded samples."
     return [
         *estimate_verdict(estimate).lines,
+        *_of_motors(data, estimate),
         *grave_notes(estimate),
         *([health] if unsound else []),
         _fit(identification),
@@ -66,12 +70,25 @@ def summary(identification: Identified) -> list[str]:
     ]
 
 
+def _of_motors(data: DataSet, estimate: Estimate) -> list[str]:
+    """Say whose values were used that are not the user's own."""
+    by_origin: dict[str, list[str]] = {}
+    for name, value in data.given.values.items():
+        if value.origin:
+            unit = unit_of(name, estimate.input_kind) if name in TERMS else PHYSICAL[name]
+            by_origin.setdefault(value.origin, []).append(f"{name} = {value} {unit.strip('–')}")
+    return [
+        f"Known from {described_origin(origin)}: {', '.join(map(str.strip, texts))}."
+        for origin, texts in by_origin.items()
+    ]
+
+
 def _known(data: DataSet, estimate: Estimate) -> list[str]:
     """Say which values were given, which follow from these, and which are assumed and why."""
     given, assumed = data.given.values, data.assumed
     known = estimate.given.values
     texts = {
-        "Given": [f"{name} = {value}" for name, value in given.items()],
+        "Given": [f"{name} = {value}" for name, value in given.items() if not value.origin],
         "Follows from what was given": [
             f"{name} = {value}" for name, value in known.items() if name not in {*given, *assumed}
         ],
@@ -199,8 +216,8 @@ def _drive_alone(identification: Identified) -> list[str]:
         return []
     (_, closed, *_, error), (_, opened, *_) = rows
     return [
-        f"FIT in the loop {closed} % (median), {error} m{identification.data.joint.way} off on "
-        f"average; by the drive alone {opened} %."
+        f"FIT in the loop {closed} % (median), mean error {error} "
+        f"m{identification.data.joint.way}; by the drive alone {opened} %."
     ]
 
 
@@ -284,12 +301,13 @@ def next_run_text(best: Plan[Candidate], names: Sequence[str], goal: float, now:
 def selection_texts(passed: Sequence[Structure], nested: CrossValidation | None) -> list[str]:
     """Say which terms were chosen, as an option of other commands, and what choosing predicts."""
     terms = ",".join(passed[-1].terms)
-    texts = [f"Chosen: --terms {terms}" if terms else "Chosen: --terms '' (none of them helps)"]
+    texts = [f"Chosen: --terms {terms}" if terms else "None of the terms helps: --terms ''"]
     if nested is not None:
         mean, error = nested.mean
         texts.append(
-            f"Chosen anew, {nested.division.left_out} in turn, the terms predict what was left out "
-            f"with a mean FIT of {mean:.1f} \N{PLUS-MINUS SIGN} {error:.1f} %."
+            f"With terms chosen again without it, {nested.division.left_out} in turn, what was "
+            f"left out is predicted with a mean FIT of {mean:.1f} \N{PLUS-MINUS SIGN} {error:.1f} "
+            "%."
         )
     return texts
 

@@ -67,7 +67,7 @@ def test_the_attributes_of_the_joint_are_found_in_their_intervals(answer, attrib
 
 def test_the_first_line_says_what_is_assumed_of_joints_without_columns(answer):
     assert answer.verdict[0].endswith(
-        "Without their columns pan, shoulder, wrist, roll are taken to stand still."
+        "Assumed to stand still, as their columns are missing: pan, shoulder, wrist, roll."
     )
 
 
@@ -187,7 +187,7 @@ def test_a_turned_sign_is_named_where_the_range_shows_it(tmp_path):
     table = np.loadtxt(lines[1:], delimiter=",")
     table[:, 2] *= -1
     np.savetxt(tmp_path / "0.csv", table, delimiter=",", header=lines[0], comments="")
-    with pytest.raises(InputError, match="is its sign turned"):
+    with pytest.raises(InputError, match="is its sign reversed"):
         bf.read(tmp_path / "0.csv", **(TORQUE | {"model": model}))
 
 

@@ -28,6 +28,9 @@ ABOUT = {
     "validate": "logs result.json",
     "predict": "logs/run0.csv --with result.json",
     "compare": "result.json other.json",
+    "library list": "",
+    "library show": "xl330",
+    "library draft": "result.json",
     "schema": "",
     "reproduce": "thesis",
 }
