@@ -5,13 +5,28 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Iterator, Sequence
-from typing import TypeVar
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import PlainSerializer, PlainValidator
 
 Samples = NDArray[np.float64]
 """Numbers; docstrings give their shape."""
+
+
+def numbers_of(content: Any) -> Samples:  # noqa: ANN401 - whatever is in a file
+    """Return the numbers of JSON, where null is NaN; ValueError if they are none."""
+    try:
+        return np.array(content, dtype=np.float64)
+    except TypeError:
+        raise ValueError("no numbers") from None
+
+
+SavedSamples = Annotated[
+    Samples, PlainValidator(numbers_of), PlainSerializer(lambda array: array.tolist())
+]
+"""Numbers that JSON keeps as lists."""
 
 _Number = TypeVar("_Number", bound=np.generic)
 

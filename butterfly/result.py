@@ -37,9 +37,12 @@ ANSWERS = (
     | dict.fromkeys(("prediction", "run", "selection"), 4)
     | dict.fromkeys(("campaign", "comparison", "draws", "inspection"), 5)
     | dict.fromkeys(("residual", "sweep", "validation"), 5)
-    | {"joints": 1}
+    | {"joints": 1, "results": 1}
 )
 """Kinds of answers, which can be loaded, and the numbers of their schemas."""
+
+SWEEP = "sweep.json"
+"""File of a folder of results that lists their runs."""
 
 _ROWS = {"inspection": "logs", "leaderboard": "entries", "sweep": "recovery"}
 """Keys of the rows of kinds that do not call them so."""

@@ -15,8 +15,8 @@ from butterfly.api.saved import answer_of, read_saved
 from butterfly.api.sources import Named
 from butterfly.arguments import checked
 from butterfly.errors import ButterflyError, InputError
-from butterfly.experiment.perform import RunResult, outcome_of, perform
-from butterfly.experiment.record import OK, REFUSED, EstimateRecord, RunRecord
+from butterfly.experiment.perform import perform
+from butterfly.experiment.record import OK, REFUSED, EstimateRecord, Outcome, RunRecord
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.simulate import data_set_of, file_of, write_logs
 from butterfly.experiment.simulate import simulate as simulated_logs
@@ -39,7 +39,7 @@ from butterfly.report.numbers import estimate_numbers
 from butterfly.report.orbit_page import degrees_said, orbit_headline, orbit_page
 from butterfly.report.page import Page, PageTable, views, write_page
 from butterfly.report.parameter_table import values_table
-from butterfly.report.sweep_page import sweep_page
+from butterfly.report.sweep_page import runs_table, sweep_page
 from butterfly.result import Answer
 from butterfly.verdict import Level, Verdict
 
@@ -241,20 +241,29 @@ def run(
     with call(folder=folder):
         keep_experiment(source, folder)
         summary = run_sweep(plan, folder, workers, force=force, only=only, track=track)
-        store = ResultStore(folder)
-        plain = sweep_page(store.sweep(), store.table(RUNS), store.table(ESTIMATES))
-        recovery = plain.numbers["recovery"]
-        rows = [PageTable.of(plain.numbers["title"], recovery, detail=True)] if recovery else []
-        shown = views([*rows, *plain.tables], plain.facts)
-        more = {"unsuccessful": summary.unsuccessful, **shown}
-        page = replace(plain, numbers=plain.numbers | more)
-        report = folder / "report.html"
-        write_page(page, report, figures=figures)
-    counts = (
-        f"{summary.runs} runs: {summary.done} done now, {summary.reused} already done, "
-        f"{summary.unsuccessful} failed."
-    )
-    return answer_of(page.numbers, note=counts, reports=(report,), live=lambda _: page)
+        counts = (
+            f"{summary.runs} runs: {summary.done} done now, {summary.reused} already done, "
+            f"{summary.unsuccessful} failed."
+        )
+        report, store = folder / "report.html", ResultStore(folder)
+        answer = sweep_answer(store, summary.unsuccessful, note=counts, reports=(report,))
+        answer.report(report, figures=figures)
+    return answer
+
+
+def sweep_answer(
+    store: ResultStore,
+    unsuccessful: int = 0,
+    **about: Any,  # noqa: ANN401 - not saved
+) -> Answer:
+    """Tabulate a sweep; ``unsuccessful``: number of runs that were asked for and have no result."""
+    sweep, tables = store.sweep(), store.tables()
+    plain = sweep_page(sweep, tables[RUNS], tables[ESTIMATES])
+    recovery, runs = plain.numbers["recovery"], runs_table(tables[RUNS], sweep.fields)
+    rows = [PageTable.of(plain.numbers["title"], recovery, detail=True)] if recovery else []
+    shown = views([*rows, *plain.tables, runs], plain.facts)
+    page = replace(plain, numbers=plain.numbers | {"unsuccessful": unsuccessful, **shown})
+    return answer_of(page.numbers, live=lambda _: page, **about)
 
 
 def _run_once(
@@ -264,11 +273,10 @@ def _run_once(
     store, experiment, (task,) = ResultStore(folder), plan.experiment, plan.tasks
     names = keep_experiment(source, folder)
     store.begin_sweep(sweep_record(plan))
-    result = perform(experiment, threads=jobs, track=track)
+    result = perform(experiment, task=task, threads=jobs, track=track)
     written = _write_logs(experiment, result, folder)
-    outcome = outcome_of(task, experiment, result)
-    store.write(outcome)
-    record, identified = outcome.record, result.identifications
+    store.write(result)
+    record, identified = result.record, result.identifications
     truth, reports = experiment.plant.robot.lumped, _reports(folder, record)
     answers = {
         name: Identification.of(identification) for name, identification in identified.items()
@@ -302,7 +310,7 @@ def _run_once(
     return replace(done, reports=reports)
 
 
-def _write_logs(experiment: Experiment, result: RunResult, folder: Path) -> list[str]:
+def _write_logs(experiment: Experiment, result: Outcome, folder: Path) -> list[str]:
     """Write logs and their manifest, and those of an orbit; return the names of their files."""
     written = []
     if result.logs:

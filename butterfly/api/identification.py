@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
@@ -86,10 +86,10 @@ class Identification(Identified, Answer):
 
     @classmethod
     def of(cls, identified: Identified) -> Identification:
-        """Return the result of an identification."""
-        return cls(
-            **{member.name: getattr(identified, member.name) for member in fields(Identified)}
-        )
+        """Return the same with its answer: both have one state, and what either looks up."""
+        answer = object.__new__(cls)
+        object.__setattr__(answer, "__dict__", vars(identified))
+        return answer
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any], **more: Any) -> Self:  # noqa: ANN401 - fields

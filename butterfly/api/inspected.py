@@ -1,4 +1,4 @@
-"""`inspect`: the condition of logs, or a robot's parameters."""
+"""`inspect`: the condition of logs, a robot's parameters, or results."""
 
 from __future__ import annotations
 
@@ -10,10 +10,21 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from butterfly.api.sources import Named, is_data, manifest_of, names_result, read, require_said
-from butterfly.api.verbs import identify, numbers_of_logs, saved_identification
+from butterfly.api.saved import kind_of
+from butterfly.api.sources import (
+    Named,
+    holds_logs,
+    is_data,
+    is_run,
+    manifest_of,
+    names_result,
+    read,
+    require_said,
+    results_below,
+)
+from butterfly.api.verbs import identify, numbers_of_logs, options_text, saved_identification
 from butterfly.arguments import checked
-from butterfly.errors import IdentifiabilityError, InputError
+from butterfly.errors import IdentifiabilityError, InputError, listed
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.simulate import planned_logs
 from butterfly.experiment.source import read_experiment
@@ -51,7 +62,7 @@ from butterfly.report.numbers import estimate_numbers
 from butterfly.report.page import Page, PageTable, Section, views
 from butterfly.report.parameter_table import FORECAST_HEADERS, forecast_rows, forecast_sentences
 from butterfly.report.summary import zero_sentences
-from butterfly.result import Answer
+from butterfly.result import SWEEP, Answer
 from butterfly.twin.twin import Twin
 from butterfly.verdict import Level, Verdict
 
@@ -237,12 +248,14 @@ def inspect(
     """Check logs for faults, and forecast how well they determine the parameters.
 
     Checks clock, gaps, saturation and clipping. Several logs are listed worst first; --verbose adds
-    those without findings. Of an experiment or a saved result: the robot's parameters instead.
+    those without findings. Of an experiment or a saved identification: the robot's parameters
+    instead. Of a folder of results: what is in it, verdict first; of a run or sweep: its answer.
 
     Parameters
     ----------
     source
-        Logs, a folder of logs, a manifest, a saved result, an experiment, or a shipped name.
+        Logs, a folder of logs, a manifest, an experiment, or a shipped name; a saved result, a
+        folder of results, or a run of a sweep: results/NAME/NUMBER.
     logs
         Numbers of the logs, from 0, shown without a forecast. Default: all.
     hand_mass
@@ -259,7 +272,11 @@ def inspect(
     InputError
         If the source cannot be read, or a single log is unusable.
     """
-    path = locate(Path(source))
+    path = Path(source)
+    if is_run(path) or (path / SWEEP).exists() or _holds_results_alone(path):
+        given = {"logs": logs, "hand_mass": hand_mass, "added_mass": added_mass or None}
+        return _shown(path, given | description, track)
+    path = locate(path)
     if names_result(path) or not is_data(path):
         arm = description.get("arm")
         return model_answer(robot_of(path, hand_mass=hand_mass, added_mass=added_mass, arm=arm))
@@ -280,7 +297,28 @@ def inspect(
     trained = [log for k, log in enumerate(usable) if k not in held and logs is None]
     forecasts = tracked(track, "Looking ahead", forecast, trained, part.prior)
     zeros = zero_sentences(usable, manifest.prior)
-    return inspection_answer(part, seen, forecasts, zeros)
+    answer = inspection_answer(part, seen, forecasts, zeros)
+    if path.is_dir() and (results := results_below(path)):
+        names = listed([result.name for result in results])
+        return replace(answer, note=f"Results are in this folder too, to inspect by name: {names}.")
+    return answer
+
+
+def _holds_results_alone(path: Path) -> bool:
+    """Whether a path is a folder of results and no logs, or a saved result that is shown."""
+    if path.is_dir():
+        return bool(results_below(path)) and not holds_logs(path)
+    return names_result(path) and path.exists() and kind_of(path) not in {"", "identification"}
+
+
+def _shown(path: Path, given: Mapping[str, Any], track: Track) -> Answer:
+    """Show results; options of logs and robots are refused."""
+    from butterfly.api.result_folders import results_answer  # noqa: PLC0415 - slow to import
+
+    if names := [name for name, value in given.items() if value is not None]:
+        expected = "no such option: these are results"
+        raise InputError(path, "option", options_text(names), expected)
+    return results_answer(path, track=track)
 
 
 def robot_of(

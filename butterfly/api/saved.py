@@ -8,6 +8,8 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from pydantic import ValidationError
+
 from butterfly.api.identification import Identification
 from butterfly.api.predicted import Drawn, Predicted
 from butterfly.api.sources import root_of
@@ -61,6 +63,11 @@ def load(path: str | PathLike[str], *, root: str | PathLike[str] | None = None) 
         with budget(math.inf):  # loading is complete, even while a search has a time limit
             answer = answer_of(content)
             answer.tables(), answer.facts(), answer.printed()
+    except ValidationError as error:
+        first, expected = error.errors()[0], "an undamaged saved result"
+        given, place = first["input"], ".".join(map(str, first["loc"])) or "content"
+        number = given if isinstance(given, str | int | float | None) else type(given).__name__
+        raise InputError(file, place, number, f"{expected} ({first['msg']})") from None
     except (LookupError, TypeError, ValueError, AttributeError, StopIteration) as error:
         expected = "an undamaged saved result"
         raise InputError(file, "content", f"{type(error).__name__}: {error}", expected) from None
@@ -77,6 +84,16 @@ def answer_of(content: dict[str, Any], **more: Any) -> Answer:  # noqa: ANN401 -
         more["identifications"] = identified
     kind = content["schema"].removeprefix("butterfly.")
     return _WITH_MORE.get(kind, Answer).from_dict(content, **more)
+
+
+def kind_of(file: Path) -> str:
+    """Return the kind of answer that a file seems to hold; empty if none."""
+    try:
+        schema = json.loads(file.read_bytes())["schema"]
+    except (OSError, ValueError, LookupError, TypeError, RecursionError):
+        return ""
+    kind = str(schema).removeprefix("butterfly.")
+    return kind if kind in ANSWERS else ""
 
 
 def read_saved(file: Path) -> dict[str, Any]:

@@ -17,7 +17,15 @@ from butterfly.errors import InputError
 from butterfly.files import locate, refuse_binary, require_as_signed
 from butterfly.identification.data import DataSet, read_data_set
 from butterfly.identification.identified import Identified
-from butterfly.logs.formats import ENDINGS, FORMATS, Table, is_table, log_of_table
+from butterfly.logs.formats import (
+    ENDINGS,
+    FORMATS,
+    OFTEN_OTHERS,
+    Table,
+    holds_table,
+    is_table,
+    log_of_table,
+)
 from butterfly.logs.health import DEFAULT_REPAIRS
 from butterfly.logs.log import Log
 from butterfly.logs.manifest import (
@@ -30,10 +38,11 @@ from butterfly.logs.manifest import (
     read_manifest,
     require_columns,
 )
-from butterfly.logs.manifest_draft import draft, of_logs
+from butterfly.logs.manifest_draft import draft, log_files, of_logs
 from butterfly.logs.reading import pieces_of
 from butterfly.model.prior import NO_PRIOR, Prior, known_of
 from butterfly.progress import Track, untracked
+from butterfly.result import SWEEP
 from butterfly.yaml_files import load_yaml
 
 RESULT_ENDING = ".json"
@@ -44,6 +53,7 @@ _OF_LOGS = re.compile(
     rb'\s*(?:\[\s*[\[{]|\{\s*"(?!schema"\s*:\s*"|data"\s*:\s*[^\[\s]))'
 )  # no result's
 _BEGINNING = 4096  # bytes
+_OF_RESULT = b'"schema": "butterfly.'
 _YAML = {".yaml", ".yml"}
 _PATTERN = frozenset("*?[")
 _OF_FOLDERS = (
@@ -323,8 +333,6 @@ def _entry_of(
 
 
 def _refuse_sweep(folder: Path) -> None:
-    from butterfly.experiment.store import SWEEP  # noqa: PLC0415 - slow to import
-
     if (folder / SWEEP).exists():
         logs = sorted(path.parent for path in folder.glob(f"runs/*/*/{MANIFEST_NAME}"))
         which = f"one run's logs, such as {logs[0]}" if logs else "results with keep_signals: true"
@@ -370,6 +378,35 @@ def names_result(source: object) -> TypeGuard[Named]:
             return _OF_LOGS.match(file.read(_BEGINNING)) is None
     except OSError:
         return True
+
+
+def is_run(path: Path) -> bool:
+    """Whether a path names a run of a sweep: RESULTS/NUMBER, or RESULTS/KEY."""
+    return (path.parent / SWEEP).exists() and not path.suffix and not path.exists()
+
+
+def results_below(folder: Path) -> list[Path]:
+    """Return the results in a folder: folders of runs and sweeps, and saved files."""
+    folders = (file.parent for file in folder.glob(f"*/{SWEEP}"))
+    files = (file for file in folder.glob(f"*{RESULT_ENDING}") if _begins_as_result(file))
+    return sorted([*folders, *files])
+
+
+def _begins_as_result(path: Path) -> bool:
+    try:
+        with path.open("rb") as file:
+            return _OF_RESULT in file.read(_BEGINNING)
+    except OSError:
+        return False
+
+
+def holds_logs(folder: Path) -> bool:
+    """Whether there are logs in a folder besides those of its results."""
+    results = results_below(folder)
+    paths = (path for path in log_files(folder) if not {path, *path.parents} & {*results})
+    return (folder / MANIFEST_NAME).exists() or any(
+        path.suffix.lower() not in OFTEN_OTHERS or holds_table(path) for path in paths
+    )
 
 
 def is_data(path: Path) -> bool:

@@ -97,9 +97,6 @@ def _results() -> dict[str, Function]:
     from butterfly.cli import results  # noqa: PLC0415 - when one is called
 
     return {
-        "results list": results.list_sweeps,
-        "results show": results.show_run,
-        "results table": results.table,
         "results clean": results.clean,
     }
 
@@ -114,7 +111,7 @@ class Command(NamedTuple):
 
 
 COMMANDS = {
-    "inspect": Command("Logs", _verbs, "inspection", ("model",)),
+    "inspect": Command("Logs", _verbs, "inspection", ("model", "results", "run", "sweep")),
     "manifest": Command("Logs", _experiments),
     "fetch": Command("Logs", _experiments),
     "identify": Command("Identify", _verbs, "identification"),
@@ -135,9 +132,6 @@ COMMANDS = {
     "library list": Command("Commands", _library, "motors"),
     "library show": Command("Commands", _library, "motor"),
     "library draft": Command("Commands", _library),
-    "results list": Command("Commands", _results, "results"),
-    "results show": Command("Commands", _results, "run"),
-    "results table": Command("Commands", _results, "table"),
     "results clean": Command("Commands", _results),
 }
 """All commands, by the words that call them, in the order of help."""
@@ -147,13 +141,14 @@ GROUPS = {
         "Motors",
         "Motors that others measured, whose values can be known values of yours.",
     ),
-    "results": ("Results", "List, show, export and clean up the results of sweeps."),
+    "results": ("Results", "Clean up the results of sweeps."),
 }
 """Commands that have commands of their own: the panel that lists each, and its help."""
 
 EXAMPLES = {
     "inspect": "butterfly inspect logs/ --units time=ms; "
-    "butterfly inspect Data_52__8__002.mat --report log.html",
+    "butterfly inspect Data_52__8__002.mat --report log.html; "
+    "butterfly inspect results; butterfly inspect results/large-sweep/0",
     "manifest": "butterfly manifest logs --units time=ms,angle=deg",
     "identify": "butterfly identify real-logs --report report.html --save result.json; "
     "butterfly identify arm.csv --model arm.xml --of elbow",
@@ -182,14 +177,21 @@ EXAMPLES = {
     "report": "butterfly report logs --with result.json --bundle report.zip",
     "library show": "butterfly library show xl330",
     "library draft": "butterfly library draft servo.json --out my-servo.yaml",
-    "results show": "butterfly results show results/large-sweep 0",
-    "results table": "butterfly results table results/large-sweep --columns number,fit_median",
+    "results clean": "butterfly results clean results/large-sweep --failed",
 }
 """Calls that help shows last, by command."""
 
 _DATA = "root arm input intersample columns units repair known zero joint gravity interval from to"
 OF_DATA = {f"--{name}" for name in (*_DATA.split(), "restarts")}
 """Options of the commands that read logs without a manifest."""
+
+_MOVED = {
+    "results list": "butterfly inspect FOLDER",
+    "results show": "butterfly inspect FOLDER/NUMBER",
+    "results table": "butterfly inspect FOLDER; all rows are in its runs.parquet and "
+    "estimates.parquet",
+}
+"""Former commands, and what does the same."""
 
 _SEARCHING = {"Identify", "Check a result"}
 """Groups of the commands that search, for as long as --budget says."""
@@ -283,6 +285,8 @@ def launch(
     if help_all:
         tokens = (*tokens, "--help")
     name = _name_of(tokens)
+    if name in _MOVED:
+        raise InputError("butterfly", "command", name, _MOVED[name])
     called = COMMANDS.get(name, _NO_COMMAND)
     if json is not None and not called.answer:
         raise InputError("butterfly", "--json", name, "a command with a JSON answer")

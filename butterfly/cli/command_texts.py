@@ -36,9 +36,6 @@ SUMMARIES = {
         "Write a file for the library from a saved result: your motor's values, the rest "
         "to fill in."
     ),
-    "results list": "List sweeps, and how many of their runs are done.",
-    "results show": "Show one run: settings, estimates, times and versions.",
-    "results table": "Print a sweep's table, or export it.",
     "results clean": "Remove outdated records and unfinished files.",
 }
 """First lines of commands."""
@@ -48,7 +45,8 @@ DESCRIPTIONS = {
         "Check logs for faults, and forecast how well they determine the parameters.\n\n"
         "Checks clock, gaps, saturation and clipping. Several logs are listed worst "
         "first; --verbose adds those without findings. Of an experiment or a saved "
-        "result: the robot's parameters instead."
+        "identification: the robot's parameters instead. Of a folder of results: what is "
+        "in it, verdict first; of a run or sweep: its answer."
     ),
     "identify": (
         "Identify the joint from logs.\n\nThe result has a verdict, and the parameters with "
@@ -96,7 +94,8 @@ DESCRIPTIONS = {
 
 ARGUMENTS = {
     "inspect.source": (
-        "Logs, a folder of logs, a manifest, a saved result, an experiment, or a shipped name."
+        "Logs, a folder of logs, a manifest, an experiment, or a shipped name; a saved "
+        "result, a folder of results, or a run of a sweep: results/NAME/NUMBER."
     ),
     "identify.data": (
         "Logs, a folder of logs, a manifest, a saved result, or a shipped data set's name."

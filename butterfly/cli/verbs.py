@@ -280,9 +280,9 @@ def compare(
     if other is None:
         answer = bf.compare(data, **options.keywords(), track=show_progress, **chosen)
         return show(answer, **vars(page))
-    from butterfly.api.sources import names_result  # noqa: PLC0415 - slow to import
+    from butterfly.api.sources import is_run, names_result  # noqa: PLC0415 - slow to import
     from butterfly.api.verbs import options_text  # noqa: PLC0415
-    from butterfly.cli.results import compare_runs, is_run  # noqa: PLC0415
+    from butterfly.cli.results import compare_runs  # noqa: PLC0415
 
     plain: Mapping[str, object] = COMPARE.keywords()
     given = [name for name, value in options.keywords().items() if value != plain[name]]

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -44,16 +45,23 @@ from butterfly.signals.excitations import Table
 
 
 def perform(
-    experiment: Experiment, *, threads: int | None = None, track: Track = untracked
-) -> RunResult:
-    """Perform one run (by default with a thread per core); errors are recorded too."""
-    result = RunResult(experiment, threads, track)
-    with result.timed("total"):
+    experiment: Experiment,
+    *,
+    task: Task | None = None,
+    threads: int | None = None,
+    track: Track = untracked,
+) -> Outcome:
+    """Perform one run (by default with a thread per core); errors are recorded too.
+
+    The record tells the place of the ``task`` in its sweep.
+    """
+    run = _Run(experiment, threads, track)
+    with run.timed("total"):
         try:
-            result.do()
+            run.do()
         except Exception as error:
-            result.error = error
-    return result
+            run.error = error
+    return run.outcome(task)
 
 
 def execute(task: Task, tables: Mapping[str, Table], seconds: float = math.inf) -> Outcome:
@@ -63,20 +71,11 @@ def execute(task: Task, tables: Mapping[str, Table], seconds: float = math.inf) 
     except ValueError as error:
         return task.failed(f"the experiment is invalid in this version: {error}")
     with budget(seconds):
-        return outcome_of(task, experiment, perform(experiment, threads=1))
+        return perform(experiment, task=task, threads=1).sent
 
 
-def outcome_of(task: Task, experiment: Experiment, result: RunResult) -> Outcome:
-    """Return the record of a task's result."""
-    record = replace(
-        result.record, key=task.key, overrides=task.overrides, repetition=task.repetition
-    )
-    keep = experiment.keep_signals and result.logs
-    return Outcome(record=record, files=packed(experiment, result.logs) if keep else {})
-
-
-class RunResult:
-    """A run and its results so far."""
+class _Run:
+    """A run while it is performed."""
 
     def __init__(self, experiment: Experiment, threads: int | None, track: Track) -> None:
         self._experiment, self._threads, self._track = experiment, threads, track
@@ -89,9 +88,24 @@ class RunResult:
         self.identifications: dict[str, Identified] = {}  # by the labels of their estimators
         self.orbit: OrbitStudy | None = None
 
+    def outcome(self, task: Task | None) -> Outcome:
+        """Return what came of it."""
+        place: dict[str, Any] = {}
+        if task is not None:
+            names = ("key", "overrides", "repetition")
+            place = {name: getattr(task, name) for name in names}
+        keep = self._experiment.keep_signals and self.logs
+        return Outcome(
+            record=replace(self._record, **place),
+            files=packed(self._experiment, self.logs) if keep else {},
+            logs=tuple(self.logs),
+            identifications=self.identifications,
+            orbit=self.orbit,
+            error=self.error,
+        )
+
     @property
-    def record(self) -> RunRecord:
-        """The record of the run."""
+    def _record(self) -> RunRecord:
         status, reason = OK, ""
         if self.error is not None:
             refused = isinstance(self.error, ButterflyError)

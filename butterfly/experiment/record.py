@@ -5,6 +5,7 @@ RunRecord               the result of a run
   EstimateRecord        of each estimator: its estimate, or its error
   OrbitRecord           of a held orbit
     AlsoRecord          of another one of the same robot, and what both say of it
+Outcome                 a run that was performed: its record, and what is not saved
 """
 
 from __future__ import annotations
@@ -24,7 +25,9 @@ from butterfly.files import is_as_signed, signed
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.findings import Ending
 from butterfly.identification.free_run import FitSummary
+from butterfly.identification.identified import Identified
 from butterfly.identification.parameter import Parameter, or_none
+from butterfly.logs.log import Log
 from butterfly.orbit.change_detection import Alarm
 from butterfly.orbit.loop import Calibration, OrbitStudy
 from butterfly.progress import current_search
@@ -237,10 +240,19 @@ class RunRecord(_Signed):
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """The reply of a worker: a record, and the contents of its files by name."""
+    """A run that was performed: its record, and what the process has besides."""
 
     record: RunRecord
-    files: Mapping[str, bytes] = field(default_factory=dict)
+    files: Mapping[str, bytes] = field(default_factory=dict)  # contents of its files, by name
+    logs: tuple[Log, ...] = ()  # simulated, in order
+    identifications: Mapping[str, Identified] = field(default_factory=dict)  # by estimators' labels
+    orbit: OrbitStudy | None = None
+    error: Exception | None = None  # what ended it early, or why there is no result
+
+    @property
+    def sent(self) -> Outcome:
+        """What a worker replies: the record and the files."""
+        return Outcome(record=self.record, files=self.files)
 
 
 @dataclass(frozen=True, kw_only=True)

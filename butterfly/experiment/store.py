@@ -16,7 +16,7 @@ import re
 import shutil
 import time
 from collections.abc import Iterable, Mapping
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -34,12 +34,11 @@ from butterfly.experiment.record import (
     origin_of,
 )
 from butterfly.experiment.source import EXPERIMENT, HEAD
-from butterfly.experiment.sweep_tables import TABLES, SweepColumns
+from butterfly.experiment.sweep_tables import MISSING, RUNS, TABLES, SweepColumns
 from butterfly.files import DRAFT, digest_of, read_file, write_file
 from butterfly.outputs import note_input
 from butterfly.progress import Track, untracked
-
-SWEEP = "sweep.json"
+from butterfly.result import SWEEP
 
 _KEY = re.compile(r"[0-9a-f]{24}")  # of a run
 _RUNS = 2_000  # whose rows are gathered before they are written
@@ -108,10 +107,9 @@ class ResultStore:
         write_file(self.record_path(key), record, internal=True)
 
     def begin_sweep(self, sweep: SweepRecord) -> None:
-        """Write the plan before its runs; earlier tables stay."""
-        with suppress(InputError):
-            sweep = replace(sweep, tables=self.sweep().tables)
-        write_file(self.folder / SWEEP, sweep.to_json(), internal=True)
+        """Write the plan before its runs: what was written of an earlier one no longer counts."""
+        begun = replace(sweep, tables={}, output_digests=None)
+        write_file(self.folder / SWEEP, begun.to_json(), internal=True)
 
     def end_sweep(self, sweep: SweepRecord, *, track: Track = untracked) -> None:
         """Write the tables from the records, and the plan; again if another process wrote them."""
@@ -150,11 +148,11 @@ class ResultStore:
                 for name, writer in writers.items():
                     rows = [row for run, record in part for row in columns.rows(name, run, record)]
                     writer.write_table(pa.Table.from_pylist(rows, schema=columns.schema(name)))
-        return {_file_of(name): file.getvalue() for name, file in files.items()}
+        return {table_file(name): file.getvalue() for name, file in files.items()}
 
     def table(self, name: str) -> pa.Table:
         """Read a table; InputError if missing or changed."""
-        path = self.folder / _file_of(name)
+        path = self.folder / table_file(name)
         for _ in range(_LOOKS):
             content = read_file(path, "a folder of results")
             if digest_of(content) == self.sweep().tables.get(path.name):
@@ -162,6 +160,17 @@ class ResultStore:
             time.sleep(_MOMENT)  # another process may be about to write the other of the two
         expected = f"the table that matches {SWEEP}; rebuild it with butterfly run"
         raise InputError(path, "content", "another table", expected)
+
+    def tables(self) -> dict[str, pa.Table]:
+        """Read the tables by name; those that lack runs are made anew of the records so far."""
+        sweep = self.sweep()
+        if sweep.tables:
+            tables = {name: self.table(name) for name in TABLES}
+            keys, states = (tables[RUNS][name].to_pylist() for name in ("key", "status"))
+            if keys == [run.key for run in sweep.runs] and MISSING not in states:
+                return tables
+        files = self._tables(sweep, untracked)
+        return {n: parquet.read_table(pa.BufferReader(files[table_file(n)])) for n in TABLES}
 
     def _is_linked(self, path: Path) -> bool:
         """Whether a path contains a link."""
@@ -187,7 +196,8 @@ class ResultStore:
         return existing
 
 
-def _file_of(table: str) -> str:
+def table_file(table: str) -> str:
+    """Return the name of the file of a table."""
     return f"{table}.parquet"
 
 

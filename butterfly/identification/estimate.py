@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from functools import cached_property
-from typing import Any, TypeAlias
+from functools import cache, cached_property
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
-from pydantic import TypeAdapter
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    PlainSerializer,
+    PlainValidator,
+    TypeAdapter,
+)
 
-from butterfly.arrays import Samples
+from butterfly.arrays import Samples, SavedSamples
 from butterfly.files import finite
 from butterfly.identification.agreement import Contrast
 from butterfly.identification.findings import KINDS, Ending, Finding, FindingKind
@@ -22,6 +29,7 @@ from butterfly.identification.parameter import (
     Parameter,
     Trust,
     meaning_of,
+    or_nan,
     or_none,
     trust_of,
     unit_of,
@@ -35,8 +43,49 @@ from butterfly.verdict import Level
 
 _OF_UNIT = {FindingKind.UNIT_ASSUMED, FindingKind.UNIT_UNREAD}
 _LARGEST = float(np.finfo(float).max) ** 0.25  # of any number: squares of such are numbers too
-_FINDINGS = TypeAdapter(tuple[Finding, ...])
-_CONTRASTS = TypeAdapter(tuple[Contrast, ...])
+_MASS = TypeAdapter(AddedMass)
+
+
+def _reading(read: Callable[[Any], Any]) -> BeforeValidator:
+    """Return what reads a field before its type is checked; ValueError if it cannot."""
+
+    def checked(content: Any) -> Any:  # noqa: ANN401 - whatever is in a file
+        try:
+            return read(content)
+        except (LookupError, TypeError, AttributeError) as error:
+            raise ValueError(f"{type(error).__name__}: {error}") from None
+
+    return BeforeValidator(checked)
+
+
+def _pairs(mapping: Mapping[Any, Any]) -> list[list[Any]]:
+    """Return what JSON holds of a mapping whose keys are masses, or names."""
+    return [[asdict(k) if isinstance(k, AddedMass) else k, v] for k, v in mapping.items()]
+
+
+_AsPairs = (
+    _reading(
+        lambda pairs: {_MASS.validate_python(k) if isinstance(k, dict) else k: v for k, v in pairs}
+    ),
+    PlainSerializer(_pairs),
+)
+_Number = Annotated[float, _reading(or_nan)]
+_Known = Annotated[Prior, PlainValidator(Prior.of), PlainSerializer(Prior.to_dict)]
+# of older programs: findings of kinds that no longer exist, rivals that are lists of values
+_Findings = Annotated[
+    tuple[Finding, ...], _reading(lambda all_: [f for f in all_ if f["kind"] in KINDS])
+]
+_Rival = Annotated[Rival, _reading(lambda r: {"values": r} if isinstance(r, list) else r)]
+_Missing = Annotated[MissingTerms, _reading(lambda missing: missing or {})]
+_Least = Annotated[
+    SavedSamples | None,
+    AfterValidator(lambda x: x if x is None else np.where(np.isnan(x), -np.inf, x)),
+]
+_Horizon = Annotated[
+    float | None,
+    _reading(lambda horizon: math.inf if horizon == "whole" else horizon),
+    PlainSerializer(lambda horizon: "whole" if horizon == math.inf else horizon),
+]
 
 Truth: TypeAlias = LumpedParameters | Mapping[str, float]
 """True values, where they are known."""
@@ -48,37 +97,42 @@ class Estimate:
 
     method: str  # how they were obtained
     names: tuple[str, ...]  # the n that were estimated: PARAMETERS of model.terms, then terms
-    values: Samples  # (n,) in their order
-    covariance: Samples  # (n, n); NaN where the method gives none
-    lower: Samples  # (n,) limits of the 95 % intervals
-    upper: Samples
+    values: SavedSamples  # (n,) in their order
+    covariance: SavedSamples  # (n, n); NaN where the method gives none
+    lower: SavedSamples  # (n,) limits of the 95 % intervals
+    upper: SavedSamples
     # (n,) estimates without the logs of one added mass, or one run; none if there are too few
-    left_out: Mapping[Hashable, Samples] = field(default_factory=dict)
-    condition: float = math.nan  # number of the column-scaled regression, or Jacobian
+    left_out: Mapping[Hashable, SavedSamples] = field(default_factory=dict)
+    # number of the column-scaled regression, or Jacobian
+    condition: _Number = math.nan
     on_bound: tuple[str, ...] = ()  # parameters on an active bound
     ending: Ending = Ending.CONVERGED
-    findings: tuple[Finding, ...] = ()  # on identifiability, fit and known values
-    fixed: dict[str, float] = field(default_factory=dict)  # not estimated, and not the defaults
+    findings: _Findings = ()  # on identifiability, fit and known values
+    # not estimated, and not the defaults
+    fixed: Annotated[dict[str, float], Field(alias="held")] = field(default_factory=dict)
     # in rad/s by added mass, where the method uses them
-    resonances: dict[AddedMass, float] = field(default_factory=dict)
+    resonances: Annotated[dict[AddedMass, _Number], *_AsPairs] = field(default_factory=dict)
     # of one log (by its name), one added mass or all (None), where the method estimates them:
     # ``zero`` (the encoder's reading in rad at the model's angle 0), ``velocity`` (at the first
     # sample, in rad/s) and ``bias``
-    local: dict[AddedMass | str | None, dict[str, float]] = field(default_factory=dict)
+    local: Annotated[dict[AddedMass | str | None, dict[str, _Number]], *_AsPairs] = field(
+        default_factory=dict
+    )
     # parameters that follow a condition though they should be constant, the largest share first
     agreement: tuple[Contrast, ...] = ()
-    rivals: tuple[Rival, ...] = ()  # other values that may be right, which the intervals include
-    bias: Samples | None = None  # (n,) sizes of errors that a misfit of torques may have caused
-    simulator: Samples | None = None  # (n,) standard errors by the simulator that made the logs
-    least: Samples | None = None  # (n,) lower bounds of the values; None: those of every joint
+    rivals: tuple[_Rival, ...] = ()  # other values that may be right, which the intervals include
+    bias: SavedSamples | None = None  # (n,) errors that a misfit of torques may have caused
+    simulator: SavedSamples | None = None  # (n,) standard errors by the simulator of the logs
+    least: _Least = None  # (n,) lower bounds of the values; None: those of every joint
     # terms that the choice left out though they help
-    missing: MissingTerms = field(default_factory=MissingTerms)
+    missing: _Missing = field(default_factory=MissingTerms)
     # longest stretch in s over which logs are simulated with it; infinite where whole logs were
     # asked for, None where it is left to the logs (see `identification.segments`)
-    horizon: float | None = None
-    known: Prior = NO_PRIOR  # exactly known values are among ``fixed`` too
-    freedom: Samples | None = None  # (n,) degrees, of the standard errors
-    input_kind: InputKind | None = None  # gives units, with the joint; None if unknown
+    horizon: _Horizon = None
+    known: _Known = NO_PRIOR  # exactly known values are among ``fixed`` too
+    freedom: SavedSamples | None = None  # (n,) degrees, of the standard errors
+    # gives units, with the joint; None if unknown
+    input_kind: Annotated[InputKind | None, Field(alias="input")] = None
     joint: JointKind = JointKind.HINGE
 
     @property
@@ -194,101 +248,42 @@ class Estimate:
 
     def to_dict(self, truth: Truth | None = None) -> dict[str, Any]:
         """Return all fields, as JSON can hold them."""
-        rows = {row["name"]: row for row in map(asdict, self.table(truth))}
-        content: dict[str, Any] = {
-            "method": self.method,
-            "ending": str(self.ending),
-            "input": None if self.input_kind is None else str(self.input_kind),
-            "joint": str(self.joint),
-            "ratios": self.ratios,
-            "parameters": rows,
-            # what simulations use for them
-            "unestimated": {name: self.named[name] for name in (*self.unestimated, *self.open)},
-            "covariance": {"names": list(self.names), "matrix": self.covariance.tolist()},
-            "left_out": left_out_content(self.names, self.left_out),
-            "rivals": [rival.to_dict() for rival in self.rivals],
-            "bias": None if self.bias is None else self.bias.tolist(),
-            "simulator": None if self.simulator is None else self.simulator.tolist(),
-            "least": None if self.least is None else self.least.tolist(),
-            "missing": self.missing.to_dict(),
-            "agreement": [asdict(contrast) for contrast in self.agreement],
-            "freedom": None if self.freedom is None else self.freedom.tolist(),
-            "condition": self.condition,
-            "findings": [asdict(finding) for finding in self.findings],
-            "on_bound": list(self.on_bound),
-            "held": dict(self.fixed),
-            "known": self.known.to_dict(),
-            "resonances": [[asdict(mass), omega] for mass, omega in self.resonances.items()],
-            "horizon": "whole" if self.horizon == math.inf else self.horizon,
-            "local": [
-                [asdict(whose) if isinstance(whose, AddedMass) else whose, values]
-                for whose, values in self.local.items()
-            ],
-        }
-        document: dict[str, Any] = finite(content)
+        document: dict[str, Any] = finite(
+            {
+                **_saved().dump_python(self, mode="json", by_alias=True, exclude=_IN_PARAMETERS),
+                "ratios": self.ratios,
+                "parameters": {row["name"]: row for row in map(asdict, self.table(truth))},
+                # what simulations use for them
+                "unestimated": {n: self.named[n] for n in (*self.unestimated, *self.open)},
+                "covariance": {"names": list(self.names), "matrix": self.covariance.tolist()},
+                "left_out": left_out_content(self.names, self.left_out),
+            }
+        )
         return document
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Estimate:
-        """Return the estimate of a `to_dict`; KeyError, TypeError or ValueError if it is none."""
-        names = tuple(map(str, content["covariance"]["names"]))
-        rows, others = content["parameters"], content["unestimated"]
-        values = [others[name] if name in others else rows[name]["value"] for name in names]
-        limits = [[rows.get(name, {}).get(key) for name in names] for key in ("lower", "upper")]
-        left_out: dict[Hashable, Samples] = {
-            _mass(part["added_mass"]) if "added_mass" in part else part["without"]: _array(
-                [part["values"][name] for name in names]
-            )
-            for part in content["left_out"]
-        }
-        estimate = cls(
-            method=str(content["method"]),
-            names=names,
-            values=_array(values),
-            covariance=_array(content["covariance"]["matrix"]).reshape(2 * (len(names),)),
-            lower=_array(limits[0]),
-            upper=_array(limits[1]),
-            left_out=left_out,
-            rivals=tuple(map(Rival.from_dict, content.get("rivals", ()))),
-            bias=_array_or_none(content.get("bias")),
-            simulator=_array_or_none(content.get("simulator")),
-            least=_array_or_none(content.get("least"), null=-np.inf),
-            missing=MissingTerms.from_dict(content.get("missing")),
-            agreement=_CONTRASTS.validate_python(content.get("agreement", ())),
-            freedom=_array_or_none(content.get("freedom")),
-            condition=float(_array(content["condition"])),
-            on_bound=tuple(content["on_bound"]),
-            ending=Ending(content["ending"]),
-            # findings of older programs may be of kinds that no longer exist
-            findings=_FINDINGS.validate_python(
-                [finding for finding in content["findings"] if finding["kind"] in KINDS]
-            ),
-            fixed={str(name): float(value) for name, value in content["held"].items()},
-            known=Prior.of(content.get("known", {})),
-            resonances={_mass(key): float(_array(omega)) for key, omega in content["resonances"]},
-            horizon=_horizon(content.get("horizon")),
-            local={
-                _mass(key) if isinstance(key, dict) else key: dict(numbers)
-                for key, numbers in content["local"]
-            },
-            input_kind=None if content.get("input") is None else InputKind(content["input"]),
-            joint=JointKind(content.get("joint", JointKind.HINGE)),
-        )
-        named = {*names, *estimate.on_bound, *estimate.fixed, *estimate.unestimated}
-        if not named <= TERMS.keys() or len({*names}) < len(names):
+        """Return the estimate of a `to_dict`; ValueError that names a field if it is none."""
+        return _saved().validate_python(content).consistent
+
+    @property
+    def consistent(self) -> Estimate:
+        """The same estimate; ValueError if its parts do not belong together."""
+        named = {*self.names, *self.on_bound, *self.fixed, *self.unestimated}
+        if not named <= TERMS.keys() or len({*self.names}) < len(self.names):
             raise ValueError("names that are no parameters, or twice the same")
-        if any(array.shape != estimate.values.shape for array in estimate._arrays):
+        shape, covariance = self.values.shape, self.covariance
+        if any(array.shape != shape for array in self._arrays) or covariance.shape != 2 * shape:
             raise ValueError("not as many values as names")
-        errors = np.sqrt(np.nan_to_num(np.abs(np.diag(estimate.covariance))))
+        errors = np.sqrt(np.nan_to_num(np.abs(np.diag(covariance))))
         rounded = 1e-9 * np.outer(errors, errors)  # where one is 0 but for rounding
-        both = estimate.covariance, estimate.covariance.T
-        if not np.allclose(*both, atol=rounded, equal_nan=True):
+        if not np.allclose(covariance, covariance.T, atol=rounded, equal_nan=True):
             raise ValueError("a covariance that is not symmetric")
-        if (np.diag(estimate.covariance) < 0).any():
+        if (np.diag(covariance) < 0).any():
             raise ValueError("variances below 0")
-        if estimate.freedom is not None and (estimate.freedom <= 0).any():
+        if self.freedom is not None and (self.freedom <= 0).any():
             raise ValueError("degrees of freedom that are not above 0")
-        return estimate
+        return self
 
     @property
     def usable(self) -> Estimate:
@@ -438,20 +433,31 @@ def left_out_content(
     return content
 
 
-def _array(values: Any) -> Samples:  # noqa: ANN401 - whatever is in the file
-    """Return numbers as an array; null is NaN, anything else a TypeError or ValueError."""
-    return np.array(values, dtype=np.float64)
+_IN_PARAMETERS = {"names", "values", "lower", "upper", "covariance", "left_out"}
+"""Fields that documents have by parameter."""
 
 
-def _array_or_none(values: Any, null: float = np.nan) -> Samples | None:  # noqa: ANN401 - as above
-    return None if values is None else np.where(np.isnan(array := _array(values)), null, array)
+def _by_name(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a document with what it has by parameter, in the order of names."""
+    names = content["covariance"]["names"]
+    rows, others = content["parameters"], content["unestimated"]
+    left_out = {
+        _MASS.validate_python(part["added_mass"]) if "added_mass" in part else part["without"]: [
+            part["values"][name] for name in names
+        ]
+        for part in content["left_out"]
+    }
+    return {
+        **content,
+        "names": names,
+        "values": [others[name] if name in others else rows[name]["value"] for name in names],
+        "lower": [rows.get(name, {}).get("lower") for name in names],
+        "upper": [rows.get(name, {}).get("upper") for name in names],
+        "covariance": content["covariance"]["matrix"] or np.zeros((0, 0)),
+        "left_out": left_out,
+    }
 
 
-def _mass(key: dict[str, Any]) -> AddedMass:
-    return AddedMass(**key | {"joint": JointKind(key.get("joint", JointKind.HINGE))})
-
-
-def _horizon(content: str | float | None) -> float | None:
-    if content is None:
-        return None
-    return math.inf if content == "whole" else float(content)
+@cache
+def _saved() -> TypeAdapter[Estimate]:
+    return TypeAdapter(Annotated[Estimate, _reading(_by_name)])

@@ -10,12 +10,12 @@ the cost two to ten times as often, as it verifies the last step too.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
-from butterfly.arrays import ROUNDING, Samples
+from butterfly.arrays import ROUNDING, Samples, SavedSamples
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.findings import Ending, Finding, FindingKind
 from butterfly.identification.linearisation import Linearisation
@@ -199,7 +199,7 @@ class MissingTerms:
     share: float = 0.0  # of the squared residuals that they explain
     shares: Mapping[str, float] = field(default_factory=dict)  # the same of each log, by its name
     moved: tuple[str, ...] = ()  # parameters that they move by more than their intervals allow
-    rival: Samples | None = None  # (n,) values with them, if they move any so far
+    rival: SavedSamples | None = None  # (n,) values with them, if they move any so far
 
     @classmethod
     def of(
@@ -240,22 +240,3 @@ class MissingTerms:
         if not self.terms:
             return []
         return [Finding(FindingKind.MISSING_TERM, (self.names, *self.moved), number=self.share)]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return it as JSON can hold it."""
-        return asdict(self) | {"rival": None if self.rival is None else self.rival.tolist()}
-
-    @classmethod
-    def from_dict(cls, content: Mapping[str, Any] | None) -> MissingTerms:
-        """Return that of a `to_dict`, or none; KeyError, TypeError or ValueError if damaged."""
-        if content is None:
-            return cls()
-        rival = content["rival"]
-        return cls(
-            terms=tuple(map(str, content["terms"])),
-            others=tuple(tuple(map(str, names)) for names in content["others"]),
-            share=float(content["share"]),
-            shares={str(name): float(share) for name, share in content["shares"].items()},
-            moved=tuple(map(str, content["moved"])),
-            rival=None if rival is None else np.array(rival, dtype=np.float64),
-        )

@@ -196,7 +196,7 @@ def agreement_of(fit: Fit, basis: Basis) -> tuple[tuple[Contrast, ...], list[Riv
         about, basis.conditions, between_logs=not fit.scatters, large=basis.large
     )
     shift = fit.values - about.values
-    return contrasts, [rival._replace(values=rival.values + shift) for rival in rivals]
+    return contrasts, [replace(rival, values=rival.values + shift) for rival in rivals]
 
 
 def covariance_of(fit: Fit, basis: Basis, carried: Sequence[AddedMass]) -> Pair:

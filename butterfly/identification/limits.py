@@ -22,13 +22,12 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from butterfly.arrays import ROUNDING, Samples, unit_columns, unit_diagonal
+from butterfly.arrays import ROUNDING, Samples, SavedSamples, unit_columns, unit_diagonal
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.parameter import CONFIDENCE, FEW, SPREADS
@@ -191,45 +190,29 @@ def half_widths(covariance: Samples, freedom: Samples) -> Samples:
     return np.asarray(quantiles * errors, dtype=float)
 
 
-class Rival(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Rival:
     """Other values that may be right, which intervals include."""
 
-    values: Samples  # (n,)
-    half_widths: Samples | None = None  # (n,) of their own intervals; None: those of the fit
+    values: SavedSamples  # (n,)
+    half_widths: SavedSamples | None = None  # (n,) of their own intervals; None: those of the fit
     # whether a fit has them that predicts as well; else a condition, sensor or clock points there
     predicts: bool = True
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return it as JSON can hold it."""
-        half = None if self.half_widths is None else self.half_widths.tolist()
-        return {"values": self.values.tolist(), "half_widths": half, "predicts": self.predicts}
-
-    @classmethod
-    def from_dict(cls, content: Any) -> Rival:  # noqa: ANN401 - whatever is in the file
-        """Return the rival of a `to_dict`, or of a list of values, as older programs wrote it."""
-        if isinstance(content, list):
-            return cls(np.array(content, dtype=np.float64))
-        half = content["half_widths"]
-        return cls(
-            np.array(content["values"], dtype=np.float64),
-            None if half is None else np.array(half, dtype=np.float64),
-            bool(content["predicts"]),
-        )
 
     def inserted(self, at: int, value: float) -> Rival:
         """Return it with a value more, which is held."""
         half = None if self.half_widths is None else np.insert(self.half_widths, at, 0.0)
-        return self._replace(values=np.insert(self.values, at, value), half_widths=half)
+        return replace(self, values=np.insert(self.values, at, value), half_widths=half)
 
     def within(self, some: slice) -> Rival:
         """Return it in some of the values."""
         half = None if self.half_widths is None else self.half_widths[some]
-        return self._replace(values=self.values[some], half_widths=half)
+        return replace(self, values=self.values[some], half_widths=half)
 
     def at_most(self, half: Samples) -> Rival:
         """Return the rival with its half-widths limited to (n,) ``half``."""
         widths = half if self.half_widths is None else np.minimum(self.half_widths, half)
-        return self._replace(half_widths=widths)
+        return replace(self, half_widths=widths)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -5,30 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from butterfly.files import replacing
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate, Truth
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.findings import Finding
-from butterfly.identification.parameter import lumped_numbers, unit_of
+from butterfly.identification.parameter import lumped_numbers
 from butterfly.identification.residuals import Residuals
-from butterfly.logs.log import InputKind
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import PARAMETERS
 from butterfly.outputs import mark_of
 from butterfly.report.finding_texts import finding_text, values_of
-from butterfly.report.format import field_unit
-from butterfly.result import document
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-
-_IN_THEIR_UNIT = {
-    *("value", "standard_error", "lower", "upper", "true"),
-    *("least_left_out", "largest_left_out"),
-}
 
 
 def rests_on(data: DataSet, estimate: Estimate, estimator: Estimator | None) -> dict[str, Any]:
@@ -80,24 +69,6 @@ def _plain(value: object) -> Any:  # noqa: ANN401 - any option
     if isinstance(value, tuple | list):
         return [_plain(entry) for entry in value]
     return value if isinstance(value, bool | int | float | None) else str(value)
-
-
-def rows_document(name: str, table: pa.Table, kind: InputKind) -> dict[str, Any]:
-    """Return the rows of a table of results, with the units of what they estimate."""
-    rows = table.to_pylist()
-    for row in rows:
-        if "parameter" in row:
-            row["unit"] = unit_of(row["parameter"], kind)
-    units = {
-        f"rows.{column}": "the row's unit" if column in _IN_THEIR_UNIT else field_unit(column)
-        for column in table.column_names
-    }
-    return document(
-        "table",
-        f"Rows of {name}",
-        {"count": table.num_rows, "rows": rows},
-        units={column: unit for column, unit in units.items() if unit},
-    )
 
 
 def write_columns(path: Path, kind: str, columns: Mapping[str, Any]) -> None:

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 _LISTED = 100  # runs in a table of what went wrong
 _LEAST = 1e-12  # deviation that is told from 0
 _ORBITS = 200  # runs in the table of orbits
+_SHOWN = 20  # runs that are printed
 _SHARES = ("median_deviation", "rms_deviation", "largest_deviation", "coverage")  # of `recovery`
 
 
@@ -209,7 +210,7 @@ def worst_table(table: Estimates, fields: Sequence[str], count: int) -> PageTabl
         *(first, second, "parameter", "deviation", *others),
         more=of_run,
         words=(1, 2),
-        caption="The number links to the run's record (JSON); butterfly results show FOLDER NUMBER "
+        caption="The number links to the run's record (JSON); butterfly inspect FOLDER/NUMBER "
         "prints it.",
     )
 
@@ -229,6 +230,24 @@ def _unconverged_table(table: Estimates) -> PageTable:
 def _link(number: float, key: str) -> Marked:
     """Return a link from a run's number to its record."""
     return Marked(f"{number:.0f}", f"runs/{key[:2]}/{key}.json")
+
+
+def runs_table(runs: pa.Table, fields: Sequence[str]) -> PageTable:
+    """List runs, those with the gravest verdict first, at most `_SHOWN`."""
+    columns: dict[str, Callable[[Mapping[str, Any]], object]] = {
+        "run": lambda row: row["number"],
+        "verdict": lambda row: row["verdict"],
+        **{field_label(field): itemgetter(field) for field in fields},
+        "without a result": lambda row: None if row["status"] == OK else row["status"],
+    }
+    worst = {OK: 0, MISSING: -1}
+    verdicts = {None: 0} | {level.verdict: k for k, level in enumerate(VERDICTS)}
+    rows = sorted(
+        runs.to_pylist(),
+        key=lambda row: (-worst.get(row["status"], 1), -verdicts[row["verdict"]], row["number"]),
+    )
+    title = f"{_SHOWN} of {len(rows)} runs, worst first" if len(rows) > _SHOWN else "Runs"
+    return PageTable.of(title, rows[:_SHOWN], columns)
 
 
 def _failures_table(runs: pa.Table) -> PageTable:
@@ -260,8 +279,8 @@ def _summary(table: Estimates, status: NDArray[Any], fields: Sequence[str]) -> l
     sentences = _closeness(table)
     if failed := int((status != OK).sum()) - (missing := int((status == MISSING).sum())):
         sentences.append(
-            f"{counted(failed, 'run')} without a result: `butterfly results show FOLDER NUMBER` "
-            "says why."
+            f"{counted(failed, 'run')} without a result: `butterfly inspect FOLDER/NUMBER` says "
+            "why."
         )
     done, varied = int((status == OK).sum()), ", ".join(map(field_name, fields)) or "only the seed"
     sentences.append(f"{status.size} runs, {done} with a result; varied: {varied}.")

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 import butterfly as bf
-from butterfly.api.identification import IdentifiedModel
+from butterfly.api.identification import Identification, IdentifiedModel
 from butterfly.identification.estimators import WeakForm
+from butterfly.identification.identify import simulated
 from tests.independent.integrator import Joint, motion
 
 
@@ -97,3 +98,10 @@ def test_a_slide_s_table_is_in_kilograms_and_it_is_exported_as_a_slide(tmp_path)
     written = found.model.export(tmp_path / "slide.xml")
     assert 'type="slide"' in written.text
     assert written.accuracy.unit == "m"
+
+
+def test_an_answer_and_what_it_answers_have_one_state(few):
+    found = simulated(few.data, few.estimate)
+    answer = Identification.of(found)
+    assert vars(answer) is vars(found)
+    assert answer.free_runs is found.free_runs

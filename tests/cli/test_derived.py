@@ -40,7 +40,7 @@ def test_only_commands_that_describe_data_take_what_is_said_of_them():
         names = {name for option in _options(call) for name in option}
         told = names >= OF_DATA
         assert told == (call in {"inspect", "manifest", "identify", "report"}), call
-        assert told or "--columns" not in names or call == "results table"
+        assert told or "--columns" not in names
 
 
 def test_short_forms_mean_the_same_everywhere():

@@ -34,9 +34,6 @@ def _words(command, data, few, place):
         "reproduce": ("thesis",),
         "library list": (),
         "library show": ("xl330",),
-        "results list": (place / "results",),
-        "results show": (results, 0),
-        "results table": (results, "--table", "estimates"),
     }
     return (*command.split(), *told.get(command, (data,)))
 
@@ -111,9 +108,9 @@ def test_the_file_beside_a_report_tells_the_same_and_can_be_read_again(answer, q
     assert (code, out.count("\n"), out[:6]) == (0, 2, "Good: ")
 
 
-@pytest.mark.parametrize("command", sorted(KINDS.keys() - SLOW - {"results list"}))
+@pytest.mark.parametrize("command", sorted(KINDS.keys() - SLOW))
 def test_bad_input_leaves_standard_output_empty(answer, tmp_path, command):
-    more = {"predict": ("--with", "p1=1"), "results show": (0,)}
+    more = {"predict": ("--with", "p1=1")}
     words = (*command.split(), tmp_path / "nowhere.json", *more.get(command, ()), "--json", "-")
     assert_one_line_error(answer(*words), "nowhere")
     assert answer(*words)[1] == ""

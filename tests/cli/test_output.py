@@ -89,11 +89,9 @@ PRINTED = {
     "inspect": (),
     "inspect one": ("--log", 1),
     "identify": ("--terms=", "--against", "p1=0.003,p2=0.001,p3=0.05"),
-    "results list": (),
-    "results show": (0,),
-    "results table": (),
-    "results table of estimates": ("--table", "estimates"),
-    "results table with all columns": ("--columns", "key,seed,status,logs,noise"),
+    "inspect results": (),
+    "inspect a sweep": (),
+    "inspect a run": (),
 }
 COLOURS = re.compile(r"\x1b\[[0-9;]*m")
 
@@ -111,10 +109,12 @@ def places(quick_data, tmp_path_factory):
 def test_output_fits_80_columns_and_says_on_a_terminal_what_it_says_piped(
     answer, butterfly, places, monkeypatch, call
 ):
-    words = call.split()[: 2 if call.startswith("results") else 1]
-    told = (*words, places["results" in call], *PRINTED.get(call, ()))
+    data, sweep = places
+    of_results = {"results": sweep.parent, "sweep": sweep, "run": sweep / "0"}
+    command, *others = call.split()
+    told = (command, of_results.get(others[-1] if others else "", data), *PRINTED.get(call, ()))
     if call == "compare":
-        told = (call, places[True] / "0", places[True] / "1")
+        told = (call, sweep / "0", sweep / "1")
     code, piped, err = answer(*told)
     assert code in {0, 3}, err
     assert_tables_fit(piped)

@@ -7,6 +7,7 @@ from operator import attrgetter
 
 import pytest
 import yaml
+from pyarrow import parquet
 
 import butterfly as bf
 from butterfly.cli.output import ExitCode
@@ -174,14 +175,16 @@ def test_a_run_and_its_record_say_the_verdict(butterfly, quick, tmp_path, monkey
     (record,) = out.glob("runs/*/*.json")
     (estimate,) = json.loads(record.read_text(encoding="utf-8"))["estimates"]
     assert estimate["verdict"] == "do not use"
-    said = done(butterfly("results", "show", out, 0))
+    code, said, _ = butterfly("inspect", out / "0")
+    assert code == ExitCode.NOT_TO_BE_USED
     assert said.startswith("Do not use: The fit did not converge.\n")
     assert "harmonic-balance" in said
     code, said, _ = butterfly("compare", out / "0", out / "0")
     assert said.count("Do not use: ") == 2
-    for table in ("runs", "estimates"):
-        told = ("--table", table, "--columns", "verdict")
-        assert "do not use" in butterfly("results", "table", out, *told)[1]
+    assert "do not use" in done(butterfly("inspect", out.parent))
+    for name in ("runs", "estimates"):
+        verdicts = parquet.read_table(out / f"{name}.parquet")["verdict"].to_pylist()
+        assert {*verdicts} == {"do not use"}
 
 
 def test_what_a_method_does_not_estimate_is_no_value_of_it(told, by_thesis, tmp_path):

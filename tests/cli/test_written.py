@@ -16,7 +16,7 @@ from tests.cli.one_line import assert_one_line_error
 
 OF_FOLDER = dict.fromkeys(("manifest", "identify", "select"), "logs")
 OF_RESULT = dict.fromkeys(("design", "residual", "export", "show"), "result.json")
-OF_SWEEP = dict.fromkeys(("results list", "results table", "results clean"), "results")
+OF_SWEEP = {"results clean": "results"}
 OF_EXPERIMENT = ("run", "simulate", "campaign")
 ABOUT = {
     **OF_FOLDER
@@ -28,7 +28,6 @@ ABOUT = {
     "validate": "logs result.json",
     "predict": "logs/run0.csv --with result.json",
     "compare": "result.json other.json",
-    "results show": "results 0",
     "library list": "",
     "library show": "xl330",
     "library draft": "result.json",

@@ -7,7 +7,7 @@ import numpy as np
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.experiment import perform as performing
 from butterfly.experiment.perform import execute, perform
-from butterfly.experiment.record import OK, REFUSED
+from butterfly.experiment.record import OK, REFUSED, Task
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.source import read_experiment
 from tests.experiment import setting
@@ -76,3 +76,16 @@ def test_logs_held_out_by_name_are_foretold_and_recorded(quick):
     (identification,) = result.identifications.values()
     assert len(identification.data.logs) == len(result.logs) - 1
     assert list(identification.held_out) == [result.logs[0].name]
+
+
+def test_a_worker_replies_with_the_record_and_the_files_of_its_task_alone():
+    content = setting.SINGLE | {"keep_signals": True}
+    task = Task(
+        number=4, key="ab" * 12, overrides={"seed": 3}, repetition=2, seed=3, content=content
+    )
+    here = perform(Experiment.model_validate(content), task=task)
+    assert here.logs
+    assert here.sent.files.keys() == here.files.keys() != set()
+    assert (here.sent.logs, here.sent.identifications) == ((), {})
+    record = here.sent.record
+    assert (record.key, record.overrides, record.repetition) == (task.key, {"seed": 3}, 2)

@@ -186,7 +186,7 @@ def test_runs_are_validated_by_what_is_left_out_where_that_can_be(folder):
 
 
 @pytest.mark.usefixtures("undisturbed")
-def test_results_are_listed_shown_tabulated_exported_and_compared(butterfly, folder, tmp_path):
+def test_results_are_listed_shown_compared_and_cleaned_up(butterfly, folder):
     one = folder / "one"
 
     def said(*words):
@@ -194,14 +194,9 @@ def test_results_are_listed_shown_tabulated_exported_and_compared(butterfly, fol
         assert code == 0
         return out
 
-    assert "encoder noise" in said("results", "list", folder)
-    assert "weak-form" in said("results", "show", one, "4")
-    assert said("results", "table", one, "--columns", "number,status").split().count("ok") == 6
-    exported = tmp_path / "e.csv"
-    said("results", "table", one, "--out", exported, "--columns", "number,parameter,value")
-    first, *lines = exported.read_text().splitlines()
-    assert first == '"number","parameter","value"'
-    assert sum('"p1"' in line for line in lines) == 6
+    assert "encoder noise" in said("inspect", folder)
+    assert "weak-form" in said("inspect", one / "4")
+    assert f"All rows: {one / 'runs.parquet'}" in said("inspect", one)
     assert "encoder noise" in said("compare", one / "0", one / "3")
     compared = json.loads(said("compare", one / "0", one / "1", "--json", "-"))
     assert compared["schema"] == "butterfly.runs"
@@ -214,17 +209,19 @@ def test_results_are_listed_shown_tabulated_exported_and_compared(butterfly, fol
 @pytest.mark.parametrize(
     ("arguments", "part"),
     [
-        (("table", "one", "--columns", "nois"), "an unknown column"),
-        (("table", "one", "--table", "runz"), '"runs"'),
-        (("show", "one", "9999"), "a number from 0 to 5"),
-        (("table", "one", "--out", "x.xls"), ".csv or .parquet"),
-        (("show", "nowhere", "0"), "a folder of results"),
+        (("inspect", "one/9999"), "a number from 0 to 5"),
+        (("inspect", "one", "--log", "0"), "no such option"),
+        (("inspect", "nowhere/0"), "an existing path"),
+        (("results list", "one"), "butterfly inspect FOLDER"),
+        (("results show", "one", "0"), "butterfly inspect FOLDER/NUMBER"),
+        (("results table", "one", "--columns", "key"), "runs.parquet and estimates.parquet"),
+        (("results clean", "nowhere"), "a folder of results"),
     ],
 )
 @pytest.mark.usefixtures("undisturbed")
 def test_a_slip_about_results_is_one_line(butterfly, folder, arguments, part):
     verb, place, *words = arguments
-    assert_one_line_error(butterfly("results", verb, folder / place, *words), part)
+    assert_one_line_error(butterfly(*verb.split(), folder / place, *words), part)
 
 
 @pytest.mark.usefixtures("undisturbed")

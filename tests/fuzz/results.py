@@ -25,11 +25,9 @@ keep_signals: true
 sweep: {grid: {plant.encoder.noise: [0.0, 1.0e-4]}}
 """
 _LOOKS = (
-    "results list {0}",
-    "results show {0} 0",
-    "results table {0}",
-    "results table {0} --table estimates --columns parameter",
-    "results table {0} --out {0}.csv",
+    "inspect {0}",
+    "inspect {0}/..",
+    "inspect {0}/0",
     "compare {0}/0 {0}/1",
     "results clean {0} --failed",
 )

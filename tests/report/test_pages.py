@@ -116,9 +116,7 @@ def pages(data, found, residuals, tmp_path_factory):
 def test_the_report_of_a_sweep_counts_verdicts_and_lists_what_went_wrong(pages):
     page = pages["sweep"]
     assert page.summary[0].startswith("Half of all estimates are within ")
-    assert "2 runs without a result: `butterfly results show FOLDER NUMBER` says why." in (
-        page.summary
-    )
+    assert "2 runs without a result: `butterfly inspect FOLDER/NUMBER` says why." in (page.summary)
     assert any(each.startswith("60 runs, 58 ") for each in page.summary)
     assert "Verdicts on 58 estimates: 0 good, 57 use with care, 1 do not use." in page.summary
     assert any("1 of 58" in each for each in page.summary)
