@@ -92,6 +92,7 @@ class Facts:
     model: Annotated[Path | None, _fact("model", metavar="FILE")] = None
     of: Annotated[str | None, _fact("of", "Or: all.", metavar="JOINT")] = None
     pose: Annotated[str | None, _POSE] = None
+    clamped: Annotated[bool, _fact("clamped", negative="")] = False
     zero: Annotated[str | None, _ZERO] = None
     root: Annotated[Path | None, _ROOT] = None
     intersample: Annotated[Literal["zero_order_hold", "first_order_hold"] | None, _HOLD] = None
@@ -109,7 +110,7 @@ class Facts:
             for name in ("columns", "units", "known", "loop", "pose")
             if values[name] is not None
         }
-        values["repair"] = values["repair"] or None
+        values["repair"], values["clamped"] = values["repair"] or None, values["clamped"] or None
         values["split"] = "restarts" if values.pop("restarts") else None
         del values["root"]
         values |= {"from": values.pop("begin", None), "to": values.pop("end", None)}

@@ -211,6 +211,8 @@ class Manifest(StrictModel):
     """Name of the joint in that model."""
     pose: Annotated[dict[str, float], _Rule.ADDS] = Field(default={})
     """Positions of the model's other joints in rad or m. Default: their columns, its keyframe."""
+    clamped: bool = False
+    """Whether the model's other joints without columns are clamped, and cannot give way."""
     link_masses: LinkMasses = LinkMasses()
     """How well that model's masses are known: 5 % (0.05), all by one factor."""
     facts: ModelFacts | None = None
@@ -367,7 +369,7 @@ class Manifest(StrictModel):
 
 _SELDOM = (
     *("shape", "sign", "loop", "encoder", "joint", "gravity", "known", "zeros", "units", "holdout"),
-    *("pose", "link_masses"),
+    *("pose", "clamped", "link_masses"),
 )
 """Fields that are not written at their default."""
 

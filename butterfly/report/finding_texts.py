@@ -483,11 +483,19 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "All values rest on the simulator, too: solved more finely it moves {names} by "
         "{percent:.1g} %, the others by less of their intervals. These include it."
     ),
+    FindingKind.LOGS_LOST: (
+        "The model does not follow {logs} (FIT below 50 %) of {used}: look at them, or leave them "
+        "out."
+    ),
+    FindingKind.NEIGHBOURS_UNSEEN: (
+        "Nothing shows whether {names} stood still: motors that give way by 10 to 40 mrad move p1 "
+        "by 1 to 3 %. Record their positions too, or say that they are clamped (--clamped)."
+    ),
     FindingKind.NEIGHBOURS_MOVED: (
         "{names} moved by up to {number:.2g} rad (or m), which nothing corrects: hold them, or "
         "give p4 (their torque is then taken off the input)."
     ),
-    FindingKind.NEIGHBOURS_STILL: "Without their columns {names} are taken to stand still.",
+    FindingKind.NEIGHBOURS_STILL: "{names} are clamped, as is given.",
     FindingKind.NEIGHBOURS_CORRECTED: (
         "The motion of {names} made {percent:.2g} % of the drive's torque, which is taken off it."
     ),
