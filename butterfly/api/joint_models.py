@@ -27,7 +27,7 @@ from butterfly.logs.manifest import LogEntry, Manifest, columns_of_entry
 from butterfly.logs.model_facts import STILL, ModelFacts, PoseFacts
 from butterfly.logs.units import Units, units_spelt
 from butterfly.model.parameters import JointKind
-from butterfly.model.prior import Known
+from butterfly.model.prior import Known, plain
 from butterfly.model.terms import TERMS
 
 ZERO_UNCERTAINTY = 0.05
@@ -347,6 +347,26 @@ def _as_mass(inertia: float, moment: float, facts: ModelFacts) -> dict[str, Any]
         "added_mass": Known(value=mass, uncertainty=share * mass),
         "arm": arm,
         "inertia": max(inertia - mass * arm**2, 0.0),
+    }
+
+
+def joint_clamped_in(path: Path, joint: str, pose: Mapping[str, float]) -> dict[str, Any]:
+    """Return a manifest's fields, as a file has them, of a joint whose others are clamped."""
+    from butterfly.twin.joint_of_model import JointOfModel  # noqa: PLC0415 - slow to import
+
+    robot = JointOfModel.of(path, joint)
+    if robot.kind is JointKind.SLIDE:
+        raise InputError(path, "joint", f"{joint}, a slide", "a hinge, which a campaign can turn")
+    whole = robot.pose_facts(pose)
+    facts = robot.facts([whole], Manifest.model_fields["link_masses"].default)
+    return {
+        "model": str(path.absolute()),
+        "of": joint,
+        "pose": whole.pose,
+        "clamped": True,
+        "gravity": facts.gravity,
+        "facts": facts.model_dump(mode="json"),
+        "known": {name: plain(value) for name, value in _known(facts).items()},
     }
 
 

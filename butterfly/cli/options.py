@@ -215,6 +215,17 @@ def parse_floats(text: str | None) -> list[float] | None:
         raise InputError("--masses", "number", text, "numbers separated by commas") from None
 
 
+def parse_positions(text: str) -> dict[str, float]:
+    """Read NAME=NUMBER pairs separated by commas."""
+    positions = {}
+    for name, number in parse_pairs(text, "--pose").items():
+        try:
+            positions[name] = float(number)
+        except ValueError:
+            raise InputError("--pose", name, number, "a number in rad or m") from None
+    return positions
+
+
 def parse_names(text: str | None) -> tuple[str, ...]:
     """Split names separated by commas; None gives none."""
     return tuple(filter(None, map(str.strip, (text or "").split(","))))
