@@ -87,8 +87,11 @@ def test_a_log_of_wrist_roll_alone_is_none_of_wrist(tmp_path):
     with pytest.raises(InputError, match="those of wrist_roll") as refused:
         bf.read(logs, **asked, of="wrist")
     assert refused.value.field == "columns"
-    assert bf.read(logs, **asked, of="wrist_roll").manifest.logs[0].columns["angle"].startswith(
-        "wrist_roll"
+    assert (
+        bf.read(logs, **asked, of="wrist_roll")
+        .manifest.logs[0]
+        .columns["angle"]
+        .startswith("wrist_roll")
     )
 
 
