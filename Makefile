@@ -19,7 +19,7 @@ unexport PYTHONDONTWRITEBYTECODE
 WRITE ?=
 export BUTTERFLY_BENCH_WRITE ?= $(WRITE)
 
-.PHONY: commands constraints demo docs lowest outputs pictures profile test test-slow film lint types bench bench-short campaigns compilation coverage faults sound repeats kinds strangers robots paces forecasts fuzz readers readback record record-check texts units wheel clean
+.PHONY: commands constraints demo docs library lowest outputs pictures profile test test-slow film lint types bench bench-short campaigns compilation coverage faults sound repeats kinds strangers robots paces forecasts fuzz readers readback record record-check texts units wheel clean
 
 demo: $(VENV)/.runtime
 	$(BIN)/butterfly run experiments/quickstart.yaml
@@ -140,6 +140,13 @@ units: $(VENV)/.development
 # How often what inspect says before a fit comes true: 15 kinds of data sets, 5 of each by ROBOTS=5.
 forecasts: $(VENV)/.development
 	$(ONE_THREAD) $(BIN)/python -m tests.benchmarks.before_fit --robots $(ROBOTS) --seed $(SEED)
+
+# The motors of models/motors made again from their logs, which git takes from where they were
+# published, or in MOTOR_LOGS/NAME: each must be as its file says. MOTORS='xl330' for one.
+MOTORS ?=
+MOTOR_LOGS ?=
+library: $(VENV)/.development
+	$(ONE_THREAD) $(BIN)/python -m tests.motor_logs $(MOTORS) $(if $(MOTOR_LOGS),--logs $(MOTOR_LOGS))
 
 # Damaged files of all kinds, each read in a child: CASES of each kind. Kinds named answer-... have an
 # answer, which is compared with that of the sound file (FUZZ_OPTIONS='--kind answer-csv').

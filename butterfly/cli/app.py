@@ -80,6 +80,17 @@ def _robot() -> dict[str, Function]:
     }
 
 
+def _library() -> dict[str, Function]:
+    """Import commands of the library of motors."""
+    from butterfly.cli import library  # noqa: PLC0415 - when one is called
+
+    return {
+        "library list": library.list_motors,
+        "library show": library.show_motor,
+        "library draft": library.draft_motor,
+    }
+
+
 def _results() -> dict[str, Function]:
     """Import commands of results."""
     from butterfly.cli import results  # noqa: PLC0415 - when one is called
@@ -119,12 +130,24 @@ COMMANDS = {
     "campaign": Command("Use a robot", _verbs, "campaign"),
     "schema": Command("Simulated experiments", _experiments),
     "reproduce": Command("Simulated experiments", _experiments, "reproduction"),
+    "library list": Command("Commands", _library, "motors"),
+    "library show": Command("Commands", _library, "motor"),
+    "library draft": Command("Commands", _library),
     "results list": Command("Commands", _results, "results"),
     "results show": Command("Commands", _results, "run"),
     "results table": Command("Commands", _results, "table"),
     "results clean": Command("Commands", _results),
 }
 """All commands, by the words that call them, in the order of help."""
+
+GROUPS = {
+    "library": (
+        "Motors",
+        "Motors that others measured, whose values can be known values of yours.",
+    ),
+    "results": ("Results", "List, show, export and clean up the results of sweeps."),
+}
+"""Commands that have commands of their own: the panel that lists each, and its help."""
 
 EXAMPLES = {
     "inspect": "butterfly inspect logs/ --units time=ms; "
@@ -154,6 +177,8 @@ EXAMPLES = {
     "butterfly campaign my_robot:motor --command 6 --masses 0,0.1 --arm 0.1 --out campaign",
     "schema": "butterfly schema experiment --out experiment.schema.json",
     "reproduce": "butterfly reproduce thesis --out figures",
+    "library show": "butterfly library show xl330",
+    "library draft": "butterfly library draft servo.json --out my-servo.yaml",
     "results show": "butterfly results show results/large-sweep 0",
     "results table": "butterfly results table results/large-sweep --columns number,fit_median",
 }
@@ -183,15 +208,17 @@ def program(tokens: Sequence[str] | None = None) -> App:
         group_commands=_EVERYWHERE,
         group_parameters=Group("Options", sort_key=1),
     )
-    results = App(name="results", help="List, show, export and clean up the results of sweeps.")
-    results.group = Group("Results", sort_key=8)
-    app.command(results)  # its commands have the names of groups of `app`
+    parts = {}
+    for number, (name, (panel, about)) in enumerate(GROUPS.items()):
+        parts[name] = App(name=name, help=about)
+        parts[name].group = Group(panel, sort_key=7 + number)
+        app.command(parts[name])  # its commands have the names of groups of `app`
     panels = dict.fromkeys(command.panel for command in COMMANDS.values())
     groups = {panel: Group(panel, sort_key=number) for number, panel in enumerate(panels)}
     for words, command in COMMANDS.items():
-        name = words.removeprefix("results ")
+        part, _, name = words.rpartition(" ")
         called = words == call
-        (app if name == words else results).command(
+        parts.get(part, app).command(
             command.functions()[words] if called or whole else _not_called,
             name=name,
             group=groups[command.panel],
@@ -300,7 +327,7 @@ def _parsed(tokens: Sequence[str]) -> tuple[Function, BoundArguments]:
 def _name_of(tokens: Sequence[str]) -> str:
     """Return the words that call a command."""
     words = [token for token in tokens if not token.startswith("-")]
-    return " ".join(words[: 2 if words[:1] == ["results"] else 1])
+    return " ".join(words[: 2 if words and words[0] in GROUPS else 1])
 
 
 def main() -> None:

@@ -28,6 +28,12 @@ SUMMARIES = {
     ),
     "schema": "Print the JSON Schema of experiment or manifest files.",
     "reproduce": "Reproduce the thesis's numbers, with its mistakes and corrected.",
+    "library list": "List the motors of the library.",
+    "library show": "Show a motor: what it takes to another joint, and where that is from.",
+    "library draft": (
+        "Write a file for the library from a saved result: your motor's values, the rest "
+        "to fill in."
+    ),
     "results list": "List sweeps, and how many of their runs are done.",
     "results show": "Show one run: settings, estimates, times and versions.",
     "results table": "Print a sweep's table, or export it.",

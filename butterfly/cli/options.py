@@ -65,7 +65,7 @@ def _fact(field: str, more: str = "", **how: Any) -> Parameter:  # noqa: ANN401 
 _COLUMNS = _fact("columns", "Such as time=t,input=tau,angle=q.", metavar="PAIRS")
 _UNITS = _fact("units", "Such as time=ms,angle=-deg,input=counts/4096.", metavar="PAIRS")
 _LOOP = _fact("loop", "With --input setpoint, such as law=dynamixel-x,kp=400.", metavar="PAIRS")
-_KNOWN = _fact("known", "Such as p4=1,p3=0.05+-0.001,resistance=2.", metavar="PAIRS")
+_KNOWN = _fact("known", "Such as p4=1,p3=0.05+-0.001,from=xl330.", metavar="PAIRS")
 _POSE = _fact("pose", "Such as wrist=0.5,grip=0.", metavar="PAIRS", **_DETAIL)
 _ZERO = _fact("zero", "Such as 0.1+-0.01.", metavar="rad", allow_leading_hyphen=True, **_DETAIL)
 _ROOT = Parameter(metavar="FOLDER", help="Folder of the logs, if not the manifest's.", **_DETAIL)

@@ -34,7 +34,7 @@ from butterfly.model.parameters import (
     rounded,
     value_if_absent,
 )
-from butterfly.model.prior import LAG, NO_PRIOR, Prior
+from butterfly.model.prior import LAG, NO_PRIOR, Known, Prior
 from butterfly.model.terms import FOLLOWERS, OF_INPUT, PARAMETERS, SHARES, TERMS, companions
 
 OF_SCALES: dict[str, dict[str, float]] = {
@@ -53,6 +53,8 @@ OF_SCALES: dict[str, dict[str, float]] = {
     },
 }
 """Exponents with which parameters grow with a scale of `butterfly.model.prior.SCALES`."""
+
+_OWN = Known(value=0.0)  # stands for what is known without a name
 
 _OF_MASSES = {
     "mass_scale": (1.0, 1.0),
@@ -248,7 +250,7 @@ def prior_contradictions(
 
     The estimate less the prior has the variance C + s - 2 v N, with C that of the estimate, s that
     of the prior, N the inverse of the normal equations and v the variance of a row. A finding on
-    what is assumed, a guess among the ``known``, says what that is.
+    what is assumed, a guess among the ``known``, says what that is; on a motor's value, whose.
     """
     prior, (rows, _) = cells.prior, cells.with_prior
     if prior is None:
@@ -263,10 +265,10 @@ def prior_contradictions(
             continue  # the logs have no information on the parameter
         distance = float(abs(cells.values[k] - prior.mean[k]) / np.sqrt(variance))
         if distance > CLEARLY:
-            guess = known.values.get(cells.names[k])
-            assumed = [str(guess)] if guess is not None and guess.heavy else []
-            names = (cells.names[k], *assumed)
-            findings.append(Finding(FindingKind.PRIOR_CONFLICT, names, number=distance))
+            guess = known.values.get(cells.names[k], _OWN)
+            kind = FindingKind.MOTOR_CONFLICT if guess.origin else FindingKind.PRIOR_CONFLICT
+            whose = [guess.origin or str(guess)] if guess.heavy or guess.origin else []
+            findings.append(Finding(kind, (cells.names[k], *whose), number=distance))
     return findings
 
 

@@ -32,6 +32,7 @@ from butterfly.identification.weak_regression import (
 from butterfly.logs.health import DEFAULT_REPAIRS, Health, Repair, examine
 from butterfly.logs.log import InputKind, Log
 from butterfly.logs.manifest import Manifest
+from butterfly.logs.motors import require_drive
 from butterfly.logs.reading import numbers_named, read_logs, with_unique_names
 from butterfly.logs.thinning import GLANCE, thinned
 from butterfly.model.parameters import AddedMass, JointKind
@@ -126,11 +127,12 @@ class DataSet:
             raise InputError(
                 name, "input", " and ".join(kinds), "the same kind of input in all logs"
             )
-        given = _of_loops(logs) | known
+        given, kind = _of_loops(logs) | known, kinds[0] if kinds else InputKind.NONE
+        require_drive(given, kind, logs[0].added_mass.joint, name)
         return cls(
             name=name,
             description=description,
-            input_kind=kinds[0] if kinds else InputKind.NONE,
+            input_kind=kind,
             given=given,
             known=_implied(given, logs),
             recorded=tuple(recorded),
@@ -286,6 +288,7 @@ class DataSet:
         if not known:
             return self
         given = self.given | known
+        require_drive(given, self.input_kind, self.joint, self.name)
         return replace(
             self,
             given=given,

@@ -279,7 +279,10 @@ class Estimate:
             raise ValueError("names that are no parameters, or twice the same")
         if any(array.shape != estimate.values.shape for array in estimate._arrays):
             raise ValueError("not as many values as names")
-        if not np.allclose(estimate.covariance, estimate.covariance.T, atol=0.0, equal_nan=True):
+        errors = np.sqrt(np.nan_to_num(np.abs(np.diag(estimate.covariance))))
+        rounded = 1e-9 * np.outer(errors, errors)  # where one is 0 but for rounding
+        both = estimate.covariance, estimate.covariance.T
+        if not np.allclose(*both, atol=rounded, equal_nan=True):
             raise ValueError("a covariance that is not symmetric")
         if (np.diag(estimate.covariance) < 0).any():
             raise ValueError("variances below 0")

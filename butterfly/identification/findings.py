@@ -42,6 +42,7 @@ class FindingKind(StrEnum):
     UNIT_UNREAD = "unit-unread"
     KNOWN_CONFLICT = "known-conflict"  # relative correction of a given value by the added masses
     PRIOR_CONFLICT = "prior-apart"  # standard errors between a given value and the logs
+    MOTOR_CONFLICT = "motor-conflict"  # the same of a motor's value; its name, then the motor
     PULLED = "pulled"  # on a bound that the data would cross
     CLOCK = "clock"  # share by which the inputs' sines run faster than their omega
     CLOCK_SET = "clock-set"  # the same where all timestamps were multiplied by 1 more than it
@@ -93,7 +94,8 @@ _DOUBTING = {
     *(FindingKind.SEARCH_STOPPED, FindingKind.APPROXIMATE, FindingKind.ASKED),
     *(FindingKind.SOURCES_CONFLICT, FindingKind.CONTRADICTED),
     *(FindingKind.KNOWN_CONFLICT, FindingKind.PRIOR_CONFLICT, FindingKind.UNIT_UNREAD),
-    *(FindingKind.LOGS_LOST, FindingKind.NEIGHBOURS_UNSEEN, FindingKind.NEIGHBOURS_MOVED),
+    *(FindingKind.MOTOR_CONFLICT, FindingKind.LOGS_LOST),
+    *(FindingKind.NEIGHBOURS_UNSEEN, FindingKind.NEIGHBOURS_MOVED),
 }
 _GRAVITY = {str(kind): number for number, kind in enumerate(FindingKind)}
 

@@ -189,8 +189,9 @@ def _column(path: Path, name: str, column: Any, field: str) -> NDArray[Any]:  # 
     dated = field == "time" and {*map(type, values)} <= {str, type(None)}
     if dated and (stamps := dates(values)) is not None:
         return stamps
+    numbers = {float, int, type(None)} | ({bool} if field == "enabled" else set())
     for k, value in enumerate(values):
-        if type(value) not in {float, int, type(None)}:
+        if type(value) not in numbers:
             what = "nothing" if value is ... else repr(value)
             raise InputError(path, name, f"{what} in record {k}", "a number, or null")
     return np.array(values, dtype=None if {*map(type, values)} == {int} else np.float64)

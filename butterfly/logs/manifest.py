@@ -32,6 +32,7 @@ from butterfly.logs.formats import column_names, unsaid
 from butterfly.logs.health import DEFAULT_REPAIRS, Repair
 from butterfly.logs.log import InputKind, Intersample, Sine
 from butterfly.logs.model_facts import STILL, LinkMasses, ModelFacts
+from butterfly.logs.motors import with_motor
 from butterfly.logs.units import Units
 from butterfly.model.parameters import GRAVITY, AddedMass, JointKind, rounded
 from butterfly.model.prior import Known, Prior, known_of, plain
@@ -58,6 +59,13 @@ def _checked(check: Callable[[Any], object]) -> BeforeValidator:
 def _read_loop(values: Any) -> None:  # noqa: ANN401 - whatever was given
     if isinstance(values, Mapping) and "law" in values:
         ServoLoop.of(values, whole=False)
+
+
+def _read_values(given: Any) -> Any:  # noqa: ANN401 - whatever was given
+    """Return known values, those of a motor that they name among them, checked."""
+    values = with_motor(given) if isinstance(given, Mapping) else given
+    Prior.of(values)
+    return values
 
 
 LoopFacts = Annotated[dict[str, Any], _checked(_read_loop)]
@@ -220,8 +228,11 @@ class Manifest(StrictModel):
     encoder: Literal["joint", "motor"] = "joint"
     """``motor`` if angle, velocity, setpoint and the loop's gains are those before a gear; its
     ``gear_ratio`` must be ``known``."""
-    known: Annotated[dict[str, Uncertain], _checked(Prior.of), _Rule.ADDS] = Field(default={})
-    """Known values of the robot, with standard uncertainties. See `butterfly.model.prior`."""
+    known: Annotated[dict[str, Uncertain], BeforeValidator(_read_values), _Rule.ADDS] = Field(
+        default={}
+    )
+    """Known values of the robot, with standard uncertainties. ``from`` names a motor whose values
+    are taken (`butterfly.logs.motors`). See `butterfly.model.prior`."""
     zero: Uncertain | None = None
     """Encoder zero: the reading in rad where the joint hangs at rest. Estimated if not given."""
     zeros: list[MassZero] = Field(default_factory=list)

@@ -61,6 +61,7 @@ class Known:
     uncertainty: float = 0.0
     heavy: bool = False  # whether it is a guess: half a Cauchy distribution, from the value up
     held: bool = False  # whether it sets the scale of a fit, which holds it in spite of that
+    origin: str = ""  # whose value it is, of a motor that others measured
 
     @property
     def fixed(self) -> bool:
@@ -228,7 +229,7 @@ NO_PRIOR = Prior()
 
 def known_of(value: Any, source: object = "known", field: str = "value") -> Known:  # noqa: ANN401 - whatever was given
     """Read a number, text (``1 ± 0.02``, ``1+-0.02``), mapping, pair or `Known`, or refuse it."""
-    number, uncertainty = _parts(value, source, field)
+    number, uncertainty, origin = _parts(value, source, field)
     for part in (number, uncertainty):
         if isinstance(part, bool) or not isinstance(part, Real):
             raise InputError(str(source), field, value, _EXPECTED)
@@ -236,35 +237,35 @@ def known_of(value: Any, source: object = "known", field: str = "value") -> Know
         raise InputError(str(source), field, number, "a finite number")
     if not 0 <= uncertainty < math.inf:
         raise InputError(str(source), f"{field}.uncertainty", uncertainty, "0 or a positive number")
-    return Known(value=float(number), uncertainty=float(uncertainty))
+    return Known(value=float(number), uncertainty=float(uncertainty), origin=str(origin))
 
 
-def _parts(value: Any, source: object, field: str) -> tuple[Any, Any]:  # noqa: ANN401 - whatever was given
-    """Return a value and its uncertainty, unchecked."""
+def _parts(value: Any, source: object, field: str) -> tuple[Any, Any, object]:  # noqa: ANN401 - whatever was given
+    """Return a value, its uncertainty, and whose it is, unchecked."""
     if isinstance(value, Known):
-        return value.value, value.uncertainty
+        return value.value, value.uncertainty, value.origin
     if isinstance(value, Mapping):
-        if not {"value"} <= value.keys() <= {"value", "uncertainty"}:
+        if not {"value"} <= value.keys() <= {"value", "uncertainty", "from"}:
             raise InputError(str(source), field, dict(value), _EXPECTED)
-        return value["value"], value.get("uncertainty", 0.0)
+        return value["value"], value.get("uncertainty", 0.0), value.get("from", "")
     if isinstance(value, tuple | list) and len(value) == 2:  # noqa: PLR2004 - a value and its uncertainty
-        return value[0], value[1]
+        return value[0], value[1], ""
     if not isinstance(value, str):
-        return value, 0.0
+        return value, 0.0, ""
     match = _TEXT.fullmatch(value.strip())
     try:
-        return float(match["value"] if match else value), float(
-            (match and match["uncertainty"]) or 0.0
-        )
+        uncertainty = float((match and match["uncertainty"]) or 0.0)
+        return float(match["value"] if match else value), uncertainty, ""
     except ValueError:
         raise InputError(str(source), field, value, "a number such as 1, or 1+-0.02") from None
 
 
-def plain(known: Known) -> float | dict[str, float]:
-    """Return a number, or a mapping with its uncertainty."""
+def plain(known: Known) -> float | dict[str, float | str]:
+    """Return a number, or a mapping with its uncertainty, and whose it is if others'."""
     if known.fixed:
         return known.value
-    return {"value": known.value, "uncertainty": known.uncertainty}
+    whose: dict[str, float | str] = {"from": known.origin} if known.origin else {}
+    return {"value": known.value, "uncertainty": known.uncertainty, **whose}
 
 
 def _require_possible(source: object, name: str, known: Known) -> None:

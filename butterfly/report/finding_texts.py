@@ -259,6 +259,15 @@ def _prior_conflict(finding: Finding, _: Values) -> str:
     )
 
 
+def _motor_conflict(finding: Finding, _: Values) -> str:
+    name, motor = finding.parameters
+    return (
+        f"The logs contradict the {name} of {motor} by {_number(finding):.1f} standard errors: "
+        "yours is another motor, or is driven otherwise. The estimate is a compromise; identify "
+        f"without it, or give your own {name}."
+    )
+
+
 def _few_masses(finding: Finding, _: Values) -> str:
     if _number(finding) < _LEAST_MASSES:
         return "Fewer than three added masses: no leave-one-mass-out check of the intervals."
@@ -370,6 +379,7 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "{larger}. One of the two is wrong."
     ),
     FindingKind.PRIOR_CONFLICT: _prior_conflict,
+    FindingKind.MOTOR_CONFLICT: _motor_conflict,
     FindingKind.LEFT_OUT: (
         "{logs} {were} excluded: the joint turns over, rests elsewhere or never settles, and has "
         "no steady response to a sine. The methods weak-form and output-error use such logs."

@@ -15,11 +15,14 @@ from butterfly.identification.design import MOST_RUNS, OF_GOAL, Candidate, Plan
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identified import Identified
+from butterfly.identification.parameter import unit_of
 from butterfly.identification.validate import CrossValidation, Structure
 from butterfly.identification.weak_regression import EncoderOffset, OffsetKind, encoder_offsets
 from butterfly.logs.log import InputKind, Log
+from butterfly.logs.motors import described_origin
 from butterfly.logs.thinning import thinned
-from butterfly.model.prior import Prior
+from butterfly.model.prior import PHYSICAL, Prior
+from butterfly.model.terms import TERMS
 from butterfly.report.agreement_texts import agreement_table
 from butterfly.report.finding_texts import REMEDY, estimate_verdict, grave_notes, minor_notes
 from butterfly.report.format import counted, fit_text, times_text, upwards
@@ -52,6 +55,7 @@ def summary(identification: Identified) -> list[str]:
     means = f"{used:,} means of neighbouring samples stand for the {sound:,} that were recorded."
     return [
         *estimate_verdict(estimate).lines,
+        *_of_motors(data, estimate),
         *grave_notes(estimate),
         *([health] if unsound else []),
         _fit(identification),
@@ -66,12 +70,25 @@ def summary(identification: Identified) -> list[str]:
     ]
 
 
+def _of_motors(data: DataSet, estimate: Estimate) -> list[str]:
+    """Say whose values were used that are not the user's own."""
+    by_origin: dict[str, list[str]] = {}
+    for name, value in data.given.values.items():
+        if value.origin:
+            unit = unit_of(name, estimate.input_kind) if name in TERMS else PHYSICAL[name]
+            by_origin.setdefault(value.origin, []).append(f"{name} = {value} {unit.strip('–')}")
+    return [
+        f"Known from {described_origin(origin)}: {', '.join(map(str.strip, texts))}."
+        for origin, texts in by_origin.items()
+    ]
+
+
 def _known(data: DataSet, estimate: Estimate) -> list[str]:
     """Say which values were given, which follow from these, and which are assumed and why."""
     given, assumed = data.given.values, data.assumed
     known = estimate.given.values
     texts = {
-        "Given": [f"{name} = {value}" for name, value in given.items()],
+        "Given": [f"{name} = {value}" for name, value in given.items() if not value.origin],
         "Follows from what was given": [
             f"{name} = {value}" for name, value in known.items() if name not in {*given, *assumed}
         ],

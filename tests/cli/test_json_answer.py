@@ -32,6 +32,8 @@ def _words(command, data, few, place):
         "run": (place / "quick.yaml", "--out", results),
         "campaign": (place / "quick.yaml", "--out", place / "campaign"),
         "reproduce": ("thesis",),
+        "library list": (),
+        "library show": ("xl330",),
         "results list": (place / "results",),
         "results show": (results, 0),
         "results table": (results, "--table", "estimates"),

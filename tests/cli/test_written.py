@@ -29,6 +29,9 @@ ABOUT = {
     "predict": "logs/run0.csv --with result.json",
     "compare": "result.json other.json",
     "results show": "results 0",
+    "library list": "",
+    "library show": "xl330",
+    "library draft": "result.json",
     "schema": "",
     "reproduce": "thesis",
 }

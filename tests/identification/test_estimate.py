@@ -44,6 +44,17 @@ def test_json_keeps_all_that_limits_rest_on():
     assert again.level is found.level
 
 
+def test_a_covariance_that_is_0_but_for_rounding_is_symmetric_and_a_damaged_one_is_not():
+    content, matrix = FOUND.to_dict(), FOUND.covariance.tolist()
+    first, second = np.sqrt(np.diag(FOUND.covariance))[:2]
+    matrix[0][1], matrix[1][0] = 3e-16 * first * second, -2e-16 * first * second
+    content["covariance"]["matrix"] = matrix
+    assert Estimate.from_dict(content).covariance[0, 1] == matrix[0][1]
+    matrix[0][1] = 1e-3 * first * second
+    with pytest.raises(ValueError, match="not symmetric"):
+        Estimate.from_dict(content)
+
+
 @pytest.mark.parametrize("key", ["parameters", "covariance", "method"])
 def test_a_damaged_estimate_is_no_estimate(key):
     content = {name: value for name, value in FOUND.to_dict().items() if name != key}

@@ -53,6 +53,13 @@ def test_records_and_columns_are_read(tmp_path, form):
     assert log.name == "log.json"
 
 
+def test_whether_a_servo_is_on_may_be_true_or_false(tmp_path):
+    records = [{**row, "on": number < 20} for number, row in enumerate(RECORDS)]
+    names = {name: name for name in FRAME} | {"enabled": "on"}
+    log = read_log(_written(tmp_path, json.dumps(records)), names)
+    np.testing.assert_array_equal(log.enabled, np.arange(24) < 20)
+
+
 @pytest.mark.parametrize("ending", [".jsonl", ".ndjson"])
 def test_a_last_record_that_was_cut_off_is_dropped_and_counted(tmp_path, ending):
     lines = FRAME.to_json(orient="records", lines=True)

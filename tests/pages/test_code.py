@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 import butterfly as bf
-from butterfly.cli.app import program
+from butterfly.cli.app import GROUPS, program
 from butterfly.files import shipped
 from tests.conftest import brief_quickstart
 from tests.pages.blocks import PAGES, QUOTATION, ROOT, blocks_of, commands_of
@@ -49,6 +49,7 @@ NOT_RUN = {
     "butterfly identify run7.csv": "a file of somebody; test_refusals has its like",
     "butterfly identify push.csv": "a file of somebody; tests/identification/test_cases has it",
     "butterfly identify swing.csv": "a file of somebody; tests/identification/test_cases has it",
+    "butterfly identify my-arm --known from": "an arm of somebody; tests/logs/test_motors has it",
     "butterfly run large-sweep": "hours; tests/experiment/test_workers has a few of its runs",
     "butterfly fetch": "asks the network",
     "butterfly compare result.json next-year.json": "next year; test_change",
@@ -218,7 +219,7 @@ def test_a_page_on_logs_of_its_own_runs_from_top_to_bottom(page, butterfly, tmp_
 def _options_of(words):
     """Return the options of the command that words begin with."""
     app = program(words)
-    for word in words[: 2 if words[0] == "results" else 1]:
+    for word in words[: 2 if words[0] in GROUPS else 1]:
         app = app[word]
     own = {name for each in app.assemble_argument_collection() for name in each.names}
     return own | {"--json", "--quiet", "--help-all"}

@@ -46,6 +46,7 @@ NUMBERS = {
     FindingKind.REST_DIFFERS: (0.131, "0.13 rad"),
     FindingKind.KNOWN_CONFLICT: (-0.021, "about 2.1 % smaller"),
     FindingKind.PRIOR_CONFLICT: (3.42, "3.4 standard errors"),
+    FindingKind.MOTOR_CONFLICT: (4.21, "4.2 standard errors"),
     FindingKind.SOURCES_CONFLICT: (4.23, "4.2 standard uncertainties"),
     FindingKind.CONTRADICTED: (5.61, "5.6 standard errors"),
     FindingKind.SEARCH_STOPPED: (60.0, "after 60 s"),
