@@ -192,8 +192,9 @@ class _Campaign:
                 f"It moves at {contact.breakaway:.3g} {kind.unit}; positive commands turn it "
                 f"towards {side} angles."
             )
-            about = {"known": self._wish.known, "of_model": self._wish.of_model}
-            journal = Journal(input_kind=kind, contact=contact, **about)
+            journal = Journal(
+                input_kind=kind, contact=contact, known=wish.known, of_model=wish.of_model
+            )
         self._folder.begin(journal)  # whose manifest a kill may have left ahead of it
         self._wish = replace(self._wish, known=journal.known)
         self._knowledge = Knowledge(self._bench, self._folder, wish.goal, masses, journal.known)

@@ -24,6 +24,7 @@ from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.free_run import LEAST_FIT, FreeRun, WholeRuns
 from butterfly.identification.identified import Identified, try_parameters
 from butterfly.identification.limits import Rival
+from butterfly.identification.parameter import FEW
 from butterfly.identification.physical import (
     BETTER_METHOD,
     is_possible,
@@ -42,7 +43,6 @@ from butterfly.identification.unit_errors import clock_error, with_unit_errors
 from butterfly.model.parameters import LumpedParameters
 from butterfly.progress import Track, counted, current_search, tracked, untracked
 
-_SOME = 0.25  # of the logs, that matter if they are not followed
 _NEARLY = 0.5  # of the least squared error over another that follows nearly as well
 
 _CORRECTED = (FindingKind.CLOCK_SET, FindingKind.OMEGA_SET)
@@ -147,8 +147,9 @@ def _unfollowed(
     if poor := judge_fit(fits):
         return [replace(finding, parameters=_better_method(data, estimator)) for finding in poor]
     lost = [data.logs[k].name for k, fit in zip(numbers, fits, strict=True) if not fit >= LEAST_FIT]
-    some = Finding(FindingKind.LOGS_LOST, number=float(len(numbers)), logs=tuple(lost))
-    return [some] if len(lost) >= _SOME * len(numbers) else []
+    if len(numbers) - len(lost) > FEW * len(lost):  # so many that follow allow to leave it out
+        return []
+    return [Finding(FindingKind.LOGS_LOST, number=float(len(numbers)), logs=tuple(lost))]
 
 
 def _better_method(data: DataSet, estimator: Estimator) -> tuple[str, ...]:

@@ -46,6 +46,8 @@ class ModelRow:
     """What the file says; None where it says nothing."""
     writes: bool = True
     """Whether the file can hold it."""
+    term: str = ""
+    """Of the servo's loop, that it carries."""
 
     @property
     def inside(self) -> bool | None:
@@ -157,21 +159,22 @@ def _of_actuators(facts: ModelFacts, identified: Identified) -> Iterator[ModelRo
                 writes=element == "motor" and not facts.rotors,
             )
         if drive is not None and drive[0]:
-            rows = {"kp": (drive[0], f"{force}/{way}", actuator.kp, ("loop_kp",))}
+            rows = {"kp": (drive[0], f"{force}/{way}", actuator.kp, "loop_kp")}
             if drive[1]:
-                of_kv = ("loop_kd", "back_emf")
-                rows["kv"] = (drive[1], f"{force} s/{way}", actuator.kv, of_kv)
-            for attribute, (value, unit, now, names) in rows.items():
+                rows["kv"] = (drive[1], f"{force} s/{way}", actuator.kv, "loop_kd")
+            for attribute, (value, unit, now, term) in rows.items():
+                wide = share + _relative(estimate, term)
+                wide += _relative(estimate, "back_emf") if attribute == "kv" else 0.0
                 squared = actuator.gear**2
-                widest = share + sum(_relative(estimate, name) for name in names)
                 yield ModelRow(
                     **about,
                     attribute=attribute,
                     unit=unit,
                     value=value / squared,
-                    half_width=widest * abs(value) / squared,
+                    half_width=wide * abs(value) / squared,
                     now=now / squared,
                     writes=element == "position",
+                    term=term,
                 )
         if drive is not None and math.isfinite(drive[2]):
             yield ModelRow(

@@ -194,7 +194,7 @@ def _notes(facts: ModelFacts, result: Identified) -> Iterator[str]:
     estimate, data = result.estimate, result.data
     if any(log.closed for log in data.logs) and not _servo_of(facts):
         yield f"No set-points are played: {facts.file} has no position actuator with a name there."
-    held = {*held_by("model"), *(("loop_kp", "loop_kd") if _servo_of(facts) else ())}
+    held = {*held_by("model"), *(row.term for row in model_rows(result) if row.writes)}
     if rest := beyond(estimate.parameters, held):
         yield f"The file cannot carry {listed(estimate.parameters, rest, 'unit')}."
     _, moment = facts.bare
