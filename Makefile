@@ -19,7 +19,7 @@ unexport PYTHONDONTWRITEBYTECODE
 WRITE ?=
 export BUTTERFLY_BENCH_WRITE ?= $(WRITE)
 
-.PHONY: commands constraints demo docs library lowest outputs pictures profile test test-slow film lint types bench bench-short campaigns compilation coverage faults sound repeats kinds strangers robots paces forecasts fuzz readers readback record record-check texts units wheel clean
+.PHONY: commands constraints demo docs library lowest outputs pictures profile test test-slow film lint types bench bench-short campaigns compilation coverage faults sound repeats kinds strangers robots paces forecasts fuzz readers readback record record-check texts units wheel installs clean
 
 demo: $(VENV)/.runtime
 	$(BIN)/butterfly run experiments/quickstart.yaml
@@ -37,9 +37,10 @@ profile: $(VENV)/.development
 	$(WITH_KERNELS) $(BIN)/pytest -q -n auto --dist loadfile --ignore=tests/benchmarks -m '$(PROFILED)' \
 		-p tests.cpu_profile --profile-to build/profile.json
 
-# The documentation as a site in build/site, which opens from its folder; a broken link fails it.
+# The documentation as a site in build/site, which opens from its folder; a broken link fails it. The
+# notebooks run first: minutes, after a change of one of them or of the program.
 docs: $(VENV)/.development
-	$(BIN)/python docs/site/gather.py
+	$(WITH_KERNELS) $(BIN)/python docs/site/gather.py
 	$(BIN)/zensical build --clean --strict
 	$(BIN)/python docs/site/gather.py finish
 
@@ -203,8 +204,14 @@ wheel:
 	$(PYTHON) -m venv build/wheel
 	build/wheel/bin/pip install --quiet dist/*.whl
 	mkdir -p build/elsewhere
-	cd build/elsewhere && ../wheel/bin/butterfly --version
+	cd build/elsewhere && ../wheel/bin/butterfly --version && ../wheel/bin/butterfly-testbed --version
 	cd build/elsewhere && ../wheel/bin/butterfly run ../../$(TWO_LOGS) --force --out run
+
+# Wheel and source distribution by uv, pip, uv tool and pipx, on each Python from 3.11 that can be had
+# here, with a run and tests outside the checkout; a table says what failed: INSTALLS='--only 3.13'.
+INSTALLS ?=
+installs: | $(UV)
+	$(ONE_THREAD) $(BIN)/python -m tests.installs --uv $(abspath $(UV)) $(INSTALLS)
 
 # The lowest versions that pyproject.toml declares, and a run with them.
 lowest: | $(UV)

@@ -1,3 +1,4 @@
+from .api.bundled import bundle as bundle
 from .api.campaigns import campaign as campaign
 from .api.changed import changed as changed
 from .api.comparison import compare as compare

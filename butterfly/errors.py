@@ -40,7 +40,7 @@ class InputError(ButterflyError, ValueError):
 
 
 class IdentifiabilityError(ButterflyError):
-    """The data do not tell what is asked of them.
+    """The data do not determine what is asked for.
 
     Parameters are not identifiable, or their covariance is missing, or nothing can be held out.
     """

@@ -15,7 +15,7 @@ from typing import Any
 from zipfile import ZipFile
 
 from butterfly import outputs
-from butterfly.errors import ButterflyError, InputError, size_text
+from butterfly.errors import ButterflyError, InputError, nearest, size_text
 
 _PACKAGE = Path(__file__).parent
 _ROOTS = (_PACKAGE / "_shipped", _PACKAGE.parent)  # of shipped files: in a wheel, in a checkout
@@ -234,7 +234,7 @@ def digest_of(content: bytes) -> str:
 
 
 def signed(text: str) -> str:
-    """Return a JSON text with the digest of it, which tells of damage, in its empty ``digest``."""
+    """Return a JSON text with the digest of it, which reveals damage, in its empty ``digest``."""
     before, _, after = text.rpartition(_signature(""))
     return f"{before}{_signature(digest_of(text.encode()))}{after}"
 
@@ -285,6 +285,6 @@ def locate(path: Path) -> Path:
             return shipped(name)
     expected = "an existing path"
     if path.suffix.lower() in {"", ".yaml", ".yml"}:
-        stems = ", ".join(Path(name).stem for name in shipped_experiments())
-        expected += f", or a shipped file: {stems}"
+        stems = [Path(name).stem for name in shipped_experiments()]
+        expected += f", or a shipped file: {nearest(path.stem, stems)}"
     raise InputError(path, "path", "no such file or folder", expected)

@@ -23,6 +23,7 @@ _MARKS = {
     ".xml": "<!-- butterfly.{} -->",
     ".urdf": "<!-- butterfly.{} -->",
     ".parquet": "butterfly.{}",
+    ".zip": "butterfly.{}",
 }
 """What marks a file of a kind, by the ending of its name."""
 
@@ -100,7 +101,7 @@ def require_free(path: Path, *marks: str, option: str = "path") -> None:
     if within or (current.overwrite and not any(marks)):
         return
     if not any(marks):
-        expected = "a new path, or leave to overwrite it (--overwrite, or overwrite=True)"
+        expected = "a new path, or permission to overwrite it (--overwrite, or overwrite=True)"
         raise InputError(path, option, "an existing file", expected)
     if not any(_holds(path, mark) for mark in marks if mark):
         expected = "a new path, or a file that butterfly wrote as the same kind"

@@ -20,7 +20,7 @@ ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_
 """Environment of a process whose matrix library uses one thread, beside other workers."""
 
 SILENT = 10.0
-"""Seconds of a phase after which a waiting user is told what is being done."""
+"""Seconds of a phase after which the program says what it is doing."""
 
 SIMULATIONS, STEPS = 400, 400_000_000
 """Most simulations of all logs, and steps of these, of one identification."""
@@ -66,7 +66,9 @@ def stopped_text(seconds: float, left_out: Iterable[str]) -> str:
     """Say that a search was stopped, by a budget in s or else by its work, and what it skipped."""
     skipped = ", ".join(left_out)
     if math.isfinite(seconds):
-        return f"Search stopped after {seconds:g} s. Skipped: {skipped}. Drop --budget to go on."
+        return (
+            f"Search stopped after {seconds:g} s. Skipped: {skipped}. Drop --budget to complete it."
+        )
     return (
         f"Search stopped after {SIMULATIONS} simulations of all logs, or {STEPS / 1e6:g} million "
         f"steps. Skipped: {skipped}. Use fewer --terms."
@@ -123,7 +125,7 @@ Track = Callable[[Iterable[Any], str], Iterable[Any]]
 
 
 def tell(sentence: str) -> None:
-    """Tell a waiting user what is being done; here nobody waits."""
+    """Say what is being done; here it is not shown."""
 
 
 _TIMERS: set[threading.Timer] = set()

@@ -101,9 +101,9 @@ def document(
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Answer:
-    """What a verb answers: sentences, tables, figures, and numbers for programs.
+    """The answer of a verb: sentences, tables, figures, and numbers for programs.
 
-    All that is printed and drawn of it is in its content, as a file holds it.
+    Everything that it prints and draws is in its content, which a file holds too.
     """
 
     kind: str
@@ -189,7 +189,7 @@ class Answer:
 
     @property
     def headline(self) -> tuple[str, ...]:
-        """What leads the summary, above the verdict; nothing where that comes first."""
+        """The sentences above the verdict; none if the verdict comes first."""
         first = next(iter(self.verdict), None)
         if first in self.summary:
             return self.summary[: self.summary.index(first)]

@@ -113,6 +113,11 @@ def test_a_file_of_the_user_s_own_comes_first(tmp_path, monkeypatch):
 def test_an_unknown_name_is_answered_with_the_known_ones(tmp_path):
     with pytest.raises(InputError, match=r"a shipped file: .*quickstart"):
         files.locate(tmp_path / "nowhere.yaml")
+
+
+def test_a_misspelt_shipped_file_is_refused_with_the_nearest_name():
+    with pytest.raises(InputError, match=r"shipped file: 'quickstart' \(did you mean that\?\)"):
+        files.locate(Path("quikstart"))
     with pytest.raises(InputError, match="no such shipped file"):
         files.shipped("models/nowhere.xml")
 

@@ -127,11 +127,11 @@ def campaign(
     change: MountMass | None = None,
     callbacks: CampaignCallbacks | None = None,
 ) -> Answer:
-    """Run experiments on an unknown joint that choose themselves, until a goal is reached.
+    """Run experiments on an unknown joint, each chosen from those before, until a goal is reached.
 
     Finds which way the drive turns, plays a safe probe, and after each run identifies the joint and
-    chooses the next run: the one from which the goal is reached for the least robot time. Every run
-    is a log of a manifest in the folder, beside a report. Called again it goes on where it stopped.
+    chooses the next run: the one that reaches the goal in the least robot time. The folder then has
+    a log of each run, their manifest and a report. Called again, it continues where it stopped.
 
     Parameters
     ----------
@@ -139,15 +139,14 @@ def campaign(
         An experiment, whose robot is simulated; or MODULE:FACTORY, a function that returns a motor.
         In Python a `Motor`.
     out
-        Folder for logs, manifest and report: new, empty, or that of the campaign to go on with.
+        Folder for logs, manifest and report: new, empty, or that of the campaign to continue.
         Default: ``campaign``.
     goal
-        Half-width of the 95 % intervals of p1..p4 and Coulomb friction, over their values. Of
-        friction, or a gravity moment, that is hardly there the whole interval is to be below this
-        share of the largest torque.
+        Half-width of the 95 % intervals of p1..p4 and Coulomb friction, over their values. For
+        friction, or a gravity moment, close to 0 the whole interval has to be below this share of
+        the largest torque.
     masses
-        Masses at hand in kg, the one that is mounted first. Default: those of the experiment, or
-        none.
+        Masses at hand in kg, the mounted one first. Default: those of the experiment, or none.
     arm
         Distance of these masses from the pivot in m.
     command
@@ -159,9 +158,9 @@ def campaign(
     current
         Largest current in A, where one is read. Default: any.
     seconds
-        Robot time in s, at most.
+        Largest robot time in s.
     price
-        Robot time in s that a change of mass is worth.
+        What a change of mass costs, in s of robot time.
     step
         Cycle of the controller in s. Default: that of the experiment, or 0.002.
     known
@@ -177,9 +176,9 @@ def campaign(
         Whether the other joints of that model are clamped: a campaign records none of them.
     change
         Mounts a mass, and returns when it is mounted; without it a motor's mass is never changed.
-        The drive is off meanwhile. A campaign that goes on calls it before its first run.
+        The drive is off meanwhile. A continued campaign calls it before its first run.
     callbacks
-        Is told what begins and why, and shown each cycle (`butterfly.campaigns.callbacks`).
+        Is called with what begins and why, and at each cycle (`butterfly.campaigns.callbacks`).
 
     Raises
     ------

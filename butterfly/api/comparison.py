@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from butterfly.comparison.three_way import ThreeWay  # with MuJoCo, which is slow
 
 
-_STEPS = "MuJoCo is stepped as `run` steps it; `export` measures its file in its own steps."
+_STEPS = "MuJoCo takes the steps of `run`; `export` reports the error of its file in its own."
 
 
 @checked

@@ -80,7 +80,7 @@ _SAVED = ("summary", "chosen", "against", "residuals")
 
 
 class Identification(Identified, Answer):
-    """What was learnt from a data set; the answer is made of that where it is asked for."""
+    """Data, estimate and what follows from them, which is computed when it is asked for."""
 
     kind = "identification"
 
@@ -234,12 +234,12 @@ class Identification(Identified, Answer):
         return IdentifiedModel(self.parameters, self.estimate.joint, self)
 
     def physical(self, **known: Any) -> Answer:  # noqa: ANN401 - see `known_of`
-        """Tell what the lumped parameters are made of, as far as it can be told.
+        """Separate the lumped parameters into physical ones, as far as they are identifiable.
 
         Parameters
         ----------
         known
-            What is known of motor and hand besides what the data say of it, by names of
+            Known values of motor and hand besides those of the data, by names of
             `butterfly.model.prior.PHYSICAL`: a number, or ``(0.3, 0.01)`` with its uncertainty.
         """
         parameters, title = self.separated(known), f"{PHYSICAL_TITLE} of {self.origin['name']!r}"
@@ -265,7 +265,7 @@ class Identification(Identified, Answer):
         """Write what was identified into a copy of the robot's own MJCF or URDF.
 
         Only attributes whose value in the file lies outside their interval change; every other
-        byte of the text stays. The written model is then moved by the logs.
+        byte of the text stays. The written model is then simulated with the logs.
 
         Parameters
         ----------
@@ -281,7 +281,7 @@ class Identification(Identified, Answer):
         Raises
         ------
         InputError
-            Identified without ``model=`` and ``of=``, or the file cannot be read or written.
+            If identified without ``model=`` and ``of=``, or if the file cannot be read or written.
         """
         from butterfly.twin.written_back import write_back  # noqa: PLC0415 - slow to import
 
@@ -299,7 +299,9 @@ class Identification(Identified, Answer):
 
     def figures(self) -> dict[str, Figure]:
         """Return the figures of its page, by name."""
-        return {"frequency-response": self.plot.frequency_response(), "time": self.plot.time()}
+        of_logs = {"frequency-response": self.plot.frequency_response(), "time": self.plot.time()}
+        corner = self.plot.corner()
+        return of_logs if corner is None else of_logs | {"corner": corner}
 
     def facts(self) -> list[Fact]:
         """Return the numbers that matter most."""
@@ -321,16 +323,21 @@ class Identification(Identified, Answer):
 
     def page(self) -> Page:
         """Return the page of `report`: without the logs, its first screen and tables."""
-        from butterfly.report.identification_page import first_screen, identification_page  # noqa: PLC0415 - slow to import
+        from butterfly.report.identification_page import (  # noqa: PLC0415 - slow to import
+            corner_sections,
+            first_screen,
+            identification_page,
+        )
 
         numbers, facts = self.to_dict(), self.facts()
         try:
             _ = self.data
         except InputError as error:
-            note = f"Without figures: the logs cannot be read ({error})."
+            note = f"Without figures of the logs, which cannot be read ({error})."
         else:
             return identification_page(self, self.notes, facts, numbers)
-        sections = [Section(title=t.title, tables=(t.on_page(),)) for t in self.tables()[1:]]
+        tables = [Section(title=t.title, tables=(t.on_page(),)) for t in self.tables()[1:]]
+        sections = [*corner_sections(self), *tables]
         first = first_screen(self, facts)
         return replace(first, summary=[note, *self.notes], sections=sections, numbers=numbers)
 
@@ -449,7 +456,7 @@ class IdentifiedModel:
         others
             Results of further units of the joint, whose scatter ``to="randomisation"`` writes.
         overwrite
-            Whether to replace an existing file of a format that holds no mark: C, Python, JSON.
+            Whether to replace an existing file that does not show who wrote it: C, Python, JSON.
         """
         from butterfly.twin.forms import write_twin  # noqa: PLC0415 - slow to import
 

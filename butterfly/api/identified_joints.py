@@ -41,14 +41,14 @@ def identify_joints(
     description: Mapping[str, Any] | None = None,
     **options: Any,  # noqa: ANN401 - the fields of the estimator
 ) -> Answer:
-    """Identify several joints of a robot, each by itself, from logs with columns of all of them.
+    """Identify several joints of a robot, one at a time, from logs with columns of all of them.
 
     The answer has a verdict for each joint, the worst first, and ``identifications`` by joint.
 
     Parameters
     ----------
     data
-        A log file, a folder of logs, or a manifest whose logs may say ``of`` which joint they are.
+        A log file, a folder of logs, or a manifest whose logs may state their joint (``of``).
     method, track, options
         As in `identify`.
     model

@@ -43,6 +43,8 @@ from butterfly.report.inspection import (
     hints,
     inspect_logs,
     log_row,
+    shared_sentences,
+    shared_texts,
     taken_sentences,
 )
 from butterfly.report.numbers import estimate_numbers
@@ -80,16 +82,23 @@ def inspection_answer(
         if inspected.log is not None and inspected.health is not None
         for pair in health_rows(inspected.log, inspected.health)
     ]
-    doubtful = PageTable.of(source, [r for r in rows if r["condition"] != ok], LOG_COLUMNS)
+    shared = shared_texts(seen)
+    columns = {
+        **LOG_COLUMNS,
+        "findings": lambda row: "; ".join(
+            finding["text"] for finding in row["findings"] if finding["text"] not in shared
+        ),
+    }
+    doubtful = PageTable.of(source, [r for r in rows if r["condition"] != ok], columns)
     sound = [row for row in rows if row["condition"] == ok]
     forecast = PageTable(FORECAST, FORECAST_HEADERS, forecast_rows(forecasts))
     tables = [
         doubtful,
         forecast,
-        PageTable.of("Without findings", sound, LOG_COLUMNS, detail=True),
+        PageTable.of("Without findings", sound, columns, detail=True),
     ]
     if pairs:
-        findings = str(LOG_COLUMNS["findings"](rows[0])) or "none"
+        findings = str(columns["findings"](rows[0])) or "none"
         first = ("state", rows[0]["condition"]), ("findings", findings)
         tables = [PageTable(source, (), [*first, *pairs]), forecast]
     return Answer(
@@ -98,6 +107,7 @@ def inspection_answer(
         summary=(
             conditions_text([inspected.condition for inspected in seen]),
             *forecast_sentences(forecasts),
+            *shared_sentences(seen),
             *hints(seen),
             *taken_sentences(seen),
             *more,
@@ -167,12 +177,14 @@ def model_answer(named: NamedTwin) -> Answer:
         ("resonance", f"{resonance:.5g} rad/s"),
     ]
     rows = [{"parameter": name, **numbers[name]} for name in sorted(numbers, key=[*TERMS].index)]
+    truth = f"The robot that {twin.name!r} simulates: its true values."
+    lines = verdict.lines if verdict else (truth,)
     tables = [PageTable("", (), pairs), PageTable.of("Lumped parameters", rows, detail=True)]
     return Answer(
         kind="model",
         title=f"The robot of {twin.name!r}",
         judged=verdict,
-        summary=(*(verdict.lines if verdict else ()), *filter(None, [named.note])),
+        summary=(*lines, *filter(None, [named.note])),
         content={
             "data": {"name": twin.name, "input": str(kind)},
             **named.numbers,
@@ -222,10 +234,10 @@ def inspect(
     track: Track = untracked,
     **description: Any,  # noqa: ANN401 - what `read` takes
 ) -> Answer:
-    """Check logs for faults, and forecast which parameters they can tell.
+    """Check logs for faults, and forecast how well they determine the parameters.
 
-    Checks clock, gaps, saturation and clipping; several logs come worst first, those without
-    findings with --verbose. Of an experiment or a saved result: the robot's parameters instead.
+    Checks clock, gaps, saturation and clipping. Several logs are listed worst first; --verbose adds
+    those without findings. Of an experiment or a saved result: the robot's parameters instead.
 
     Parameters
     ----------

@@ -390,7 +390,7 @@ def require_within(data: DataSet) -> None:
             continue
         way = facts.kind.way
         turned = low - _BEYOND <= -most and -least <= high + _BEYOND
-        why = "; is its sign turned?" if turned else "; is the unit or the zero another?"
+        why = "; is its sign reversed?" if turned else "; is its unit or zero different?"
         expected = (
             f"{low:.4g} to {high:.4g} {way}, the range of {facts.joint!r} in {facts.file}{why}"
         )

@@ -36,7 +36,7 @@ def design(
     price: float = 120.0,
     track: Track = untracked,
 ) -> Answer:
-    """Say which run to do next: the one from which a goal is reached for the least robot time.
+    """Say which run to do next: the one that reaches a goal in the least robot time.
 
     Candidates: sines, multisines and free decays, with each added mass and without. Each one is
     simulated with the identified parameters.
@@ -94,7 +94,7 @@ def design_answer(
         ]
     )
     best, title = rows[0], f"Next runs for {data.name!r}"
-    title += ": standard errors after one over the present ones"
+    title += ": standard errors after one run, relative to the present ones"
     cells = [
         (str(k), *(f"{v:.2f}" if isinstance(v, float) else cell_text(v) for v in row.values()))
         for k, row in enumerate(rows, start=1)

@@ -242,7 +242,7 @@ def _followed(
     count = f"{len(predictions)} logs" if len(predictions) > 1 else "1 log"
     if not measured:
         within = over_segments(horizon)
-        longer = f" The logs were followed{within}: a longer run may drift away." if within else ""
+        longer = f" The model was fitted{within}: a longer run may drift away." if within else ""
         return [f"{count} simulated from rest; there is no measurement to compare with.{longer}"]
     fits = np.array([prediction.run.fit for prediction in predictions])
     whole = WholeRuns.of([(prediction.run.log, prediction.setting) for prediction in predictions])

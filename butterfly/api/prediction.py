@@ -70,9 +70,9 @@ def predict(
         Logs, a folder of logs, a manifest, a saved result, an experiment (to simulate its inputs),
         or a shipped name. Anything else that `read` takes, its result or `read_experiment`'s.
     result
-        A saved result, or parameters: p1=0.18,p3=3.7,coulomb=0.01. Others are 0. Without p4 the
-        best-fitting p4; without zero the logs' own encoder zero. In Python an `Identification`,
-        `LumpedParameters`, or a mapping of parameters.
+        A saved result, or parameters: p1=0.18,p3=3.7,coulomb=0.01. Others are 0; without p4 the
+        best-fitting one is used, without zero the logs' own encoder zero. In Python an
+        `Identification`, `LumpedParameters`, or a mapping of parameters.
     bands
         Compute 95 % bands. Default: if `result` is an identification.
     draws

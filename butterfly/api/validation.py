@@ -224,11 +224,11 @@ def select(
     track: Track = untracked,
     **options: Any,  # noqa: ANN401 - the fields of the estimator
 ) -> Answer:
-    """Choose terms as identify does, and show what each choice predicts.
+    """Choose terms as identify does, and show how well each choice predicts.
 
-    Each round adds the term that predicts held-out logs best, or takes one away that does not help.
-    Every set of terms has its FIT in sample and on held-out added masses, or logs. The verdict is
-    on the model with the chosen terms.
+    Each round adds the term that improves the prediction of held-out logs most, or removes one that
+    does not help. Every set of terms has its FIT in sample and on held-out added masses, or logs.
+    The verdict is on the model with the chosen terms.
 
     Parameters
     ----------

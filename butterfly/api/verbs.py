@@ -47,10 +47,10 @@ def identify(
         Logs, a folder of logs, a manifest, a saved result, or a shipped data set's name. Anything
         else that `read` takes, or its result.
     method
-        ``output-error``, which ``auto`` is too; ``weak-form``; or, for a fast look at sines,
+        ``output-error``, the same as ``auto``; ``weak-form``; or, for a fast look at sines,
         ``harmonic-balance``, ``linear`` or ``thesis``; or an `Estimator`.
     against
-        Parameters to compare with: p1=0.003,p2=0.001,p3=0.05. Without p4 the best-fitting p4.
+        Parameters to compare with: p1=0.003,p2=0.001,p3=0.05. Without p4, the best-fitting one.
         In Python a mapping from names to an `Identification`, `LumpedParameters` or mappings.
     holdout
         Names or glob patterns of held-out logs: predicted, never fitted.

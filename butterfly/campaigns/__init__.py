@@ -1,1 +1,1 @@
-"""A campaign: experiments on an unknown joint that choose themselves until a goal is reached."""
+"""A campaign: experiments on an unknown joint, each chosen from those before."""

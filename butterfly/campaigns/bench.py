@@ -114,7 +114,7 @@ class Bench:
             raise TimeUsed(f"the robot time of {self.limits.seconds:g} s is used up")
         run = self._play(law, duration, reach or SOFT * self.limits.angle)
         if run.cut and not np.any(run.input):
-            raise SafetyStop(f"{run.cut} before the run: check joint and drive, and go on")
+            raise SafetyStop(f"{run.cut} before the run: check joint and drive, then continue")
         return run
 
     def _play(self, law: Law, duration: float, reach: float = math.inf) -> Recording:

@@ -1,4 +1,4 @@
-"""Who is told what a campaign does, while it moves a joint."""
+"""What a campaign reports while it moves a joint, and to whom."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from butterfly.plant.motor import Reading
 
 
 class CampaignCallbacks:
-    """Is told each phase and shown each cycle; this one says nothing. Any method may be replaced.
+    """Is called at each phase and each cycle; this one does nothing. Any method may be replaced.
 
     What a method raises ends the campaign, with the drive off.
     """
@@ -49,14 +49,15 @@ def announcement(
     begins = "begins with small pushes either way, then plays"
     steps = () if journal is None else journal.steps
     if journal is not None:
-        begins = f"goes on after {len(steps)} run{'s' if len(steps) != 1 else ''}: it plays"
+        begins = f"continues after {len(steps)} run{'s' if len(steps) != 1 else ''}: it plays"
     budget = limits.seconds - (steps[-1].seconds if steps else 0.0)
     with_masses = f", with {' and '.join(map(str, masses))}" if len(masses) > 1 else ""
     return [
         f"Goal: parameters known to {100 * goal:.3g} %{with_masses}; runs are kept in {folder}.",
         f"The campaign {begins} swings of at most {RESERVE * limits.angle:.2g} rad, each followed "
         f"by a pause with the drive off; {budget:.0f} s of robot time at most.",
-        f"Limits: {', '.join(within)}. Beyond one the joint is braked, then switched off.",
+        f"Limits: {', '.join(within)}. Beyond one of them the joint is braked, then the drive "
+        "switched off.",
     ]
 
 

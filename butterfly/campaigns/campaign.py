@@ -1,4 +1,4 @@
-"""Experiments on an unknown joint that choose themselves, until the goal is reached.
+"""Experiments on an unknown joint, each chosen from those before, until the goal is reached.
 
 Contact; a probe of little reach; then, after each run, identification by the same engine as of any
 logs, and the run from which the goal is reached for the least cost. While only one mass was seen
@@ -54,7 +54,7 @@ _OVER = 2.5  # command of the first relay, over what moves the joint: friction n
 _SPEED_OVER = 0.1  # s, over which the speed of a run is measured
 _IN_VAIN = 5  # runs in a row that may bring too little
 _REACHED = "the goal is reached"
-_RATIOS = "ratios are known so well, and without another mass, or a known value, nothing more is"
+_RATIOS = "the ratios to p1 reach the goal; more needs another mass, or a known value"
 _TOUCHED = "check that the encoder does not slip, and that no end stop or cable touches the joint"
 
 
@@ -95,7 +95,7 @@ def conduct(
     carry: MountMass | None = None,
     callbacks: CampaignCallbacks | None = None,
 ) -> CampaignResult:
-    """Run a campaign, or go on with one, to its end.
+    """Run a campaign, or continue one, to its end.
 
     ``carry`` mounts a mass, or asks a person to, and returns when it is mounted; without it the
     mass is never changed. The drive is off whenever nothing is played.
@@ -158,12 +158,12 @@ class _Campaign:
             kind, mass = self._bench.input_kind, self._mounted
             unseen = validation(model.estimate, mass, self._wish.limits, kind, least)
             try:
-                self._play(_Next("to be predicted, not fitted", unseen), held_out=True)
+                self._play(_Next("to test the prediction on a held-out run", unseen), held_out=True)
             except TimeUsed as error:
-                ending = f"{error}, before a run that is predicted, not fitted"
+                ending = f"{error}, before a held-out run could test the prediction"
         seen = {} if self._knowledge.sound is None else self._knowledge.sound.held_out
         if any(judge_fit(np.array([fit])) for fit in seen.values()):
-            ending = f"the last run, which was not fitted, is not predicted; {_TOUCHED}"
+            ending = f"the model does not predict the last run, which was held out; {_TOUCHED}"
         journal, reached = self._folder.journal, ending == _REACHED and bool(seen)
         return CampaignResult(
             journal=journal, identified=self._knowledge.model, reached=reached, ending=ending
@@ -183,14 +183,14 @@ class _Campaign:
             journal = replace(journal, known=journal.known | self._wish.known)
         else:
             self._callbacks.phase(
-                "Contact: a command that grows until the joint moves, either way."
+                "Contact: the command grows until the joint moves, in either direction."
             )
             with self._bench as bench:
                 contact = make_contact(bench)
             side = "positive" if contact.polarity > 0 else "negative"
             self._callbacks.phase(
-                f"It moves at {contact.breakaway:.3g} {kind.unit}; positive commands turn it "
-                f"towards {side} angles."
+                f"The joint breaks away at {contact.breakaway:.3g} {kind.unit}; positive commands "
+                f"turn it towards {side} angles."
             )
             journal = Journal(
                 input_kind=kind, contact=contact, known=wish.known, of_model=wish.of_model
@@ -217,7 +217,7 @@ class _Campaign:
         """Raise InputError if the last run had another mass and nobody can change it."""
         mass, steps = self._wish.masses[0], () if journal is None else journal.steps
         if self._carry is None and steps and steps[-1].added_mass != mass:
-            expected = f"{steps[-1].added_mass}, as in the last run, or somebody who changes it"
+            expected = f"{steps[-1].added_mass}, as in the last run, or somebody to change it"
             raise InputError("campaign", "masses", str(mass), expected)
 
     def _require_same_joint(self, journal: Journal) -> None:
@@ -257,7 +257,7 @@ class _Campaign:
         )
         about = {"why": following.why, "expected": following.expected, "held_out": held_out}
         self._record(recipe, about)
-        self._callbacks.phase("The drive is off; what the run shows is identified.")
+        self._callbacks.phase("The drive is off; identifying the joint from the runs so far.")
         try:
             self._require_sound(before)
         except SafetyStop:
@@ -303,7 +303,7 @@ class _Campaign:
         if not bench.has_moved(run):
             raise SafetyStop(
                 "the joint no longer moves when it is driven: check supply, enable, end stops, and "
-                "that the encoder has its cable and slips nowhere"
+                "the encoder's cable and mount"
             )
 
     def _played(self, recipe: Recipe) -> Recording:
@@ -372,15 +372,15 @@ class _Campaign:
             return _Next("another mass gives the scale", mount)
         stays = _widest(self._knowledge.shares)
         if given_up:
-            return _Next(f"{stays}, and {len(vain)} runs brought too little")
+            return _Next(f"{stays}, and the last {len(vain)} runs improved it too little")
         if plan is None:  # by a model that hardly knows
             again = probe(self._mounted, self._size, limits, PROBE)
-            return _Next(f"{stays}, and nothing that is planned stays within the limits", again)
+            return _Next(f"{stays}, and no planned run stays within the limits", again)
         runs = f"; {plan.runs} such runs are" if plan.runs > 1 else "; one such run is"
-        runs += " expected to do"
+        runs += " expected to suffice"
         seconds = plan.seconds
         if plan.expected[1] > 1:
-            runs, seconds = ", and this helps most", math.nan
+            runs, seconds = ", and this run reduces it most", math.nan
         return _Next(stays + runs, plan.recipe, plan.expected[0], seconds)
 
     def _plan(
@@ -429,8 +429,8 @@ def _widest(shares: dict[str, float]) -> str:
     """Say which interval is the widest in proportion to the one that is wanted."""
     name, share = max(shares.items(), key=lambda pair: pair[1])
     if share <= 1:
-        return f"all intervals are as wanted, that of {name} at {share:.0%}"
-    return f"the interval of {name} is {share:.3g} times as wide as wanted"
+        return f"all intervals are within the goal, that of {name} at {share:.0%} of it"
+    return f"the interval of {name} is {share:.3g} times as wide as the goal"
 
 
 def _missed(estimate: Estimate) -> str:

@@ -96,7 +96,7 @@ class Drive:
         if not math.isfinite(angle):
             raise DriveFault("the encoder gives no number: check its cable")
         if not math.isfinite(time):
-            raise DriveFault(f"the drive's clock gives {time}: check where its time comes from")
+            raise DriveFault(f"the drive's clock gives {time}: check the source of its time")
         self._require_no_signal()
         return Reading(time, angle, current)
 

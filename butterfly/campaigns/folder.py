@@ -1,4 +1,4 @@
-"""The folder of a campaign: a log of each run, their manifest, and a journal to go on from."""
+"""The folder of a campaign: a log of each run, their manifest, and a journal to continue from."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ _ROOM = 10e6  # bytes of free space: ten minutes at 500 Hz, three numbers a samp
 
 
 class Folder:
-    """The files of a campaign, from which it can go on; a context in which nobody else writes them.
+    """The files of a campaign, from which it can continue; a context that locks out other writers.
 
     It is new, empty, or a campaign's own, which its journal marks. A log is never replaced.
 
@@ -346,7 +346,7 @@ def _read_journal(file: Path) -> Journal:
     if kind != _KIND:
         raise InputError(file, "schema", kind, f"{_KIND}: no campaign was begun here")
     if number != _VERSION:
-        remedy = f"{_VERSION}; go on with the version that began it, or begin in a new folder"
+        remedy = f"{_VERSION}; continue with the version that began it, or begin in a new folder"
         raise InputError(file, "schema_number", number, remedy)
     try:
         journal = _JOURNAL.validate_json(text)

@@ -170,9 +170,9 @@ class MotionGuard:
         assert self._last is not None  # noqa: S101 - a command follows a reading
         if abs(command) > _ROUNDED * self.limits.command:
             raise SafetyStop(
-                f"the drive says that it set a command of {command:.4g}, and at most "
-                f"{self.limits.command:g} was sent: command() has to return what it set, in the "
-                "unit of the command"
+                f"the drive reports a command of {command:.4g}, but at most "
+                f"{self.limits.command:g} was sent: command() must return the command as it was "
+                "set, in the same unit"
             )
         if command != 0:
             self._free = None
@@ -275,13 +275,13 @@ class MotionGuard:
             self._same_time = 0.0
         if passed < 0 or self._same_time > _LATE:
             raise SafetyStop(
-                f"the drive's clock stands, or ran back by {abs(passed):.3g} s: check where its "
-                "time comes from"
+                f"the drive's clock stands still, or ran back by {abs(passed):.3g} s: check the "
+                "source of its time"
             )
         if passed > _LATE:
             raise SafetyStop(
                 f"{passed:.4g} s passed between two readings (at most {_LATE:g} s): the command "
-                "was held meanwhile; take load from the computer"
+                "was held meanwhile; reduce the load on the computer"
             )
         assert self._clocks is not None  # noqa: S101 - set with the first reading
         if self._waited >= _CLOCKS:
@@ -289,9 +289,9 @@ class MotionGuard:
             errors = [abs(of_drive / duration - 1) for duration in (self._waited, of_computer)]
             if min(errors) > _CLOCK_ERROR:  # a simulated motor's is that of its waits alone
                 raise SafetyStop(
-                    f"the drive's clock went on by {of_drive:.3g} s while {self._waited:.3g} s "
-                    f"were waited for, {of_computer:.3g} s by the computer's clock: check the unit "
-                    "and the source of its time"
+                    f"the drive's clock advanced by {of_drive:.3g} s during a wait of "
+                    f"{self._waited:.3g} s ({of_computer:.3g} s by the computer's clock): check "
+                    "the unit and the source of its time"
                 )
             self._clocks, self._waited = (time, computer.monotonic()), 0.0
 
@@ -307,7 +307,7 @@ class MotionGuard:
         if step > max(_TIMES * self._widest, _LEAP, counts, 2 * NOISES * self.noise):
             raise SafetyStop(
                 f"the encoder jumped by {step:.3g} rad in {reading.time - self._last.time:.2g} s: "
-                "it slips, loses counts, or starts again after a turn; check its mount and cable"
+                "it slips, loses counts, or wraps after a turn; check its mount and cable"
             )
         self._widest = max(self._widest, step)
         self._count = min(self._count, step or math.inf)
@@ -319,8 +319,8 @@ class MotionGuard:
         if coming > HARD * limits.angle:
             raise SafetyStop(
                 f"the joint is {abs(away):.3g} rad from rest, beyond its limit of "
-                f"{limits.angle:g} rad, and turns on: neither a cut nor the brake holds it; check "
-                "that the drive follows its command, and its sign"
+                f"{limits.angle:g} rad, and keeps going: neither the brake nor "
+                "switching off stops it; check that the drive follows its command, and its sign"
             )
         swing, rate, current = abs(away) - NOISES * self.noise, abs(self.rate), abs(current)
         if not (swing > limits.angle or rate > limits.speed or current > limits.current):
@@ -362,8 +362,8 @@ class MotionGuard:
         elif speed > _GROWN * most + 2 * doubt + _FLOOR * self.limits.angle:
             raise SafetyStop(
                 f"the joint runs away from rest ({speed:.3g} rad/s at {abs(away):.3g} rad, "
-                f"{most:.3g} rad/s before) although it is braked or let go: check that the drive "
-                "follows its command, its sign and the encoder's, and that the encoder never slips"
+                f"{most:.3g} rad/s before) although it is braked or released: check that the drive "
+                "follows its command, both signs, and that the encoder does not slip"
             )
 
     def _require_less_energy(self, time: float, angle: float) -> None:
@@ -384,9 +384,9 @@ class MotionGuard:
         swing = _SWING * self.limits.angle * max(math.sqrt(stiffness), 1.0)
         if energy > _GAINED * most + swing**2 / 2:
             raise SafetyStop(
-                f"the joint moves at {abs(slope):.3g} rad/s, faster than it was left, although the "
-                "command is 0: check that the drive follows its command, and that nothing else "
-                "turns the joint"
+                f"the joint moves at {abs(slope):.3g} rad/s, faster than when the command went to "
+                "0: check that the drive follows its command, and that nothing else turns the "
+                "joint"
             )
 
     def _require_live(self, time: float, angle: float) -> None:
@@ -411,7 +411,7 @@ class MotionGuard:
         stand.since = time if stand.since is None else stand.since
         if time - stand.since > min(max(most, _SHORTEST), _LONGEST):
             raise SafetyStop(
-                "the joint no longer moves when it is driven: the encoder stands at "
+                "the joint no longer moves when it is driven: the encoder has stayed at "
                 f"{angle:.4g} rad for {time - stand.since:.2g} s although the command went from "
                 f"{stand.low:.3g} to {stand.high:.3g}, and {self.breakaway:.3g} moved the joint "
                 "before; check supply, enable, the encoder's cable, and that nothing blocks the "
@@ -452,9 +452,9 @@ class MotionGuard:
         passed = min(time - stand.begun, stand.speed / limit)
         if stand.speed * passed - limit * passed**2 / 2 > _ROOM * stand.grain:
             raise SafetyStop(
-                f"the joint no longer moves: its encoder stands at {stand.angle:.4g} rad at once, "
-                f"from {stand.speed:.2g} rad/s or more; check its cable, and that the joint has "
-                "not hit an end stop"
+                f"the joint no longer moves: its encoder stopped abruptly at {stand.angle:.4g} "
+                f"rad, from {stand.speed:.2g} rad/s or more; check its cable, and that the joint "
+                "has not hit an end stop"
             )
 
 

@@ -1,4 +1,4 @@
-"""What the runs of a campaign so far tell of the joint, and how far that is from the goal.
+"""What is known of the joint from the runs so far, and how far that is from the goal.
 
 While only one mass was seen the scale is open, and p1 is held at 1: all values are ratios to it.
 """
@@ -49,7 +49,7 @@ class Knowledge:
         self.model: Identified | None = None
 
     def identify(self) -> None:
-        """Take as the model what all runs so far tell."""
+        """Identify the joint from all runs so far."""
         self.model = self.identified()
 
     def expected(self, mass: AddedMass) -> Expected | None:

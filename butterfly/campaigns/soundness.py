@@ -45,9 +45,9 @@ class Rests:
         width = 2 * most / loaded.p3 if loaded.p3 > 0 else math.inf
         if abs(rest - first) > _SLIPS * width + ENOUGH:
             raise SafetyStop(
-                f"the joint rests {abs(rest - first):.3g} rad from where it rested first, and "
-                f"friction explains {width:.2g} rad: the encoder slips or starts at another zero, "
-                "or the mount moved; set it back, or begin in a new folder"
+                f"the joint rests {abs(rest - first):.3g} rad from its first rest position, but "
+                f"friction explains only {width:.2g} rad: the encoder slips or has another zero, "
+                "or the mount moved; put it back, or begin in a new folder"
             )
 
 
@@ -68,8 +68,8 @@ def require_changed(
         return
     if np.max(np.abs(_ratios(model, new) / was - 1)) <= MATTERS:
         raise SafetyStop(
-            f"the joint moves as it did with {old.added_mass}: {new.added_mass}, which was "
-            "asked for, is not mounted, or too small beside the joint to tell anything"
+            f"the joint moves as it did with {old.added_mass}: {new.added_mass} is not mounted, or "
+            "is too small for this joint to make a difference"
         )
 
 

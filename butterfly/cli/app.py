@@ -67,6 +67,7 @@ def _experiments() -> dict[str, Function]:
         "fetch": experiments.fetch,
         "schema": experiments.schema,
         "reproduce": experiments.reproduce,
+        "report": experiments.report,
     }
 
 
@@ -130,6 +131,7 @@ COMMANDS = {
     "campaign": Command("Use a robot", _verbs, "campaign"),
     "schema": Command("Simulated experiments", _experiments),
     "reproduce": Command("Simulated experiments", _experiments, "reproduction"),
+    "report": Command("If it fails", _experiments),
     "library list": Command("Commands", _library, "motors"),
     "library show": Command("Commands", _library, "motor"),
     "library draft": Command("Commands", _library),
@@ -177,6 +179,7 @@ EXAMPLES = {
     "butterfly campaign my_robot:motor --command 6 --masses 0,0.1 --arm 0.1 --out campaign",
     "schema": "butterfly schema experiment --out experiment.schema.json",
     "reproduce": "butterfly reproduce thesis --out figures",
+    "report": "butterfly report logs --with result.json --bundle report.zip",
     "library show": "butterfly library show xl330",
     "library draft": "butterfly library draft servo.json --out my-servo.yaml",
     "results show": "butterfly results show results/large-sweep 0",

@@ -1,4 +1,4 @@
-"""A campaign on a terminal: what begins is asked for, what moves is shown, what ends is said."""
+"""A campaign on a terminal: it asks before it begins, shows the motion, and says how it ended."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class CampaignTerminal(CampaignCallbacks):
     asks
         Whether the first motion waits for Enter.
     moves
-        Whether a motor moves; nobody has to be told of a simulated one, except on a terminal.
+        Whether a motor moves; a simulated one is reported only on a terminal.
     """
 
     def __init__(self, *, asks: bool, moves: bool) -> None:
@@ -42,12 +42,12 @@ class CampaignTerminal(CampaignCallbacks):
             self._tell(sentence, even_if_quiet=self._asks)
         self._tell(
             "Ctrl-C ends it at any time: the drive is switched off, finished runs are kept, and "
-            "the same command goes on.",
+            "the same command continues.",
             even_if_quiet=self._asks,
         )
         if self._asks:
             _await_enter(
-                "Keep clear of the joint, and the switch of its supply in reach. Press Enter to "
+                "Keep clear of the joint, with its supply switch within reach. Press Enter to "
                 "begin: "
             )
 
@@ -72,8 +72,8 @@ class CampaignTerminal(CampaignCallbacks):
         self.clear()
         wanted = str(mass) if mass.mass else "no added mass"
         _await_enter(
-            f"The drive is off. The next run is with {wanted}: change what is mounted, or leave it "
-            "so; let the joint hang, then press Enter: "
+            f"The drive is off. The next run is with {wanted}: mount that, unless it is mounted; "
+            "let the joint hang at rest, then press Enter: "
         )
 
     def clear(self) -> None:
@@ -103,8 +103,8 @@ def _await_enter(question: str) -> None:
             pass
     except EOFError:
         raise StoppedError(
-            "stopped: nobody answers at the keyboard; the drive is off, finished runs are kept, "
-            "and the same command goes on"
+            "stopped: no answer at the keyboard; the drive is off, finished runs are kept, "
+            "and the same command continues"
         ) from None
 
 

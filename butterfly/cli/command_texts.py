@@ -4,14 +4,12 @@ Made by `make commands`: what is changed here is overwritten.
 """
 
 SUMMARIES = {
-    "inspect": "Check logs for faults, and forecast which parameters they can tell.",
+    "inspect": "Check logs for faults, and forecast how well they determine the parameters.",
     "manifest": "Write a draft manifest for the logs in a folder, or in one file.",
     "fetch": "Download the 41 public logs of the thesis (40 MB).",
     "identify": "Identify the joint from logs.",
-    "select": "Choose terms as identify does, and show what each choice predicts.",
-    "design": (
-        "Say which run to do next: the one from which a goal is reached for the least robot time."
-    ),
+    "select": "Choose terms as identify does, and show how well each choice predicts.",
+    "design": "Say which run to do next: the one that reaches a goal in the least robot time.",
     "validate": "Cross-validate an estimator on held-out logs, or rank several.",
     "residual": "Analyse the residuals, and name the terms that the model is missing.",
     "predict": "Predict logs, or a new experiment, with known parameters.",
@@ -24,10 +22,14 @@ SUMMARIES = {
     "run": "Simulate an experiment or a sweep, identify the joint, and write a report.",
     "simulate": "Simulate an experiment and write its logs.",
     "campaign": (
-        "Run experiments on an unknown joint that choose themselves, until a goal is reached."
+        "Run experiments on an unknown joint, each chosen from those before, until a goal "
+        "is reached."
     ),
     "schema": "Print the JSON Schema of experiment or manifest files.",
-    "reproduce": "Reproduce the thesis's numbers, with its mistakes and corrected.",
+    "reproduce": "Reproduce the thesis's numbers, with its mistakes and without.",
+    "report": (
+        "Collect what to attach to a report of an error: versions, health of logs, a result."
+    ),
     "library list": "List the motors of the library.",
     "library show": "Show a motor: what it takes to another joint, and where that is from.",
     "library draft": (
@@ -43,25 +45,26 @@ SUMMARIES = {
 
 DESCRIPTIONS = {
     "inspect": (
-        "Check logs for faults, and forecast which parameters they can tell.\n\nChecks "
-        "clock, gaps, saturation and clipping; several logs come worst first, those "
-        "without findings with --verbose. Of an experiment or a saved result: the robot's "
-        "parameters instead."
+        "Check logs for faults, and forecast how well they determine the parameters.\n\n"
+        "Checks clock, gaps, saturation and clipping. Several logs are listed worst "
+        "first; --verbose adds those without findings. Of an experiment or a saved "
+        "result: the robot's parameters instead."
     ),
     "identify": (
         "Identify the joint from logs.\n\nThe result has a verdict, and the parameters with "
         "95 % intervals."
     ),
     "select": (
-        "Choose terms as identify does, and show what each choice predicts.\n\nEach round "
-        "adds the term that predicts held-out logs best, or takes one away that does not "
-        "help. Every set of terms has its FIT in sample and on held-out added masses, or "
-        "logs. The verdict is on the model with the chosen terms."
+        "Choose terms as identify does, and show how well each choice predicts.\n\nEach "
+        "round adds the term that improves the prediction of held-out logs most, or "
+        "removes one that does not help. Every set of terms has its FIT in sample and on "
+        "held-out added masses, or logs. The verdict is on the model with the chosen "
+        "terms."
     ),
     "design": (
-        "Say which run to do next: the one from which a goal is reached for the least "
-        "robot time.\n\nCandidates: sines, multisines and free decays, with each added mass "
-        "and without. Each one is simulated with the identified parameters."
+        "Say which run to do next: the one that reaches a goal in the least robot time.\n\n"
+        "Candidates: sines, multisines and free decays, with each added mass and without. "
+        "Each one is simulated with the identified parameters."
     ),
     "validate": (
         "Cross-validate an estimator on held-out logs, or rank several.\n\nWith several "
@@ -82,11 +85,11 @@ DESCRIPTIONS = {
         "which identify reads."
     ),
     "campaign": (
-        "Run experiments on an unknown joint that choose themselves, until a goal is "
-        "reached.\n\nFinds which way the drive turns, plays a safe probe, and after each "
-        "run identifies the joint and chooses the next run: the one from which the goal "
-        "is reached for the least robot time. Every run is a log of a manifest in the "
-        "folder, beside a report. Called again it goes on where it stopped."
+        "Run experiments on an unknown joint, each chosen from those before, until a goal "
+        "is reached.\n\nFinds which way the drive turns, plays a safe probe, and after each "
+        "run identifies the joint and chooses the next run: the one that reaches the goal "
+        "in the least robot time. The folder then has a log of each run, their manifest "
+        "and a report. Called again, it continues where it stopped."
     ),
 }
 """What verbs say before their parameters."""
@@ -99,7 +102,7 @@ ARGUMENTS = {
         "Logs, a folder of logs, a manifest, a saved result, or a shipped data set's name."
     ),
     "identify.against": (
-        "Parameters to compare with: p1=0.003,p2=0.001,p3=0.05. Without p4 the best-fitting p4."
+        "Parameters to compare with: p1=0.003,p2=0.001,p3=0.05. Without p4, the best-fitting one."
     ),
     "select.data": (
         "Logs, a folder of logs, a manifest, a saved result, or a shipped data set's name."
@@ -121,8 +124,9 @@ ARGUMENTS = {
         "its inputs), or a shipped name."
     ),
     "predict.result": (
-        "A saved result, or parameters: p1=0.18,p3=3.7,coulomb=0.01. Others are 0. "
-        "Without p4 the best-fitting p4; without zero the logs' own encoder zero."
+        "A saved result, or parameters: p1=0.18,p3=3.7,coulomb=0.01. Others are 0; "
+        "without p4 the best-fitting one is used, without zero the logs' own encoder "
+        "zero."
     ),
     "run.experiment": "An experiment file (YAML), or a shipped experiment's name.",
     "simulate.experiment": "An experiment file (YAML), or a shipped experiment's name.",
@@ -164,7 +168,9 @@ FACTS = {
         "Input between its samples: zero_order_hold (held until the next) or "
         "first_order_hold (straight lines)"
     ),
-    "sign": "-1 if a positive command turns towards negative angles: the input is negated",
+    "sign": (
+        "-1 if a positive command turns the joint towards negative angles: the input is negated"
+    ),
     "joint": "hinge or slide, whose angle is in m and p1 in kg",
     "shape": ("Shape in pictures and exported models: a plain bar, or the Butterfly robot's hand"),
     "gravity": "Gravity in m/s^2, perpendicular to the axis; 0 for a vertical axis",
@@ -172,11 +178,11 @@ FACTS = {
     "clamped": (
         "Whether the model's other joints without columns are clamped, and cannot give way"
     ),
-    "link_masses": "How well that model's masses are known: 5 % (0.05), all by one factor",
+    "link_masses": "Uncertainty of that model's masses: 5 % (0.05), one factor for all",
     "facts": "What the model says of the joint; read from it",
     "encoder": (
-        "motor if angle, velocity, setpoint and the loop's gains are those before a gear; "
-        "its gear_ratio must be known"
+        "motor if angle, velocity, setpoint and the loop's gains are on the motor side of "
+        "a gear, whose gear_ratio must be known"
     ),
     "known": "Known values of the robot, with standard uncertainties",
     "zeros": "Encoder zero per added mass; overrides zero, and a log's own zero overrides both",

@@ -60,6 +60,8 @@ _DECLARED = {
     "holdout": "group=THE_DATA",
     "figures": "group=WRITTEN",
     "only": 'metavar="NUMBERS"',
+    "goal": 'metavar="SHARE"',
+    "command": 'metavar="VALUE"',
     "scheduler": 'metavar="ADDRESS"',
 }
 """What is declared of an option besides its type, default and help."""
@@ -80,7 +82,7 @@ _WORDS = {
 """Words for the values of estimators' options."""
 
 _FEW = 2  # methods that are named beside an option of theirs
-_UNIT = re.compile(r" in (rad|kg|m|s)\b")
+_UNIT = re.compile(r" in (rad/s|rad|kg|m|s|A)\b")
 _OF_PYTHON = re.compile(r"(?<!`)`[\w.]+`(?!`)")
 _AS_IN = re.compile(r"As in `(\w+)`")
 _MADE = "Made by `make commands`: what is changed here is overwritten."
@@ -272,7 +274,9 @@ def _option_of_fit(name: str, methods: Sequence[str]) -> _Option:
     if len(methods) <= _FEW:
         text += f" Only for {' and '.join(methods)}."
     if name == "terms":
-        text += f" Separated by commas, '' for none: {_offers(methods)}."
+        chooses = kind_of(DEFAULT_METHOD).method
+        chosen = f"chosen by {chooses}, else none" if chooses in methods else "none"
+        text += f" Default: {chosen}. Separated by commas, '' for none: {_offers(methods)}."
     else:
         text += f" Default: {_default_text(name, methods)}."
     hint = get_type_hints(kind)[name]

@@ -106,8 +106,9 @@ class Terms(FitOptions):
     Parameters
     ----------
     terms
-        Terms fitted besides p1..p4, coulomb and delay; none if not given. Separated by commas, ''
-        for none: drag, load, load_drag, mass_inertia, stribeck; 25 more, see docs/methods.md.
+        Terms fitted besides p1..p4, coulomb and delay. Default: chosen by output-error, else none.
+        Separated by commas, '' for none: drag, load, load_drag, mass_inertia, stribeck; 25 more,
+        see docs/methods.md.
     """
 
     terms: Annotated[

@@ -1,4 +1,4 @@
-"""Commands beside the verbs: manifest, fetch, reproduce, schema."""
+"""Commands beside the verbs: manifest, fetch, reproduce, schema, report."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from butterfly.cli.options import OUT, SILENT, Facts, OutFolder
+from butterfly.cli.options import OUT, SILENT, WRITTEN, DataOptions, Facts, OutFolder
 from butterfly.cli.output import put, say, show_progress, show_table, write_json
 from butterfly.cli.written import OutputFile
 from butterfly.errors import InputError
@@ -34,7 +34,7 @@ def manifest(
     """Write a draft manifest for the logs in a folder, or in one file.
 
     Open questions are comments in the draft ("To settle"), each above its assumed value; columns
-    that no name tells are left out. Names like Data_52__8__002.mat give added mass, frequency and
+    without a clear name are left out. Names like Data_52__8__002.mat give added mass, frequency and
     amplitude; with --arm, 100g_a.csv its mass.
 
     Parameters
@@ -64,6 +64,43 @@ def manifest(
     for key, question in asked.items():
         taken = getattr(drafted, key)
         say(f"- {key}: {question}" + (f" Assumed: {taken}." if isinstance(taken, str) else ""))
+
+
+def report(
+    data: Path | None = None,
+    /,
+    *,
+    result: Annotated[Path | None, Parameter(name="--with", metavar="RESULT")] = None,
+    bundle: Annotated[
+        Path | None, Parameter(group=WRITTEN, metavar="FILE"), OutputFile((".zip",))
+    ] = None,
+    logs: bool = False,
+    facts: DataOptions = SILENT,
+) -> None:
+    """Collect what to attach to a report of an error: versions, health of logs, a result.
+
+    It contains no names, paths or texts of yours; read it before you attach it. Data that cannot
+    be read are no error here: it says where reading them ended. Nothing is fitted.
+
+    Parameters
+    ----------
+    data
+        Logs, a folder of logs, a manifest or a saved result. Default: versions only.
+    result
+        Saved result.
+    bundle
+        Zip file to write. Default: print what would be in it.
+    logs
+        Add the samples of the logs, as columns of numbers, each clock from 0.
+    """
+    from butterfly.api.bundled import bundle as collect  # noqa: PLC0415 - slow to import
+    from butterfly.report.bundle import TEXT  # noqa: PLC0415
+
+    described = {"root": facts.root, **facts.description()}
+    files = collect(data, bundle, result=result, logs=logs, track=show_progress, **described)
+    put(files[TEXT].rstrip())
+    if bundle is not None:
+        say(f"Bundle: {bundle} ({', '.join(files)})")
 
 
 def fetch(
@@ -101,7 +138,7 @@ def reproduce(
     root: Annotated[Path | None, Parameter(metavar="FOLDER")] = None,
     out: OutFolder = None,
 ) -> None:
-    """Reproduce the thesis's numbers, with its mistakes and corrected.
+    """Reproduce the thesis's numbers, with its mistakes and without.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """What commands print: sentences, tables, documents; all, the verdict alone, or a document alone.
 
-How far long work has come is told on standard error: results alone go to standard output.
+Progress goes to standard error: standard output has only results.
 
 A pipe gets the same tables as a terminal of 80 columns (or of as many as ``COLUMNS`` says), but
 each sentence in one line, which `grep` finds whole.
@@ -12,7 +12,8 @@ import os
 import re
 import sys
 import textwrap
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Sized
 from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
@@ -40,6 +41,7 @@ _COMMAND = re.compile(r"`[^`]+`")  # to be pasted: never folded
 _GLUE = "\N{NO-BREAK SPACE}"
 _VERDICT = 2  # lines: values, model
 _FEW = 3  # sentences below a verdict
+_EVERY = 60.0  # s, after which a line says how far long work has come
 _STDOUT = Path("-")
 
 
@@ -83,7 +85,7 @@ asked = OutputOptions()
 
 
 def console() -> Console:
-    """Return what knows how wide a line may be, and lays out tables; brackets are brackets."""
+    """Return the rich console, as wide as the terminal, or COLUMNS; brackets are no markup."""
     from rich.console import Console  # noqa: PLC0415 - slow to import
 
     made = Console(markup=False, emoji=False, highlight=False)
@@ -291,8 +293,14 @@ def show_progress(items: Iterable[_T], description: str) -> Iterable[_T]:
 
 
 def _line(items: Iterable[_T], description: str) -> Iterator[_T]:
+    """Say what is being done, and now and then how far it has come."""
+    count, shown = len(items) if isinstance(items, Sized) else 0, time.monotonic()
     with progress.phase(description):
-        yield from items
+        for number, item in enumerate(items):
+            if number and count and time.monotonic() - shown > _EVERY:
+                shown = time.monotonic()
+                note(f"{description}: {number} of {count} …")
+            yield item
 
 
 def _bar(items: Iterable[_T], description: str) -> Iterator[_T]:

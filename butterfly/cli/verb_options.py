@@ -134,9 +134,9 @@ class OptionsOfDesign:
     Parameters
     ----------
     goal
-        Half-width of the 95 % intervals of p1..p4 and Coulomb friction, over their values. Of
-        friction, or a gravity moment, that is hardly there the whole interval is to be below this
-        share of the largest torque.
+        Half-width of the 95 % intervals of p1..p4 and Coulomb friction, over their values. For
+        friction, or a gravity moment, close to 0 the whole interval has to be below this share of
+        the largest torque.
     duration
         Length of a run in s; of a servo at most that of its logs.
     command
@@ -145,12 +145,12 @@ class OptionsOfDesign:
         Largest allowed swing in rad (m on a slide). Default: 1; on a slide or servo, the logs'
         largest.
     price
-        Robot time in s that a change of mass is worth.
+        What a change of mass costs, in s of robot time.
     """
 
-    goal: float | str = "1%"
+    goal: Annotated[float | str, Parameter(metavar="SHARE")] = "1%"
     duration: Annotated[float, Parameter(metavar="s")] = 40.0
-    command: float | None = None
+    command: Annotated[float | None, Parameter(metavar="VALUE")] = None
     swing: Annotated[float | None, Parameter(metavar="rad")] = None
     price: Annotated[float, Parameter(metavar="s")] = 120.0
 
@@ -391,15 +391,15 @@ class OptionsOfCampaign:
     Parameters
     ----------
     out
-        Folder for logs, manifest and report: new, empty, or that of the campaign to go on with.
+        Folder for logs, manifest and report: new, empty, or that of the campaign to continue.
         Default: campaign.
     goal
-        Half-width of the 95 % intervals of p1..p4 and Coulomb friction, over their values. Of
-        friction, or a gravity moment, that is hardly there the whole interval is to be below this
-        share of the largest torque.
+        Half-width of the 95 % intervals of p1..p4 and Coulomb friction, over their values. For
+        friction, or a gravity moment, close to 0 the whole interval has to be below this share of
+        the largest torque.
     masses
-        Masses at hand in kg, the one that is mounted first. Separated by commas. Default: those of
-        the experiment, or none.
+        Masses at hand in kg, the mounted one first. Separated by commas. Default: those of the
+        experiment, or none.
     arm
         Distance of these masses from the pivot in m.
     command
@@ -411,9 +411,9 @@ class OptionsOfCampaign:
     current
         Largest current in A, where one is read. Default: any.
     seconds
-        Robot time in s, at most.
+        Largest robot time in s.
     price
-        Robot time in s that a change of mass is worth.
+        What a change of mass costs, in s of robot time.
     model
         MJCF or URDF of the robot. It gives the joint's gravity, and bounds command and angle by its
         effort and range. The motor's angles are those of the file.
@@ -424,13 +424,13 @@ class OptionsOfCampaign:
     """
 
     out: Annotated[Path | None, OUT, FOLDER] = None
-    goal: float | str = "1%"
+    goal: Annotated[float | str, Parameter(metavar="SHARE")] = "1%"
     masses: Annotated[str | None, Parameter(metavar="NUMBERS")] = None
     arm: Annotated[float, Parameter(metavar="m")] = 0.0
-    command: float | None = None
+    command: Annotated[float | None, Parameter(metavar="VALUE")] = None
     angle: Annotated[float, Parameter(metavar="rad")] = 1.0
-    speed: Annotated[float | None, Parameter(metavar="rad")] = None
-    current: float | None = None
+    speed: Annotated[float | None, Parameter(metavar="rad/s")] = None
+    current: Annotated[float | None, Parameter(metavar="A")] = None
     seconds: Annotated[float, Parameter(metavar="s")] = 600.0
     price: Annotated[float, Parameter(metavar="s")] = 120.0
     model: Path | None = None

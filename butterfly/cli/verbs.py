@@ -329,7 +329,7 @@ def campaign(
     moves, keyboard = names_motor(str(robot)), sys.stdin.isatty()
     if moves and not keyboard:
         if not yes:
-            expected = "a terminal, where Enter lets the motor move; or --yes, which does without"
+            expected = "a terminal, where Enter starts the motor; or --yes, to start without it"
             raise InputError("butterfly campaign", "standard input", "no keyboard", expected)
         if len(keywords["masses"] or ()) > 1:
             expected = "one mass: without a keyboard nobody can be asked to change it"
@@ -337,7 +337,7 @@ def campaign(
     terminal = CampaignTerminal(asks=moves and not yes, moves=moves)
     change = terminal.mount if keyboard else None
     folder = shlex.quote(str(options.out or "campaign"))
-    state = f"the drive is off; finished runs are kept in {folder}, and the same command goes on"
+    state = f"the drive is off; finished runs are kept in {folder}, and the same command continues"
     try:
         answer = bf.campaign(
             robot, **keywords, known=pairs, pose=places, change=change, callbacks=terminal

@@ -95,6 +95,17 @@ class EstimateRecord:
         """How the estimation ended."""
         return Ending.REFUSED if self.estimate is None else self.estimate.ending
 
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """Kinds of what was found of the estimate."""
+        findings = () if self.estimate is None else self.estimate.findings
+        return tuple(finding.kind for finding in findings)
+
+    @property
+    def condition(self) -> float | None:
+        """Condition number of the estimate; None if it is not finite."""
+        return None if self.estimate is None else or_none(self.estimate.condition)
+
     @computed_field  # type: ignore[prop-decorator]
     @property
     def verdict(self) -> str:

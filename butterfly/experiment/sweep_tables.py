@@ -8,17 +8,15 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from operator import attrgetter
-from typing import Any, NamedTuple, TypeAlias, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
 from butterfly.experiment.record import EstimateRecord, OrbitRecord, RunRecord, SweepRun
-from butterfly.identification.estimate import Estimate
 from butterfly.identification.findings import Ending
-from butterfly.identification.parameter import Parameter, or_none
+from butterfly.identification.parameter import Parameter, meaning_of, or_none, unit_of
 from butterfly.verdict import VERDICTS
 
 RUNS, ESTIMATES = "runs", "estimates"
@@ -39,14 +37,6 @@ _LARGEST = sys.float_info.max
 _Row = TypeVar("_Row")
 
 
-class Found(NamedTuple):
-    """A row of the table of estimates: one parameter, of one estimate."""
-
-    record: EstimateRecord
-    estimate: Estimate
-    parameter: Parameter
-
-
 Column: TypeAlias = tuple[pa.DataType, Callable[[_Row], Any]]
 """A column: its type, and its value for a row."""
 
@@ -56,12 +46,14 @@ def _of_orbit(value: Callable[[OrbitRecord], Any], kind: pa.DataType = _NUMBER) 
     return kind, lambda record: value(record.orbit) if record and record.orbit else None
 
 
-def _of_fit(which: str, statistic: str) -> Column[Found]:
-    """Column of a statistic of FIT, if any."""
-    return _NUMBER, lambda row: getattr(getattr(row.record, which), statistic, None)
-
-
 _OfRun: TypeAlias = Column[RunRecord | None]
+_OfParameter: TypeAlias = tuple[pa.DataType, Callable[[EstimateRecord, Parameter], Any]]
+
+
+def _of_row(name: str, kind: pa.DataType = _NUMBER) -> _OfParameter:
+    """Column of a number of a parameter's row in the estimate's table."""
+    return kind, lambda _, row: getattr(row, name)
+
 
 _PLACE: dict[str, Column[SweepRun]] = {
     "number": (_COUNT, lambda run: run.number),
@@ -90,22 +82,28 @@ _RUN: dict[str, _OfRun] = {
     ),
 }
 
-_ESTIMATE: dict[str, Column[Found]] = {
-    "estimator": (_TEXT, lambda row: row.record.estimator),
-    "verdict": (_TEXT, lambda row: row.record.verdict),
-    "ending": (_TEXT, lambda row: row.estimate.ending),
-    "findings": (_TEXT, lambda row: ", ".join(finding.kind for finding in row.estimate.findings)),
-    "parameter": (_TEXT, lambda row: row.parameter.name),
-    "on_bound": (_TRUTH, lambda row: row.parameter.on_bound),
-    "known": (_TRUTH, lambda row: row.parameter.known),
+
+def _of_fit(which: str, statistic: str) -> _OfParameter:
+    """Column of a statistic of FIT, if any."""
+    return _NUMBER, lambda record, _: getattr(getattr(record, which), statistic, None)
+
+
+_ESTIMATE: dict[str, _OfParameter] = {
+    "estimator": (_TEXT, lambda record, _: record.estimator),
+    "verdict": (_TEXT, lambda record, _: record.verdict),
+    "ending": (_TEXT, lambda record, _: record.ending),
+    "findings": (_TEXT, lambda record, _: ", ".join(record.findings)),
+    "parameter": _of_row("name", _TEXT),
+    "on_bound": _of_row("on_bound", _TRUTH),
+    "known": _of_row("known", _TRUTH),
     **{
-        name: (_NUMBER, attrgetter(f"parameter.{name}"))
+        name: _of_row(name)
         for name in (
             *("value", "standard_error", "lower", "upper", "least_left_out", "largest_left_out"),
             *("true", "deviation"),
         )
     },
-    "condition": (_NUMBER, lambda row: or_none(row.estimate.condition)),
+    "condition": (_NUMBER, lambda record, _: record.condition),
     "fit_median": _of_fit("fit", "median"),
     "fit_mean": _of_fit("fit", "mean"),
     "fit_worst": _of_fit("fit", "worst"),
@@ -126,7 +124,7 @@ class SweepColumns:
     def schema(self, table: str) -> pa.Schema:
         """Return the names and types of a table's columns."""
         place = {name: kind for name, (kind, _) in _PLACE.items()}
-        columns: dict[str, Column[Any]] = {**(_RUN if table == RUNS else _ESTIMATE)}
+        columns: dict[str, tuple[pa.DataType, Any]] = {**(_RUN if table == RUNS else _ESTIMATE)}
         rest = {name: kind for name, (kind, _) in columns.items()}
         return pa.schema(list((place | self._fields | rest).items()))
 
@@ -138,10 +136,8 @@ class SweepColumns:
             yield place | {name: value(record) for name, (_, value) in _RUN.items()}
             return
         for estimate in record.estimates if record else ():
-            for parameter in estimate.parameters:
-                assert estimate.estimate is not None  # noqa: S101 - it has parameters
-                row = Found(estimate, estimate.estimate, parameter)
-                yield place | {name: value(row) for name, (_, value) in _ESTIMATE.items()}
+            for row in estimate.parameters:
+                yield place | {name: value(estimate, row) for name, (_, value) in _ESTIMATE.items()}
 
 
 def _kind(values: Iterable[Any]) -> pa.DataType:
@@ -179,8 +175,8 @@ class Estimates:
         every = cls({name: column(table, name) for name in wanted})
         return every.take(~every["known"].astype(bool))
 
-    def take(self, rows: NDArray[np.bool_]) -> Estimates:
-        """Return the rows that a mask selects."""
+    def take(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> Estimates:
+        """Return the rows that a mask selects, or numbers of rows."""
         return Estimates({name: column[rows] for name, column in self.columns.items()})
 
     def where(self, **values: object) -> Estimates:
@@ -248,6 +244,25 @@ class Estimates:
             if owner not in rows or sizes[row] > sizes[rows[owner]]:
                 rows[owner] = row
         return self.take(np.isin(np.arange(sizes.size), list(rows.values())))
+
+    def rows(self) -> list[Parameter]:
+        """Return its rows as they are in the table of an estimate."""
+        names = ("value", "lower", "upper", "true")
+        numbers = (map(or_none, self[name].tolist()) for name in names)
+        return [
+            Parameter(
+                name=name,
+                meaning=meaning_of(name),
+                unit=unit_of(name),
+                value=value,
+                lower=lower,
+                upper=upper,
+                true=true,
+            )
+            for name, value, lower, upper, true in zip(
+                self["parameter"].tolist(), *numbers, strict=True
+            )
+        ]
 
     def recovery(self) -> Iterator[dict[str, Any]]:
         """Yield a row per estimator and parameter: deviations as shares (NaN of none), coverage."""

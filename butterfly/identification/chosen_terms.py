@@ -279,7 +279,7 @@ def _missing(offer: Offer) -> LackedTerm:
 
 
 def inseparable_terms(at: Linearisation) -> tuple[str, ...]:
-    """Return a term, and what comes with it, that the equations cannot tell from the others."""
+    """Return a term, and what comes with it, that the equations cannot separate from the others."""
     conditioning = at.cells(1).conditioning
     doubtful = [n for n in conditioning.weakest if n in {*COMMON, *offered("output-error")}]
     if not conditioning.singular or not doubtful:
@@ -290,7 +290,7 @@ def inseparable_terms(at: Linearisation) -> tuple[str, ...]:
 
 
 def separable(every: Problem, fit: Fit) -> Fit:
-    """Fit again without what the equations cannot tell from the rest, and say so."""
+    """Fit again without what the equations cannot separate from the rest, and say so."""
     while lost := inseparable_terms(fit.linearisation):
         problem = every.of_fit(fit)
         indices = np.flatnonzero(~np.isin(problem.labels, lost))

@@ -153,7 +153,7 @@ class ScaleRival(NamedTuple):
 
 
 def open_scales(carried: Sequence[AddedMass], known: Prior, *, timed: bool) -> tuple[str, ...]:
-    """Return the scales of added masses that nobody has given; a ``timed`` clock is right."""
+    """Return the scales of added masses that were not given; a ``timed`` clock is right."""
     given = {
         "mass_scale": any(mass.mass_uncertainty for mass in carried),
         "arm": any(mass.arm_uncertainty for mass in carried) or not any(m.arm for m in carried),

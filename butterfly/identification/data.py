@@ -77,7 +77,7 @@ class DataSet:
     correction
         Correction of ``logs`` in addition to repairs, if any.
     remarks
-        What is to be said of the logs with every answer from them.
+        Findings on the logs that every answer from them repeats.
     """
 
     name: str
@@ -143,7 +143,7 @@ class DataSet:
 
     @property
     def assumed(self) -> dict[str, str]:
-        """Why each parameter is taken to be 0 that logs imply and nobody gave, by its name."""
+        """Reasons, by name, for parameters assumed to be 0 although they were not given."""
         return {
             name: why for name, why in _absent(self.logs).items() if name not in self.given.values
         }

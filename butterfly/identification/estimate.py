@@ -336,7 +336,7 @@ class Estimate:
 
     @property
     def unsettled(self) -> bool:
-        """Whether the fit did not converge, though nobody stopped it."""
+        """Whether the fit did not converge, although it was not stopped."""
         stopped = any(finding.kind is FindingKind.SEARCH_STOPPED for finding in self.findings)
         return self.ending is not Ending.CONVERGED and not stopped
 

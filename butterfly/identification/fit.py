@@ -95,7 +95,7 @@ class Fit:
 
     @property
     def plain(self) -> Fit:
-        """The fit before its logs were weighed."""
+        """The fit before its logs were weighted."""
         if self.unweighed is None:
             return self
         return replace(self, linearisation=self.unweighed, unweighed=None, scatter=None)

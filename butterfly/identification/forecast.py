@@ -1,4 +1,4 @@
-"""Which parameters some logs can tell, before they are identified, and what would mend it.
+"""How well some logs determine the parameters, before a fit, and what would improve it.
 
 The free runs of the logs are fitted, starting at the values of the weak form, with the common terms
 that it has. Parameters that are determined have the interval of a fit: cluster-robust over logs,
@@ -145,7 +145,7 @@ _APART = {
 
 
 class Identifiability(StrEnum):
-    """Whether logs can tell a parameter."""
+    """Whether logs determine a parameter."""
 
     KNOWN = "known"
     IDENTIFIABLE = "identifiable"
@@ -164,7 +164,7 @@ class Forecast:
     half_width: float | None = None  # of its 95 % interval, at least
     expected: float | None = None  # the same relative to the value, of a delay to 1/w (see above)
     why: str = ""  # why it is weak, or not identifiable
-    mend: str = ""  # what would mend it
+    mend: str = ""  # the remedy
 
 
 def forecast(logs: Sequence[Log], known: Prior) -> tuple[Forecast, ...]:
@@ -195,7 +195,7 @@ def forecast(logs: Sequence[Log], known: Prior) -> tuple[Forecast, ...]:
         elif fit is not None and name in fit.names:
             row = _rated(row, fit, fastest)
             if name == "coulomb" and not any(_reverses(log.angle) for log in logs):
-                why = "no log reverses, so it cannot be told from a constant torque"
+                why = "no log reverses, so it looks like a constant torque"
                 row = replace(
                     row,
                     word=max(row.word, Identifiability.WEAK, key=[*Identifiability].index),
@@ -225,7 +225,7 @@ def _reverses(angle: Samples) -> bool:
 
 
 def _rated(row: Forecast, fit: Estimate, fastest: float) -> Forecast:
-    """Add to a row its word, its half-widths, and what would mend it."""
+    """Add to a row its word, its half-widths, and the remedy."""
     place = fit.names.index(row.name)
     half, value = float(fit.farther[place]), abs(float(fit.values[place]))
     share = fastest if row.name == "delay" else 1 / value if value else np.inf

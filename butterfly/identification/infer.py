@@ -187,7 +187,7 @@ def findings_of_scales(rivals: Iterable[ScaleRival]) -> list[Finding]:
 def agreement_of(fit: Fit, basis: Basis) -> tuple[tuple[Contrast, ...], list[Rival]]:
     """Return the contrasts between conditions, the best first, and (n,) rivals about the fit.
 
-    From log to log they are sought where the scatter by which logs are weighed does not say it.
+    Contrasts from log to log are sought unless the logs are weighted by their scatter.
     """
     if basis.conditions is None:
         return (), []

@@ -410,7 +410,7 @@ class Linearisation:
 
     @property
     def conditioning(self) -> Conditioning:
-        """How well the rows and the prior tell the values apart."""
+        """How well the rows and the prior separate the values."""
         active = None if self.prior is None else self.prior.active
         return Conditioning.of(self.rows, self.names, active, (self.values, self.residuals))
 

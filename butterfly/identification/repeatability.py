@@ -135,12 +135,12 @@ def contradiction_text(finding: Finding) -> str:
     earlier, later, *both = finding.logs
     change = finding.number or 0.0
     text = (
-        f"{earlier} and {later} are said to carry the same mass, but p4/p1 is "
+        f"{earlier} and {later} are declared with the same mass, but p4/p1 is "
         f"{100 * abs(change):.2g} % {'larger' if change > 0 else 'smaller'} in {later}"
     )
     if both:
         odd, like = both
-        text += f". {odd} moves like {like}, which is said to carry another mass"
+        text += f". {odd} moves like {like}, which is declared with another mass"
     return f"{text}. Check what was mounted, and correct the manifest or repeat the run."
 
 

@@ -151,7 +151,7 @@ def undriven(log: Log) -> Log:
 
 
 def assumes_clock(log: Log) -> bool:
-    """Whether a log is simulated in a servo's loop whose clock was assumed, as nobody gave it."""
+    """Whether a log is simulated in a servo's loop whose clock was not given, but assumed."""
     return log.closed and log.servo is not None and log.servo.clock_assumed
 
 

@@ -170,11 +170,11 @@ class ChosenTerms(Generic[M]):
     # rows that pass and are not fitted: the best, then those with errors as small
     missing: tuple[Offer, ...]
     idle: tuple[str, ...]  # rows that were tried and are not fitted
-    inseparable: tuple[str, ...]  # rows that the data cannot tell from the rest
+    inseparable: tuple[str, ...]  # rows that the data cannot separate from the rest
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Which rows did not help, and which the data cannot tell from the rest."""
+        """Which rows did not help, and which the data cannot separate from the rest."""
         rows = {FindingKind.NOT_HELPING: self.idle, FindingKind.INSEPARABLE: self.inseparable}
         return tuple(Finding(kind, names) for kind, names in rows.items() if names)
 
@@ -381,7 +381,7 @@ def offers_in(
 ) -> list[Offer]:
     """Test rows on equations that have them all, about the end of a fit of those in ``mask``.
 
-    Rows that the equations cannot tell from the rest are left out.
+    Rows that the equations cannot separate from the rest are left out.
     """
     equations, names = nested.equations, np.array(nested.names)
     about = replace(equations, held=equations.on_bound | ~mask)

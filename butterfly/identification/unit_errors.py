@@ -32,7 +32,7 @@ _DETUNED = MATTERS / 2  # relative error of an omega; that of the inertia is twi
 _HEAVIEST = 10.0  # kg, above which a mass is asked about: 7 of 110 random robots have more
 _SINE = 0.8  # share of a signal that one sine explains, if it is one
 
-_AGREE = "the logs agree with a joint"
+_AGREE = "the model fits the logs"
 _OF_COLUMN = {  # beginning of the sentence on a unit, and what is true in SI units
     "angle": ("The angle looks", _AGREE),
     "time": ("The timestamps look", _AGREE),
@@ -119,10 +119,10 @@ class UnitError(StrEnum):
     )
     GRAMS = (
         *("grams", "mass"),
-        "Is an added mass of {number:.4g} kg right? The motion cannot tell kilograms from grams. "
-        "If it is in grams, all values except the delay are a thousand times too large. "
+        "Is an added mass of {number:.4g} kg right? The motion does not distinguish kilograms from "
+        "grams. If it is in grams, all values except the delay are a thousand times too large. "
         + _advice("mass", "g")
-        + " If it is right, --known mass_scale=1+-0.001 says so.",
+        + " If it is right, confirm it: --known mass_scale=1+-0.001.",
     )
     LATE = (
         *("late", "delay"),

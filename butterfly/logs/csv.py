@@ -104,11 +104,15 @@ def _texts_of(table: TextColumns) -> dict[str, str]:
 
 def write_csv(log: Log, path: Path) -> None:
     """Write the columns of a log, named as in `DEFAULT_COLUMNS`, every number in full."""
-    delimiter = "\t" if path.suffix.lower() in _TABS else ","
+    write_file(path, csv_text(log, "\t" if path.suffix.lower() in _TABS else ","))
+
+
+def csv_text(log: Log, delimiter: str = ",") -> str:
+    """Return what `write_csv` writes."""
     columns = log.columns()
     texts = (map(repr, column.astype(np.float64).tolist()) for column in columns.values())
     rows = zip(*texts, strict=True)
-    write_file(path, "\n".join([delimiter.join(columns), *map(delimiter.join, rows), ""]))
+    return "\n".join([delimiter.join(columns), *map(delimiter.join, rows), ""])
 
 
 def read_columns(path: Path, wanted: Sequence[str]) -> list[Samples]:

@@ -53,8 +53,8 @@ _IF_REGIMES = (
     "slow_delay."
 )
 _IF_HELD = (
-    "Where the command changes between two samples of the angle it seems to come with the second: "
-    "the delay may be short by up to a sampling interval."
+    "A command that changes between two samples of the angle seems to act from the second on: the "
+    "delay may be too short by up to one sampling interval."
 )
 
 

@@ -187,7 +187,7 @@ class _Rule(Enum):
 class Manifest(StrictModel):
     """A data set: its files and what they have in common.
 
-    A new fact is a field here and its use. Marks say what an option does to the field.
+    A new fact is a field here, and its use. Its rule says what an option does to the field.
     """
 
     name: str
@@ -202,9 +202,10 @@ class Manifest(StrictModel):
     """Control loop of a servo: its ``law`` and gains. See `butterfly.model.servo`."""
     intersample: Annotated[Intersample | None, _Rule.FILLS] = None
     """Input between its samples: ``zero_order_hold`` (held until the next) or ``first_order_hold``
-    (straight lines). If nobody says, both are compared, and what no log can tell counts as held."""
+    (straight lines). If it is not given, both are compared; it is held if no log shows a
+    difference."""
     sign: Literal[1, -1] = 1
-    """-1 if a positive command turns towards negative angles: the input is negated."""
+    """-1 if a positive command turns the joint towards negative angles: the input is negated."""
     arm: Annotated[Size | None, _Rule.FILLS] = None
     """Distance from pivot to added mass in m. An added mass on a hinge requires it."""
     joint: JointKind = JointKind.HINGE
@@ -222,12 +223,12 @@ class Manifest(StrictModel):
     clamped: bool = False
     """Whether the model's other joints without columns are clamped, and cannot give way."""
     link_masses: LinkMasses = LinkMasses()
-    """How well that model's masses are known: 5 % (0.05), all by one factor."""
+    """Uncertainty of that model's masses: 5 % (0.05), one factor for all."""
     facts: ModelFacts | None = None
     """What the model says of the joint; read from it."""
     encoder: Literal["joint", "motor"] = "joint"
-    """``motor`` if angle, velocity, setpoint and the loop's gains are those before a gear; its
-    ``gear_ratio`` must be ``known``."""
+    """``motor`` if angle, velocity, setpoint and the loop's gains are on the motor side of a gear,
+    whose ``gear_ratio`` must be ``known``."""
     known: Annotated[dict[str, Uncertain], BeforeValidator(_read_values), _Rule.ADDS] = Field(
         default={}
     )

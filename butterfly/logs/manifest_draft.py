@@ -127,9 +127,9 @@ def of_logs(
 
 
 def with_columns(manifest: Manifest, given: Mapping[str, Any] = MappingProxyType({})) -> Manifest:
-    """Return a manifest with the columns, the kind of input and the facts that files tell by name.
+    """Return a manifest with the columns, the kind of input and the facts that files name.
 
-    ``given`` is from `checked_options`. Columns that no name tells, or several, are left out.
+    ``given`` is from `checked_options`. Columns without a clear name are left out.
     """
     kind, entries, by_ending = given.get("input"), [*manifest.logs], dict[str, LogEntry]()
     if manifest.columns is None:
@@ -202,7 +202,7 @@ def _facts(manifest: Manifest, entry: LogEntry) -> dict[str, float]:
 
 
 def open_questions(manifest: Manifest, given: Collection[str], *, named: bool) -> dict[str, str]:
-    """Return the questions on a draft, by key that was not given; files ``named`` tell masses."""
+    """Return the questions on a draft, by key not given; names of ``named`` files give masses."""
     questions = {"units": _unit_taken(manifest)} | _QUESTIONS
     settled = {*given, "columns", "logs" * named}
     about = {"interval": manifest.interval, "input_kind": manifest.input}
@@ -220,7 +220,7 @@ def open_questions(manifest: Manifest, given: Collection[str], *, named: bool) -
             break
     kinds = {name: meaning.kind for name in called if (meaning := meaning_of(name)).kind}
     answer = " or ".join(f"{kind} by the name of {name!r}" for name, kind in kinds.items())
-    questions["input"] += f" It is {answer}." if answer else " No name of a column says it."
+    questions["input"] += f" It is {answer}." if answer else " No column name says it."
     for entry in manifest.logs[:_MOST]:
         if facts := [f"{key} {number:g}" for key, number in _facts(manifest, entry).items()]:
             questions["logs"] += f" {entry.file} says {', '.join(facts)}."

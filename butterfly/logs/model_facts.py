@@ -117,5 +117,5 @@ class ModelFacts(StrictModel):
 
     @property
     def gravity_tells_scale(self) -> bool:
-        """Whether the identified gravity moment tells by which factor the masses are off."""
+        """Whether the identified gravity moment shows by which factor the masses are off."""
         return not self.links.independent and self.bare[1] > _ENOUGH * self.largest

@@ -184,7 +184,7 @@ class ColumnReading:
 
     @property
     def assumed(self) -> bool:
-        """Whether nobody says the unit."""
+        """Whether the unit is not specified."""
         return self.unit_source == ASSUMED
 
     @property

@@ -85,7 +85,7 @@ class Orbit:
             )
             if target > most:
                 expected += (
-                    f", or an error of {_NEAREST:.1%} in the model decides which of them it is"
+                    f"; in between, an error of {_NEAREST:.1%} in the model decides which it is"
                 )
             raise InputError("orbit", "energy", f"{target:.6g} J", expected)
         above = np.flatnonzero(levels > target)
@@ -118,8 +118,8 @@ class Orbit:
             return cls.of_energy(parameters, brentq(missing, least, most, xtol=1e-15), direction)
         slowest = cls.of_energy(parameters, least).mean_speed
         expected = (
-            f"more than {slowest:.6g} rad/s either way: slower, an error of {_NEAREST:.1%} in the "
-            "model decides whether the joint turns over"
+            f"more than {slowest:.6g} rad/s in either direction: if slower, an error of "
+            f"{_NEAREST:.1%} in the model decides whether the joint turns over"
         )
         raise InputError("orbit", "speed", f"{speed:.6g} rad/s", expected)
 

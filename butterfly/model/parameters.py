@@ -203,7 +203,7 @@ class AddedMass:
     joint
         Kind of the joint.
     label
-        How it is called, where it is no piece of metal: a pose of the other joints.
+        Its name if it is not a mass but a pose of the other joints.
     """
 
     mass: float = 0.0

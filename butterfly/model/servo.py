@@ -223,7 +223,7 @@ class ServoLoop:
 
     @property
     def clock_assumed(self) -> bool:
-        """Whether nobody says how fast the firmware is: neither its owner nor its maker."""
+        """Whether the firmware's clock is unknown: neither given nor documented by the maker."""
         return self.clock is None and not self.rule.source
 
     @property

@@ -60,7 +60,7 @@ class Alarm:
 
     @property
     def possible(self) -> tuple[Cause, ...]:
-        """Parameters each of which may have changed alone; none if several have."""
+        """Parameters that may each have changed alone; none if several have."""
         return tuple(cause for cause in self.causes if cause.possible)
 
 

@@ -184,7 +184,7 @@ def calibrate(
     if plants is not None:
         recalibration = rounds[-1].recalibration
         of_plants = (_runs(p, loaded, zero, schedule, np.random.default_rng(0)) for p in plants)
-        with phase("Holding it on a rougher and on a finer simulation"):
+        with phase("Holding the orbit in coarser and in finer steps of the simulation"):
             equations = [LoopEquations(logs, zero, schedule.recalibration) for logs in of_plants]
         rough, fine = (loop.fit(recalibration.estimate.names)[0].values for loop in equations)
         recalibration = replace(

@@ -177,7 +177,7 @@ class SelfTuning:
 
 @dataclass(frozen=True, kw_only=True)
 class WatchPlan:
-    """How a self-tuning loop is watched; the dither tells p2, p4 and friction apart."""
+    """How a self-tuning loop is watched; the dither separates p2, p4 and friction."""
 
     duration: float  # in s
     dither: float = 0.3  # share of the control's rms

@@ -31,10 +31,10 @@ _FOLLOWS = {
 
 _CAUSES: dict[tuple[Condition, str], tuple[str, ...]] = {
     (Condition.MASS, "p1"): _WITH_MASS,
-    (Condition.MASS, "p2"): ("friction that grows with the load", *_WITH_MASS),
-    (Condition.MASS, "p3"): ("wrongly weighed masses", *_WITH_MASS),
-    (Condition.MASS, "p4"): ("the motor's resistance", "wrongly weighed masses", *_WITH_MASS),
-    (Condition.MASS, "coulomb"): ("friction that grows with the load", *_WITH_MASS),
+    (Condition.MASS, "p2"): ("friction that depends on the load", *_WITH_MASS),
+    (Condition.MASS, "p3"): ("wrong masses", *_WITH_MASS),
+    (Condition.MASS, "p4"): ("the motor's resistance", "wrong masses", *_WITH_MASS),
+    (Condition.MASS, "coulomb"): ("friction that depends on the load", *_WITH_MASS),
     (Condition.SWING, "p1"): _PLAY,
     (Condition.SWING, "p2"): _FRICTION,
     (Condition.SWING, "p3"): ("a spring, such as a cable", *_PLAY),
@@ -53,7 +53,7 @@ _CAUSES: dict[tuple[Condition, str], tuple[str, ...]] = {
 """What may make a parameter follow a condition, the likeliest first."""
 
 _OF_ANY = {
-    Condition.WEIGHED: ("weighed wrong", *_WITH_MASS),
+    Condition.WEIGHED: ("a wrong mass", *_WITH_MASS),
     Condition.DIRECTION: (
         "friction that differs between directions",
         "a drive that differs between directions",
@@ -117,7 +117,7 @@ def agreement_table(contrasts: Sequence[Contrast]) -> PageTable:
     rows = [
         (
             contrast.parameter,
-            _FOLLOWS.get(contrast.condition, "one added mass, as weighed"),
+            _FOLLOWS.get(contrast.condition, "one added mass, as given"),
             f"{contrast.first:.{_digits(contrast.first, contrast.last)}g}",
             f"{contrast.last:.{_digits(contrast.first, contrast.last)}g}",
             f"{100 * contrast.share:.0f} %",

@@ -12,15 +12,13 @@ from itertools import product
 from textwrap import wrap
 from typing import Any
 
-import numpy as np
 from plotly.graph_objects import Figure
-from plotly.subplots import make_subplots
 
-from butterfly.arrays import Samples
 from butterfly.identification.parameter import or_nan
 from butterfly.report import campaign_page
+from butterfly.report.corner import corner_figure, corner_of_draws
 from butterfly.report.figures import GREY, PALETTE, add, log_ticks, look, panel, panels, rows_panel
-from butterfly.report.format import fit_text, is_relative, label_of, with_error
+from butterfly.report.format import fit_text, is_relative, label_of
 from butterfly.report.inspection import inspection_page
 from butterfly.report.page import Fact, Page, PageTable, Section
 from butterfly.report.summary import medians_of
@@ -29,9 +27,6 @@ from butterfly.verdict import Verdict
 _ROW = 52  # pixels of an estimator
 _CHANGE = 40  # of a parameter that may have changed
 _SIMULATORS = {"MuJoCo": ("-open", 12), "grey box": ("", 5)}  # symbol and size of their marks
-_MOST = 6  # parameters against each other
-_CELL = 140  # pixels of a panel of two parameters
-_BINS = 24  # of a histogram
 _BROAD = 32  # letters of a line that names an experiment
 _LEAST = 1e-3  # % that a FIT lacks at least, to be drawn
 
@@ -96,29 +91,9 @@ def frequencies(numbers: Mapping[str, Any]) -> Figure | None:
 
 
 def corner(numbers: Mapping[str, Any]) -> Figure | None:
-    """Draw the first parameters that vary: each alone, and below against each other."""
-    rows, units = numbers["rows"], numbers["units"]
-    columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
-    names = [name for name, values in columns.items() if np.ptp(values) > 0][:_MOST]
-    if not names:
-        return None
-    size = len(names)
-    figure = make_subplots(size, size, horizontal_spacing=0.02, vertical_spacing=0.02)
-    looks = {name: _axis(columns[name], f"{name} in {units[f'rows.{name}']}") for name in names}
-    for row, up in enumerate(names, start=1):
-        for column, across in enumerate(names[:row], start=1):
-            place, x, y = {"row": row, "col": column}, columns[across], columns[up]
-            style = {"mode": "markers", "marker": {"color": PALETTE[0], "size": 3}}
-            axis = looks[up] if column == 1 else {}
-            if row == column:
-                counts, edges = np.histogram(x, _BINS)
-                x, y = np.repeat(edges, 2), np.concatenate([[0], np.repeat(counts, 2), [0]])
-                style, axis = {"mode": "lines", "line": {"color": PALETTE[0], "width": 1.4}}, {}
-            figure.add_scatter(x=x, y=y, **style, **place)
-            figure.update_xaxes(showticklabels=row == size, **place)
-            figure.update_xaxes(looks[across] if row == size else {}, **place)
-            figure.update_yaxes({"showticklabels": bool(axis), **axis}, **place)
-    return figure.update_layout(height=_CELL * size + 110, showlegend=False)
+    """Draw the parameters of draws that vary: each alone, and below against each other."""
+    drawn = corner_of_draws(numbers)
+    return None if drawn is None else corner_figure(drawn)
 
 
 def leaderboard(numbers: Mapping[str, Any]) -> Figure:
@@ -196,18 +171,14 @@ def changes(numbers: Mapping[str, Any]) -> Figure:
     figure = rows_panel([row["parameter"] for row in rows], across, _CHANGE).add_scatter(
         x=moved,
         y=list(range(len(rows))),
-        error_x={"array": [most - shift for most, shift in zip(upper, moved, strict=True)]},
+        error_x={
+            "array": [most - shift for most, shift in zip(upper, moved, strict=True)],
+            "color": GREY,
+        },
         mode="markers",
         marker={"color": [PALETTE[5 if row["changed"] else 0] for row in rows], "size": 9},
     )
     return figure.add_vline(x=0, line={"color": GREY, "width": 1, "dash": "dash"})
-
-
-def _axis(values: Samples, title: str) -> dict[str, Any]:
-    """Return the look of an axis, which names the mean and the standard deviation."""
-    mean, spread = float(np.mean(values)), float(np.std(values))
-    text = f"{with_error(mean, spread)}<br>± {spread:.2g}"
-    return {"title": {"text": title}, "tickvals": [mean], "ticktext": [text]}
 
 
 FIGURES: dict[str, Callable[[Mapping[str, Any]], Figure | None]] = {
@@ -242,12 +213,15 @@ def answer_page(numbers: dict[str, Any]) -> Page:
     kind, verdict = numbers["schema"].removeprefix("butterfly."), Verdict.of_numbers(numbers)
     figures, lines = figures_of(numbers), () if verdict is None else verdict.lines
     tables = [PageTable.of_plain(table) for table in numbers["tables"]]
+    summary = numbers["summary"]
+    begin = summary.index(lines[0]) if lines and lines[0] in summary else 0
     page = Page(
         name=numbers["title"],
         description=(numbers.get("data") or {}).get("description", ""),
         kind=kind,
-        summary=[sentence for sentence in numbers["summary"] if sentence not in lines],
+        summary=[sentence for sentence in summary if sentence not in lines],
         verdict=verdict,
+        asked=summary[:begin],
         facts=[Fact(**fact) for fact in numbers["facts"]],
         lead=Section(title="At a glance", figures=figures) if figures else None,
         sections=[

@@ -18,9 +18,7 @@ from butterfly.verdict import Level
 _MARGIN = 0.1  # decades beyond the marks, for lines along them
 _INTERVALS = "Half-width of the 95 % interval in % of the value; dashed: the goal."
 _RATIOS = " All are ratios to p1."
-_UNTIL_SCALE = (
-    " Until another mass gives the scale: of ratios to p1, and half of the goal is wanted."
-)
+_UNTIL_SCALE = " Until another mass gives the scale, they are of ratios to p1, whose goal is half."
 
 
 def campaign_page(plain: Page) -> Page:

@@ -34,8 +34,8 @@ _OF_RUNS = (
 
 _RATIOS_ONLY = "ratios only"
 _CAPTION = (
-    "Of the goal: half-width of the 95 % interval over the one that is wanted: at most "
-    "100 % is within the goal."
+    "Of the goal: half-width of the 95 % interval, in % of the half-width that is the goal; up to "
+    "100 % is within it."
 )
 
 
@@ -47,7 +47,7 @@ def changes_of_mass(journal: Journal) -> int:
 def campaign_estimate(ended: CampaignResult) -> Estimate | None:
     """Return the estimate from all runs, of ratios to p1 while the scale is open; None if none.
 
-    Such an estimate was made with p1 = 1, which nobody has given.
+    Such an estimate was made with p1 = 1, which was not given.
     """
     if ended.identified is None:
         return None
@@ -212,12 +212,12 @@ def _remedy(
 ) -> str:
     """Return what leads on from a goal that is not reached."""
     steps, limits = ended.journal.steps, wish.limits
-    again = "the same command goes on from these runs"
+    again = "the same command continues from these runs"
     lengths = [b - a for a, b in itertools.pairwise([0.0, *(step.seconds for step in steps)])]
     is_short = limits.seconds - _seconds(ended.journal) < max(lengths, default=math.inf)
     more_time = f"give more robot time, `--seconds {2 * limits.seconds:g}`: {again}"
     if steps and estimate is None:
-        return f"`butterfly inspect {place}` checks the logs; then begin anew in another `--out`"
+        return f"`butterfly inspect {place}` checks the logs; then start again with another `--out`"
     if _lacks_scale(estimate, wish):
         return (
             f"add a mass, `--masses 0,KG --arm M`, or a known value, `--known p4=VALUE`: {again}; "
@@ -227,15 +227,15 @@ def _remedy(
         return more_time
     if _missed(ended) or _unpredicted(ended):
         return (
-            f"`butterfly residual {place}` shows what torque is left; "
+            f"`butterfly residual {place}` shows the residual torque; "
             f"`butterfly identify {place} --terms NAME` fits a term"
         )
     if not _too_wide(ended) and estimate.level is not Level.GOOD:
-        return f"`butterfly identify {place}` says what is doubtful"
+        return f"`butterfly identify {place}` says what to check"
     share = next((step.largest for step in reversed(steps) if step.shares), 1.0)
     goal = upwards(wish.goal * share).replace(" ", "")
     return (
-        f"accept a wider goal, `--goal {goal}`: {again}; or begin anew in another `--out`, with a "
+        f"accept a wider goal, `--goal {goal}`: {again}; or start again with another `--out` and a "
         "larger `--angle`, `--command` or mass"
     )
 
@@ -267,7 +267,7 @@ def campaign_notes(ended: CampaignResult, remedy: str) -> list[str]:
     wide: Sequence[str] = _too_wide(ended)
     lines = [f"Too wide: {', '.join(wide)}."] if wide else []
     if misses := _missed(ended):
-        lines.append(f"The model misses something: {misses}.")
+        lines.append(f"The model is incomplete: {misses}.")
     estimate = campaign_estimate(ended)
     if estimate is not None and estimate.ratios and "ratios to p1" not in remedy:
         lines.append("The values are ratios to p1: the runs so far give no scale.")

@@ -303,7 +303,7 @@ def _missing_term(finding: Finding, _: Values) -> str:
     them = "it" if re.fullmatch(r"\w+", terms) else "them"
     return (
         f"The model lacks {terms}, which improves the prediction of held-out logs{moves} and "
-        f"explains {100 * _number(finding):.0f} % of the residual. Add {them} to the terms."
+        f"explains {100 * _number(finding):.0f} % of the residual. Add {them} to --terms."
     )
 
 
@@ -311,7 +311,7 @@ def _like_scale(finding: Finding) -> str:
     term, *scales = finding.parameters
     either = " or ".join(_RESTS_ON[name].partition(" (")[0] for name in scales)
     return (
-        f"These data cannot tell {term} from an error of {either} that moves p1 by "
+        f"These data cannot distinguish {term} from an error of {either} that shifts p1 by "
         f"{percent(_number(finding))}: the intervals include both. Check "
         f"{'it' if len(scales) == 1 else 'them'}."
     )
@@ -352,7 +352,7 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     FindingKind.POOR_FIT: _poor_fit,
     FindingKind.NO_INERTIA: (
         "No joint has these values: {names} gives an inertia of {number:.2g} kg m². "
-        "`butterfly inspect` shows what these logs can tell."
+        "`butterfly inspect` shows which parameters these logs determine."
     ),
     FindingKind.NEGATIVE: (
         "No joint has these values: {names} cannot be negative. Something besides the recorded "
@@ -367,8 +367,8 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "(as in --units input=-V)."
     ),
     FindingKind.SOURCES_CONFLICT: (
-        "The given {names} and the one that follows from the given motor and body data differ by "
-        "{number:.1f} standard uncertainties. Check both, and the gear ratio."
+        "The given {names} and its value from the given motor and body data differ by {number:.1f} "
+        "standard uncertainties. Check both, and the gear ratio."
     ),
     FindingKind.CONTRADICTED: (
         "The given motor and body data contradict these values: {combined} would be {number:.1f} "
@@ -420,12 +420,12 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     ),
     FindingKind.COMBINATION: (
         "These logs hardly separate {combined} (condition number {rounded:.0f}): add a run that "
-        "does."
+        "separates them."
     ),
-    FindingKind.ON_BOUND: "{names} hit the bound: these data show no such effect.",
+    FindingKind.ON_BOUND: "{names} at the bound: these data show no such effect.",
     FindingKind.PULLED: (
-        "{names} stopped at the bound, and the data would push it further: the model lacks an "
-        f"effect that looks like it. {_LOOK}"
+        "{names} stopped at the bound, beyond which the logs would fit better: the model lacks a "
+        f"similar effect. {_LOOK}"
     ),
     FindingKind.FEW_MASSES: _few_masses,
     FindingKind.FEW_LOGS: (
@@ -447,24 +447,24 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "this best: it was corrected. Check omega."
     ),
     FindingKind.STRAIGHT: (
-        "Nobody says what the input does between its samples: straight lines follow the logs "
-        "better than held values, and were taken. If that is right, set intersample: "
-        "first_order_hold in the manifest."
+        "The input between samples is not specified: straight lines fit the logs better than held "
+        "values, and were used. If that is right, set intersample: first_order_hold in the "
+        "manifest."
     ),
     FindingKind.LIKE_SCALE: lambda finding, _: _like_scale(finding),
     FindingKind.LIKE_TERM: lambda finding, _: (
         f"{finding.parameters[0]} is not fitted and would move {_both(finding.parameters[1:])} by "
         f"{percent(_number(finding))}: these data cannot rule it out, and the intervals include "
-        "it. Add larger swings, or the term."
+        "it. Add larger swings, or fit it (--terms)."
     ),
     FindingKind.SIGN_UNKNOWN: (
         "The sign of {names} is not identifiable from the motion; the magnitude is shown."
     ),
     FindingKind.OFF_CENTRE: lambda finding, _: (
-        "The error repeats with the angle, as of an encoder that is off its centre and reads up to "
-        f"{math.degrees(_number(finding)):.2g}° too much or too little. This scales the angle, and "
-        "p4 with it; the intervals include it. Centre the encoder, or check it against known "
-        "angles."
+        "The error repeats with the angle, as it does for an encoder mounted off centre, which "
+        f"reads up to {math.degrees(_number(finding)):.2g}° too much or too little. This scales "
+        "the angle, and p4 with it; the intervals include it. Centre the encoder, or check it "
+        "against known angles."
     ),
     FindingKind.TORQUE_DRIVEN: _torque_driven,
     FindingKind.NOT_ESTIMATED: _not_estimated,
@@ -481,17 +481,22 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     FindingKind.UNIT_UNREAD: lambda finding, _: _unit_unread(*finding.parameters[1:]),
     FindingKind.UNIT_ASSUMED: lambda finding, _: f"I{taken_text(finding.parameters[1])[1:]}.",
     FindingKind.HELD: (
-        "Nobody says what the input does between its samples: it was held, as straight lines "
-        "follow the logs no better. With these the {names} would be half a sample longer."
+        "The input between samples is not specified: it was held, as straight lines fit the logs "
+        "no better. With straight lines the "
+        "{names} "
+        "would be half a sample longer."
     ),
     FindingKind.RESTS_ON: lambda finding, _: (
         "The logs cannot show errors of "
-        f"{_both([_RESTS_ON[name] for name in finding.parameters])}. A spring "
-        "at small swings appears as p3."
+        f"{_both([_RESTS_ON[name] for name in finding.parameters])}. At small "
+        "swings a spring looks like p3."
     ),
     FindingKind.PLANT: (
-        "All values rest on the simulator, too: solved more finely it moves {names} by "
-        "{percent:.1g} %, the others by less of their intervals. These include it."
+        "All values depend on the simulator, too: finer steps shift "
+        "{names} "
+        "by "
+        "{percent:.1g} "
+        "%, and the others by a smaller part of their intervals, which include this."
     ),
     FindingKind.LOGS_LOST: (
         "The model does not follow {logs} (FIT below 50 %) of {used}: look at them, or leave them "
@@ -502,12 +507,16 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "by 1 to 3 %. Record their positions too, or say that they are clamped (--clamped)."
     ),
     FindingKind.NEIGHBOURS_MOVED: (
-        "{names} moved by up to {number:.2g} rad (or m), which nothing corrects: hold them, or "
-        "give p4 (their torque is then taken off the input)."
+        "{names} moved by up to {number:.2g} rad (or m), which is not corrected: hold them, or "
+        "give p4 (their torque is then subtracted from the input)."
     ),
-    FindingKind.NEIGHBOURS_STILL: "{names} are clamped, as is given.",
+    FindingKind.NEIGHBOURS_STILL: "Clamped, as you say: {names}.",
     FindingKind.NEIGHBOURS_CORRECTED: (
-        "The motion of {names} made {percent:.2g} % of the drive's torque, which is taken off it."
+        "The motion of "
+        "{names} "
+        "accounts for "
+        "{percent:.2g} "
+        "% of the drive's torque; this is corrected."
     ),
     FindingKind.ABSOLUTE: "Absolute values, scaled by the known masses.",
     FindingKind.RATIOS: (

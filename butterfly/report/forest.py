@@ -87,11 +87,11 @@ def forest_caption(bars: Sequence[Bar]) -> str:
         "is better."
     ]
     if any(bar.may_be_zero for bar in bars):
-        parts.append("Orange: the interval holds 0.")
+        parts.append("Orange: the interval includes 0.")
     if any(bar.left_out for bar in bars):
         parts.append(
             "Grey: the farthest estimate without the logs of one added mass, which the interval "
-            "includes; where it is long, the model misses something that depends on the mass."
+            "includes; where it is long, the model lacks something that depends on the mass."
         )
     if any(bar.true is not None for bar in bars):
         parts.append("Green: distance to the true value.")

@@ -63,7 +63,7 @@ def is_relative(row: Mapping[str, Any]) -> bool:
 
 
 def times_text(times: float) -> str:
-    """Return how many times as large something is; decimals tell nothing from ten on."""
+    """Return how many times as large something is, without decimals from ten on."""
     return f"{times:.1f}" if times < 10 else f"{times:.0f}"  # noqa: PLR2004 - two digits
 
 

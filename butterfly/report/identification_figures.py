@@ -19,6 +19,7 @@ from butterfly.identification.free_run import FreeRun
 from butterfly.identification.identified import Identified
 from butterfly.model.linear import quasi_linear_response
 from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.report.corner import corner_figure, corner_of
 from butterfly.report.figures import (
     GREY,
     PALETTE,
@@ -36,9 +37,6 @@ from butterfly.signals.frequency_response import ResponsePoint, response_point
 from butterfly.signals.spectrum import rms_amplitude
 
 _ROW = 34  # pixels of a parameter
-_FEWEST = 2  # parameters that can be correlated
-_CELL = 44  # pixels of a cell of the map
-_MOST_NUMBERED = 12  # parameters, up to which the cells of the map have numbers
 _HEIGHTS = [0.36, 0.26, 0.19, 0.19]  # of gain, phase, and what is left of either
 _POINTS = 300  # of a line
 _UNASKED = (0.3, 30.0)  # rad/s, where no sine says what is of interest
@@ -92,31 +90,13 @@ class IdentificationPlots:
             )
         return figure.update_xaxes(log_ticks(1))
 
-    def correlations(self) -> Figure | None:
-        """Draw the correlation of the parameters' errors; None without a covariance."""
-        estimate = self.identification.estimate
-        names = list(estimate.names)
-        if len(names) < _FEWEST or not np.isfinite(estimate.covariance).all():
-            return None
-        numbered = len(names) <= _MOST_NUMBERED
-        errors = estimate.standard_errors
-        sizes = np.where(errors > 0, errors, 1.0)
-        correlation = estimate.covariance / np.outer(sizes, sizes)
-        figure = Figure()
-        figure.add_heatmap(
-            z=correlation[::-1],
-            x=names,
-            y=names[::-1],
-            zmin=-1,
-            zmax=1,
-            colorscale="RdBu",
-            texttemplate="%{z:.2f}" if numbered else None,
-            showscale=not numbered,
-            hovertemplate="%{y} and %{x}: %{z:.3f}",
-            colorbar={"title": {"text": "correlation"}},
-        )
-        figure.update_layout(height=_CELL * len(names) + 110)
-        return figure
+    def corner(self) -> Figure | None:
+        """Draw pairs of parameters with 95 % ellipses; None of fewer than two with errors.
+
+        Green: the true values, where they are known; above the diagonal: correlations.
+        """
+        corner = corner_of(self.identification)
+        return None if corner is None else corner_figure(corner)
 
     def fits(self) -> Figure:
         """Draw the FIT of every log, the worst on top, by added mass."""
@@ -142,9 +122,9 @@ class IdentificationPlots:
     def frequency_response(self) -> Figure:
         """Draw gain and phase over frequency, measured and modelled, and the residual.
 
-        Each simulated log is treated as the measured one is. The lines pass through what that
-        gives; in between they follow the describing functions, at a swing in between. Of logs
-        without sines there are only these, at the median of their rms swings.
+        Each simulated log is evaluated like the measured one. The lines pass through these points;
+        in between they follow the describing functions, at a swing in between. Logs without sines
+        have only the describing functions, at the median of their rms swings.
         """
         data, parameters = self.identification.data, self.identification.estimate.parameters
         count = len(_HEIGHTS) if data.sines else 2
@@ -154,7 +134,7 @@ class IdentificationPlots:
         height = 820 if data.sines else 520
         across, shares = "frequency in rad/s", _HEIGHTS[:count]
         figure = panels(across, titles[:count], height, spacing=0.03, shares=shares)
-        figure.update_xaxes(log_ticks(*range(1, 10)))
+        figure.update_xaxes(log_ticks(*(range(1, 10) if data.sines else (1, 2, 5))))
         figure.update_yaxes(log_ticks(1, 2, 5), row=1)
         for mass, (colour, symbol) in mass_looks(data.masses).items():
             pairs = [
@@ -212,7 +192,7 @@ class IdentificationPlots:
         Parameters
         ----------
         log
-            The one with the middle FIT if not given.
+            Default: the log with the median FIT.
         """
         runs = self.identification.free_runs
         names = [run.log.name for run in runs]

@@ -14,6 +14,12 @@ from butterfly.identification.identified import Identified
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import JointKind
 from butterfly.model.terms import PARAMETERS
+from butterfly.report.corner import (
+    corner_caption,
+    corner_figure,
+    corner_of,
+    corner_sentences,
+)
 from butterfly.report.figures import middle
 from butterfly.report.finding_texts import estimate_verdict, grave_notes
 from butterfly.report.forest import forest, forest_caption
@@ -102,7 +108,7 @@ def identification_page(
             },
             tables=(residual_table(residuals.logs, picks=range(len(runs))),),
         ),
-        *_correlations(identification),
+        *corner_sections(identification),
         Section(
             title="FIT log by log",
             text=f"Health of the {conditions_text(states)} A click on a point selects its log."
@@ -181,20 +187,21 @@ def _lead(identification: Identified) -> Section:
     return Section(title="Parameters", text=text, tables=(table,))
 
 
-def _correlations(identification: Identified) -> list[Section]:
-    drawn = IdentificationPlots(identification).correlations()
-    if drawn is None:
+def corner_sections(identification: Identified) -> list[Section]:
+    """Say and draw which parameters move together; nothing without a covariance."""
+    corner = corner_of(identification)
+    if corner is None:
         return []
-    text = (
-        "Correlation of the parameters' errors. Near +1 or −1 these logs determine little more "
-        "than a combination of the two: add a run that separates them."
-    )
-    return [Section(title="Parameter correlations", text=text, figures={"map": drawn})]
+    text = "\n".join([*corner_sentences(corner), corner_caption(corner)])
+    figures = {"corner": corner_figure(corner)}
+    return [Section(title="Which parameters move together", text=text, figures=figures)]
 
 
 def _logs_table(identification: Identified) -> PageTable:
     """Tabulate the logs, those that the model follows worst first, and their health."""
     data, rows = identification.data, []
+    every = [health.findings for health in data.health]
+    shared = [text for text in every[0] if all(text in others for others in every)]
     order = np.argsort(identification.fit_of_logs).tolist()
     for number in order:
         point, health = data.points[number], data.health[number]
@@ -206,7 +213,7 @@ def _logs_table(identification: Identified) -> PageTable:
         rows.append(
             (
                 *(run.log.label, f"{fit_text(run.fit)}", Marked(STATES[state], level=state)),
-                "; ".join(health.findings) or "–",
+                "; ".join(text for text in health.findings if text not in shared) or "–",
                 *steady,
                 *(f"{health.samples}", f"{1e3 * health.step:.2f}", f"{1e3 * health.jitter:.2f}"),
                 run.log.name.rsplit("/", maxsplit=1)[-1],
@@ -221,6 +228,7 @@ def _logs_table(identification: Identified) -> PageTable:
         "Health: ok; note, which needs no action; care. Swing: amplitude of the fundamental in the "
         "steady window. Drift: its change from the window's first to its second half."
     )
+    caption += f" All logs: {'; '.join(shared)}." if shared else ""
     return PageTable(
         name="logs", headers=headers, rows=rows, words=(3, 10), caption=caption, picks=order
     )

@@ -31,7 +31,7 @@ from butterfly.verdict import Level
 STATES = {Level.GOOD: "ok", Level.NOTE: "note", Level.CARE: "care", Level.WARNING: "do not use"}
 """Condition of a log, in a word or two."""
 
-FORECAST = "What these logs can tell"
+FORECAST = "Expected precision"
 """Title of the table of forecasts."""
 
 LOG_COLUMNS: Mapping[str, Callable[[Mapping[str, Any]], object]] = {
@@ -43,6 +43,7 @@ LOG_COLUMNS: Mapping[str, Callable[[Mapping[str, Any]], object]] = {
     "findings": lambda row: "; ".join(finding["text"] for finding in row["findings"]),
 }
 """Columns of the table of logs, each of a `log_row`."""
+
 
 _ADVICE = {
     Level.GOOD: "No check found a problem with this log.",
@@ -122,9 +123,22 @@ def hints(seen: Iterable[Inspected]) -> list[str]:
 
 
 def taken_sentences(seen: Iterable[Inspected]) -> list[str]:
-    """Say what inputs were taken in whose files do not say it."""
+    """Say which units of inputs are assumed because no file states them."""
     assumed = [r.text for inspected in seen for r in inspected.remarks if r.condition is Level.GOOD]
     return [f"{text[:1].upper()}{text[1:]}." for text in dict.fromkeys(assumed)]
+
+
+def shared_texts(seen: Sequence[Inspected]) -> list[str]:
+    """Return the remarks that all of several logs have, which are said once."""
+    texts = [[remark.text for remark in inspected.remarks] for inspected in seen]
+    return [text for text in texts[0] if all(text in others for others in texts)] * (len(seen) > 1)
+
+
+def shared_sentences(seen: Sequence[Inspected]) -> list[str]:
+    """Say what is found on all of several logs, but for what `taken_sentences` says."""
+    assumed = {r.text for inspected in seen for r in inspected.remarks if r.condition is Level.GOOD}
+    texts = [text for text in shared_texts(seen) if text not in assumed]
+    return [f"All {len(seen)} logs: {text}." for text in texts]
 
 
 def _inspected(manifest: Manifest, entry: LogEntry) -> Inspected:

@@ -25,6 +25,7 @@ from butterfly.model.terms import LOOP_TERMS, TERMS
 from butterfly.report.format import counted
 from butterfly.report.live_log import LiveLog
 from butterfly.report.page import Section, environment
+from butterfly.report.parameter_table import limited_text
 from butterfly.twin.c import as_javascript
 from butterfly.twin.twin import Twin
 
@@ -44,7 +45,7 @@ _LEAST = 0.25  # of a value that must stay positive:
 
 @dataclass(frozen=True, kw_only=True)
 class Slider:
-    """A parameter that can be moved: its value, half its interval, and its least value."""
+    """A parameter of the table that can be moved: its value, half its interval, its least value."""
 
     name: str
     meaning: str
@@ -52,6 +53,7 @@ class Slider:
     value: float
     half: float
     least: float | None
+    identified: str  # value and limit, as all tables have them
 
     @classmethod
     def of(cls, row: Parameter) -> Slider:
@@ -65,6 +67,7 @@ class Slider:
             value=value,
             half=row.farther or _WITHOUT * abs(value) or _WITHOUT,
             least=None if least == -math.inf else min(least, value),
+            identified=limited_text(row),
         )
 
     @property

@@ -24,7 +24,7 @@ RESIDUAL_CAPTION = (
     "the simulation. Next: the part that no small change of the parameters removes, and the error "
     "that encoder resolution and noise explain. Bands: whether autocorrelation and "
     "cross-correlation with the input stay within 95 % bands of sensor noise; one good log in "
-    "twenty does not. A misfit of 0.1 % of the motion counts for nothing: where the error is no "
+    "twenty does not. An error of up to 0.1 % of the motion is ignored: where the error is no "
     "larger, the bands are as wide as the curves can be, and nothing is tested."
 )
 """What `residual_row` has."""

@@ -47,10 +47,10 @@ def model_sentences(identified: Identified) -> Iterator[str]:
     if facts is None:
         return
     share = f"{100 * facts.links.uncertainty:.3g} %"
-    how = "each by itself" if facts.links.independent else "all by one factor"
+    how = "each independently" if facts.links.independent else "with one common factor"
     yield f"Masses of the links are taken from {facts.file}, ± {share}, {how}."
     if facts.others:
         first, several = facts.poses[0].pose, len(facts.poses) > 1
         at = ", ".join(f"{name} {angle:.4g}" for name, angle in first.items())
-        yield f"Pose of the others{f' (first of {len(facts.poses)})' * several}: {at}."
+        yield f"Pose of the other joints{f' (first of {len(facts.poses)})' * several}: {at}."
     yield from facts.warnings

@@ -42,9 +42,9 @@ def orbit_page(study: OrbitStudy, truth: LumpedParameters | None = None) -> Page
         Section(
             title="Phase plane and invariant",
             text="From the first and the last round, the run that starts farthest from the orbit, "
-            "and the target orbit. Dotted: the decay exp(−p₄γ∫θ̇² dt) of the invariant I = E − E*, "
-            "which holds if the controller's model is right and no dither is added; of a hand that "
-            "turns over from when it turns that way alone.",
+            "and the target orbit. Dotted: the decay exp(−p₄γ∫θ̇² dt) of the invariant I = E − "
+            "E*, which holds if the controller's model is right and no dither is added; for a "
+            "hand that turns over, from when it only turns that way.",
             figures=_motion_figures(study),
         ),
         Section(

@@ -23,9 +23,9 @@ def watch_sentences(watched: Watched) -> list[str]:
         if change is not None and alarm.time >= change.at:
             noticed += f", {(alarm.time - change.at) / watched.orbit.period:.2g} periods after it"
         what = " or ".join(f"{cause.name} by {_change_said(cause)}" for cause in alarm.possible)
-        explanation = f": {what}, if one parameter alone."
+        explanation = f": {what}, if only one parameter changed."
         if not alarm.causes:
-            explanation = "; what changed needs more motion to be told."
+            explanation = "; more motion is needed to see which parameter changed."
         elif not what:
             moved = [
                 ratio for ratio in alarm.ratios if not ratio.lower <= ratio.before <= ratio.upper
@@ -63,9 +63,9 @@ def watch_section(watched: Watched, zero: float) -> Section:
     return Section(
         title="Watched for changes",
         text=f"{lead}\nStatistic: the largest change of a parameter since any instant, in standard "
-        "errors, about a reference period; none before and after an alarm, while the reference is "
-        f"made. Vertical lines: alarms. Amplitude: over {_SWINGS} periods, with the dither; the "
-        "controller is retuned all the time.",
+        "errors, relative to a reference period; none at the start and after an alarm, while the "
+        f"reference is recorded. Vertical lines: alarms. Amplitude: over {_SWINGS} periods, with "
+        "the dither; the controller is retuned continuously.",
         tables=tuple(map(_causes_table, detector.alarms)),
         figures={"watched": figure},
     )
@@ -90,6 +90,6 @@ def _causes_table(alarm: Alarm) -> PageTable:
             for alone, cause in causes
             if (numbers := (f"{cause.before:.5g}", f"{cause.after:.5g}"))
         ],
-        caption=f"Alarm at {alarm.time:.1f} s. Whether a parameter alone explains the change, and "
-        "what it then came to (p1 in units of p1 before); below, all ratios together.",
+        caption=f"Alarm at {alarm.time:.1f} s. Whether one parameter alone explains the change, "
+        "and its value then (p1 in units of p1 before); below, all ratios together.",
     )

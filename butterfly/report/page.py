@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
-from markupsafe import Markup
+from markupsafe import Markup, escape
 from numpy.typing import NDArray
 
 from butterfly.files import write_document, write_file
@@ -223,6 +223,7 @@ class Page:
     numbers: dict[str, Any] = field(default_factory=dict)  # what it says, for programs, as JSON
     verdict: Verdict | None = None  # on the estimate that it rests on
     badge: Badge | None = None  # that of the verdict if not given
+    asked: Sequence[str] = ()  # sentences on what was asked, before the verdict's reasons
     facts: Sequence[Fact] = ()
     lead: Section | None = None
     logs: Sequence[str] = ()  # labels of the logs that can be chosen
@@ -238,11 +239,11 @@ class Page:
             return self.badge
         text = self.verdict.level.verdict
         text = text if self.kind == "identification" else f"parameters: {text}"
-        return Badge(self.verdict.level, text.capitalize(), list(self.verdict.reasons))
+        return Badge(self.verdict.level, text.capitalize(), [*self.asked, *self.verdict.reasons])
 
     @property
     def findings(self) -> list[str]:
-        """The summary, but for what the badge says."""
+        """The summary without the sentences of the badge."""
         reasons = self.headed.reasons if self.headed else ()
         return [sentence for sentence in self.summary if sentence not in reasons]
 
@@ -306,10 +307,23 @@ def environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    templates.filters["coded"] = _coded
     templates.filters["packed"] = lambda program: b64encode(
         gzip.compress(program.encode(), 6, mtime=0)  # the same bytes at any time
     ).decode("ascii")
     return templates
+
+
+def _coded(sentence: str) -> Markup:
+    """Return a sentence as HTML, what stands between a pair of backticks as code."""
+    parts = sentence.split("`")
+    if len(parts) % 2 == 0:
+        return escape(sentence)
+    marked = (
+        Markup("<code>{}</code>").format(part) if k % 2 else escape(part)
+        for k, part in enumerate(parts)
+    )
+    return Markup("").join(marked)
 
 
 def rendered(page: Page) -> str:

@@ -14,8 +14,10 @@ from butterfly.model.prior import plain
 from butterfly.report.format import interval, limit_text, upwards, with_error
 from butterfly.report.page import Marked, PageTable
 
-FORECAST_HEADERS = ("parameter", "meaning", "before the fit", "expected", "what would mend it")
+FORECAST_HEADERS = ("parameter", "meaning", "before the fit", "expected", "remedy")
 """Headers of `forecast_rows`."""
+
+_NEXT_TO_ZERO = 10.0  # times the true value, from which a deviation in per cent says nothing
 
 PHYSICAL_TITLE = "Physical parameters and derived quantities"
 """Title of `physical_table`."""
@@ -55,7 +57,7 @@ def value_text(row: Parameter) -> str:
     return "open" if row.value is None else with_error(row.value, or_nan(row.standard_error))
 
 
-def _limited(row: Parameter) -> str:
+def limited_text(row: Parameter) -> str:
     """Write a value with its limit; of an open one what is known."""
     if row.value is None:
         return f"at most {limit_text(or_nan(row.upper))}"
@@ -88,6 +90,15 @@ def _left_out(row: Parameter) -> str:
     return interval(row.least_left_out, row.largest_left_out)
 
 
+def _deviation(row: Parameter) -> str:
+    """Return its distance from the truth in per cent; in its unit where that is next to 0."""
+    if row.deviation is None or row.value is None or row.true is None:
+        return ""
+    if abs(row.deviation) <= _NEXT_TO_ZERO:
+        return f"{100 * row.deviation:+z.2f} %"
+    return f"{row.value - row.true:+.3g} {row.unit}"
+
+
 def badge_of(row: Parameter) -> Marked:
     """Return how far a parameter can be trusted, in short, as in the verdict; "" if unknown."""
     return Marked(row.trust.badge, level=row.trust.level)
@@ -100,14 +111,14 @@ _CELLS: Mapping[Any, Callable[[Parameter], object]] = {
     "meaning": lambda row: row.meaning,
     "unit": lambda row: row.unit,
     "value": value_text,
-    "value ± 95 %": _limited,
+    "value ± 95 %": limited_text,
     "±": _width,
     "standard error": _error,
     "std error": _error,
     "95 % interval": _interval,
     "leave-one-mass-out": _left_out,
     "true": lambda row: "" if row.true is None else f"{row.true:.5g}",
-    "deviation": lambda row: "" if row.deviation is None else f"{100 * row.deviation:+z.2f} %",
+    "deviation": _deviation,
     "badge": badge_of,
     "mark": lambda row: str(badge_of(row)),
 }
@@ -164,11 +175,12 @@ def forecast_rows(forecasts: Sequence[Forecast]) -> list[tuple[str, ...]]:
 
 def physical_table(parameters: PhysicalParameters, zeros: Mapping[str, float]) -> PageTable:
     """Tabulate physical parameters, then encoder zeros in rad, if any."""
+    given = any(parameter.given is not None for parameter in parameters.parameters)
     rows = [
         (
             parameter.name,
             with_limit(parameter.value, parameter.half_width),
-            "" if parameter.given is None else str(parameter.given),
+            *(["" if parameter.given is None else str(parameter.given)] * given),
             parameter.unit,
             SYMBOLS[parameter.name].meaning,
         )
@@ -178,9 +190,12 @@ def physical_table(parameters: PhysicalParameters, zeros: Mapping[str, float]) -
         ends = dict.fromkeys(
             f"{round(extreme(zeros.values()), 4) + 0.0:.4f}" for extreme in (min, max)
         )
-        rows.append(("zero", " to ".join(ends), "", "rad", "encoder's angle less the model's"))
+        unknown = [""] * given
+        rows.append(
+            ("zero", " to ".join(ends), *unknown, "rad", "encoder's angle less the model's")
+        )
     caption = "Derived from the parameters, and from what is known of motor and joint."
-    headers = ("", "value ± 95 %", "given", "unit", "meaning")
+    headers = ("", "value ± 95 %", *(["given"] * given), "unit", "meaning")
     return PageTable(PHYSICAL_TITLE, headers, rows, caption=caption, name="physical")
 
 
@@ -200,7 +215,7 @@ def physical_numbers(parameters: PhysicalParameters) -> dict[str, dict[str, Any]
 
 
 def physical_sentences(parameters: PhysicalParameters) -> list[str]:
-    """Say what is left open, and which measurement would tell."""
+    """Say what is left open, and which measurement would determine it."""
     return [
         _SENTENCES[gap.missing].format(
             names=" and ".join(gap.names),

@@ -78,6 +78,12 @@ def draw(figure: Figure) -> Still:
         if key not in panels:
             panels[key] = _panel(still, layout, key)
         _DRAWN[trace.type](panels[key], trace)
+    for note in layout.get("annotations", []):
+        if note.get("xref") == "paper":
+            at, style = (_within(note["x"]), _within(note["y"])), note.get("font", {})
+            colour, bold = style.get("color", "black"), note["text"].startswith("<b>")
+            look: dict[str, Any] = {"color": colour, "weight": "bold" if bold else "normal"}
+            still.text(*at, _plain(note["text"]).strip(), ha="center", va="center", **look)
     if (axes := panels.get(("x", "y"))) is not None:
         for shape in layout.get("shapes", []):
             line, dash = shape["line"], _DASHES.get(shape["line"].get("dash"), "-")
@@ -102,10 +108,16 @@ def _explain(panels: list[Axes]) -> None:
         top.legend(named.values(), named.keys(), fontsize="x-small", frameon=False, **place)
 
 
+def _within(place: float) -> float:
+    """Return where a place of plotly's paper is in a picture."""
+    return 0.08 + 0.84 * place
+
+
 def _panel(still: Still, layout: dict[str, Any], key: tuple[str, str]) -> Axes:
     across, up = (layout.get(f"{name[0]}axis{name[1:]}", {}) for name in key)
     (start, stop), (bottom, top) = (axis.get("domain", (0, 1)) for axis in (across, up))
-    box = (0.08 + 0.84 * start, 0.08 + 0.84 * bottom, 0.84 * (stop - start), 0.84 * (top - bottom))
+    begin, below = _within(start), _within(bottom)
+    box = (begin, below, _within(stop) - begin, _within(top) - below)
     axes = still.add_axes(box)
     axes.grid(visible=True, alpha=0.3)
     axes.ticklabel_format(useOffset=False)

@@ -47,12 +47,12 @@ def summary(identification: Identified) -> list[str]:
     data, estimate = identification.data, identification.estimate
     conditions = [health.condition for health in data.health]
     worst = Level.worst(conditions)
-    where = "" if worst is Level.GOOD else " `butterfly inspect` tells which, and why."
+    where = "" if worst is Level.GOOD else " `butterfly inspect` says which, and why."
     health = f"Health of the {conditions_text(conditions)}{where}"
     unsound = worst in {Level.CARE, Level.WARNING}
     used = sum(log.time.size for log in data.logs)
     sound = sum(health.samples - health.dropped for health in data.health)
-    means = f"{used:,} means of neighbouring samples stand for the {sound:,} that were recorded."
+    means = f"Fitted to {used:,} means of neighbouring samples, of {sound:,} recorded samples."
     return [
         *estimate_verdict(estimate).lines,
         *_of_motors(data, estimate),
@@ -216,8 +216,8 @@ def _drive_alone(identification: Identified) -> list[str]:
         return []
     (_, closed, *_, error), (_, opened, *_) = rows
     return [
-        f"FIT in the loop {closed} % (median), {error} m{identification.data.joint.way} off on "
-        f"average; by the drive alone {opened} %."
+        f"FIT in the loop {closed} % (median), mean error {error} "
+        f"m{identification.data.joint.way}; by the drive alone {opened} %."
     ]
 
 
@@ -301,12 +301,13 @@ def next_run_text(best: Plan[Candidate], names: Sequence[str], goal: float, now:
 def selection_texts(passed: Sequence[Structure], nested: CrossValidation | None) -> list[str]:
     """Say which terms were chosen, as an option of other commands, and what choosing predicts."""
     terms = ",".join(passed[-1].terms)
-    texts = [f"Chosen: --terms {terms}" if terms else "Chosen: --terms '' (none of them helps)"]
+    texts = [f"Chosen: --terms {terms}" if terms else "None of the terms helps: --terms ''"]
     if nested is not None:
         mean, error = nested.mean
         texts.append(
-            f"Chosen anew, {nested.division.left_out} in turn, the terms predict what was left out "
-            f"with a mean FIT of {mean:.1f} \N{PLUS-MINUS SIGN} {error:.1f} %."
+            f"With terms chosen again without it, {nested.division.left_out} in turn, what was "
+            f"left out is predicted with a mean FIT of {mean:.1f} \N{PLUS-MINUS SIGN} {error:.1f} "
+            "%."
         )
     return texts
 

@@ -27,6 +27,7 @@ _COLOURS = ("#009E73", "#56B4E9", "#E69F00", "#D55E00")  # of quarters of the es
 _LINES = 400  # at most, of all fields at once
 _FEWEST = 2  # fields that a line goes through, and values that an axis has
 _TICKS = 8  # values of an axis, up to which each is written
+_MARK = "mark"  # what is written along an axis, which a narrow page turns upright
 _MARGIN = 0.03  # of an axis, by which written values are off its ends
 
 
@@ -191,7 +192,7 @@ def parallel_figure(table: Estimates, fields: Sequence[str]) -> Figure | None:
     for step, axis in enumerate(axes):
         figure.add_vline(x=step, line={"color": GREY, "width": 1})
         for place, text in axis.marks.items():
-            figure.add_annotation(x=step, y=place, text=escape(text), **style)
+            figure.add_annotation(x=step, y=place, text=escape(text), name=_MARK, **style)
     titles = [escape(axis.title).replace("\n", "<br>") for axis in axes]
     figure.update_xaxes(
         tickvals=steps.tolist(), ticktext=titles, showgrid=False, range=[-0.1, len(axes) - 0.6]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,10 +14,10 @@ from butterfly.experiment.record import OK, SweepRecord
 from butterfly.experiment.sweep_tables import MISSING, Estimates, column
 from butterfly.identification.findings import Ending
 from butterfly.identification.validate import Gain
-from butterfly.model.terms import TERMS
 from butterfly.report.format import cell_text, counted, field_label, field_name
 from butterfly.report.orbit_page import degrees_said, size_text
 from butterfly.report.page import Fact, Marked, Page, PageTable, Section, tabulated
+from butterfly.report.parameter_table import parameter_table
 from butterfly.report.sweep_figures import (
     affected,
     axis_figure,
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 _LISTED = 100  # runs in a table of what went wrong
-_NEXT_TO_ZERO = 10.0  # times the true value, from which a deviation in per cent says nothing
 _LEAST = 1e-12  # deviation that is told from 0
 _ORBITS = 200  # runs in the table of orbits
 _SHARES = ("median_deviation", "rms_deviation", "largest_deviation", "coverage")  # of `recovery`
@@ -69,7 +69,7 @@ def sweep_page(sweep: SweepRecord, runs: pa.Table, estimates: pa.Table) -> Page:
             tables=(_recovery_table(recovered),),
         ),
         *_against_fields(table.deviating, fields),
-        *tabulated("Worst runs", _worst_table(table, fields, sweep.worst)),
+        *tabulated("Worst runs", worst_table(table, fields, sweep.worst)),
         *tabulated("Estimates that did not converge", _unconverged_table(table)),
         *tabulated("Runs without a result", _failures_table(runs)),
         *tabulated("Orbits", _orbits_table(runs)),
@@ -140,20 +140,7 @@ def _verdicts_table(table: Estimates) -> PageTable:
 
 
 def _recovery_table(recovered: Sequence[Mapping[str, Any]]) -> PageTable:
-    *deviations, coverage = _SHARES
-    rows = [
-        (
-            *(str(row[name]) for name in ("estimator", "parameter", "runs")),
-            *(_percent(row[name], ".3g") for name in deviations),
-            _percent(row[coverage]),
-        )
-        for row in recovered
-    ]
-    headers = (
-        *("estimator", "parameter", "runs", "median deviation in %", "rms in %"),
-        *("largest in %", "coverage in %"),
-    )
-    return PageTable(headers=headers, rows=rows, words=(1,))
+    return PageTable.of("", recovered, _RECOVERY, words=(1,))
 
 
 def closest(table: Estimates) -> list[str]:
@@ -202,35 +189,29 @@ def _ranking_table(table: Estimates) -> PageTable:
     )
 
 
-def _worst_table(table: Estimates, fields: Sequence[str], count: int) -> PageTable:
+def worst_table(table: Estimates, fields: Sequence[str], count: int) -> PageTable:
     """List the runs with the largest deviation of a parameter."""
-    worst = table.worst()
-    order = np.argsort(-np.nan_to_num(np.abs(worst["deviation"])), kind="stable")
-    rows = [
-        (
-            _link(worst["number"][k], str(worst["key"][k])),
-            worst["estimator"][k],
-            _deviation_text(worst, k),
-            f"{worst['fit_median'][k]:.1f}",
-            *(cell_text(worst[field][k]) for field in fields),
-        )
-        for k in order[:count].tolist()
-    ]
-    headers = ("run", "estimator", "deviation", "median FIT in %", *map(field_label, fields))
-    caption = (
-        "The number links to the run's record (JSON); butterfly results show FOLDER NUMBER "
-        "prints it."
+    every = table.worst()
+    worst = every.take(
+        np.argsort(-np.nan_to_num(np.abs(every["deviation"])), kind="stable")[:count]
     )
-    return PageTable(headers=headers, rows=rows, words=(1,), caption=caption)
-
-
-def _deviation_text(rows: Estimates, number: int) -> str:
-    """Say how far an estimate is off, in per cent; in units where the true value is next to 0."""
-    name, share = str(rows["parameter"][number]), float(rows["deviation"][number])
-    if abs(share) <= _NEXT_TO_ZERO:
-        return f"{name} {100 * share:+.3g} %"
-    off = rows["value"][number] - rows["true"][number]
-    return f"{name} {off:+.3g} {TERMS[name].unit}"
+    runs = zip(worst["number"].tolist(), worst["key"].tolist(), strict=True)
+    of_run: dict[Any, Sequence[object]] = {
+        "run": [_link(*run) for run in runs],
+        "estimator": worst["estimator"].tolist(),
+        "median FIT in %": [f"{fit:.1f}" for fit in worst["fit_median"]],
+        **{field_label(field): [*map(cell_text, worst[field].tolist())] for field in fields},
+    }
+    first, second, *others = of_run
+    return parameter_table(
+        "",
+        worst.rows(),
+        *(first, second, "parameter", "deviation", *others),
+        more=of_run,
+        words=(1, 2),
+        caption="The number links to the run's record (JSON); butterfly results show FOLDER NUMBER "
+        "prints it.",
+    )
 
 
 def _unconverged_table(table: Estimates) -> PageTable:
@@ -325,3 +306,15 @@ def _closeness(table: Estimates) -> list[str]:
 def _percent(share: float, digits: str = ".1f") -> str:
     """Return a share in per cent; a dash for none."""
     return f"{100 * share:{digits}}" if math.isfinite(share) else "–"
+
+
+_RECOVERY: dict[str, Callable[[Mapping[str, Any]], object]] = {
+    "estimator": itemgetter("estimator"),
+    "parameter": itemgetter("parameter"),
+    "runs": itemgetter("runs"),
+    "median deviation in %": lambda row: _percent(row["median_deviation"], ".3g"),
+    "rms in %": lambda row: _percent(row["rms_deviation"], ".3g"),
+    "largest in %": lambda row: _percent(row["largest_deviation"], ".3g"),
+    "coverage in %": lambda row: _percent(row["coverage"]),
+}
+"""Columns of the recovery, of its rows for programs."""

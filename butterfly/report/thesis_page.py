@@ -29,7 +29,7 @@ def write_thesis(
     """Write figures as CSV, PNG and SVG, and with the table on one page, whose path is returned."""
     page = Page(
         name="The thesis's tables and figures",
-        description="What is said of them, and what the same data and formulas give here.",
+        description="What the thesis says of them, and what the same data and formulas give here.",
         kind="reproduction",
         summary=numbers["summary"],
         sections=[

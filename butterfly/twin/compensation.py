@@ -290,13 +290,13 @@ def _said(made: Compensation) -> Iterator[str]:
         if made.twin.joint is JointKind.HINGE:
             where = f"any angle (the logs show {where})"
         yield (
-            f"Off by at most {error:.2g} {unit} ({torque}) of up to {made.most:.2g} {unit} at "
-            f"{where} and up to {made.speed:.3g} {way}/s; {withheld:.2g} {unit} of it is friction "
-            "withheld."
+            f"Error at most {error:.2g} {unit} ({torque}) of up to {made.most:.2g} {unit} at "
+            f"{where} and up to {made.speed:.3g} {way}/s; {withheld:.2g} {unit} of it is "
+            "uncompensated friction."
         )
     yield (
-        f"Below {numbers['smoothing']:.2g} {way}/s (smoothing) friction has the wanted direction; "
-        f"commands end at {numbers['limit']:.4g} {unit} (limit)."
+        f"Below {numbers['smoothing']:.2g} {way}/s (smoothing) friction takes the wanted "
+        f"direction; commands are limited to {numbers['limit']:.4g} {unit} (limit)."
     )
     if any(made.zeros):
         ends = " to ".join(dict.fromkeys(f"{extreme(made.zeros):.4g}" for extreme in (min, max)))
@@ -319,7 +319,8 @@ def as_wpilib(twin: Twin, options: Options) -> Written:  # noqa: ARG001 - every 
         made["kG"] = ("V", lambda c: math.hypot(c.p3, c.p3_offset) / c.p4)
         quarter = math.pi / 2 - math.atan2(offset, p3)
         arm = [
-            f"An arm's angle (0 at the horizontal) is that here (0 hanging) less {quarter:.6g} rad."
+            "An arm's angle (0 at the horizontal) equals the angle here (0 hanging) less "
+            f"{quarter:.6g} rad."
         ]
     elif twin.joint is JointKind.SLIDE:
         name = "ElevatorFeedforward"

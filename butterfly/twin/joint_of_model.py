@@ -296,9 +296,9 @@ class JointOfModel:
         free = [k for k in range(model.njnt) if not self._is_simple(k)]
         if free:
             names = listed([model.joint(k).name or f"joint {k}" for k in free])
-            yield f"{names} (free or ball) is taken to be held where the model begins."
+            yield f"{names} (free or ball) is assumed to be held in the model's initial pose."
         if model.jnt_stiffness[self.joint].any():
-            yield f"The model has a spring at {self.name!r}, which the logs decide anew (spring)."
+            yield f"The model has a spring at {self.name!r}; the term spring fits it to the logs."
 
 
 def joint_names(model: mujoco.MjModel) -> dict[str, int]:

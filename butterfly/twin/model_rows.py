@@ -78,7 +78,7 @@ def facts_of(identified: Identified) -> ModelFacts | None:
 
 
 def model_rows(identified: Identified) -> list[ModelRow]:
-    """Return the attributes that an identification tells; none without a model, or of ratios."""
+    """Return the attributes that were identified; none without a model, or of ratios."""
     facts, estimate = facts_of(identified), identified.estimate
     if facts is None or estimate.ratios or "p1" in estimate.open:
         return []

@@ -121,17 +121,17 @@ def about_ranges(units: Sequence[Twin], ranges: Sequence[Range]) -> Iterator[str
     every = dict.fromkeys(span.attribute for unit in units for span in ranges_of((unit,)))
     sentences = {
         "Not all units have": [name for name in every if name not in names],
-        "No interval is known of": [span.attribute for span in ranges if span.ends is None],
-        "Below 0, so the links' masses are to be checked:": [
+        "No interval is known for": [span.attribute for span in ranges if span.ends is None],
+        "Below 0 (check the masses of the links):": [
             span.attribute for span in ranges if span.row.value < 0 and span.ends == (0.0, 0.0)
         ],
-        "Ranges that reach 0:": [
+        "Ranges that include 0:": [
             span.attribute for span in ranges if span.varies and span.ends and not span.ends[0]
         ],
     }
     yield from (f"{words} {', '.join(some)}." for words, some in sentences.items() if some)
     if rest := beyond(twin.loaded, {*HELD, *LOOP_TERMS, "back_emf"}):
-        yield f"Ranges do not hold {listed(twin.loaded, rest, twin.kind.unit)}."
+        yield f"Not included in the ranges: {listed(twin.loaded, rest, twin.kind.unit)}."
 
 
 def _about_events(ranges: Sequence[Range]) -> Iterator[str]:
@@ -143,13 +143,13 @@ def _about_events(ranges: Sequence[Range]) -> Iterator[str]:
         yield "mjlab has no event for kv alone."
     if "damping" in varied:
         yield (
-            "Isaac Lab has no event for damping alone: that for dry friction scales it by the same "
-            "range."
+            "Isaac Lab has no event for damping alone: its event for dry friction scales damping "
+            "by the same range."
         )
     if "inertia_about_axis" in varied:
         yield (
-            "Events vary inertia as armature, and damping, on top of what your model has: give it "
-            "the values here."
+            "Events vary armature (for the inertia) and damping in addition to those of your "
+            "model: set the values above in it."
         )
 
 

@@ -80,7 +80,7 @@ def tolerance_factor(units: int) -> float:
 
 
 def of_own_model(twin: Twin) -> list[ModelRow]:
-    """Return what an identification tells of the robot's own model; nothing without one."""
+    """Return what an identification determines of the robot's own model; nothing without one."""
     return [] if twin.source is None else model_rows(twin.source)
 
 

@@ -1,6 +1,6 @@
 """What is left of a function once all that is known beforehand is worked out.
 
-A known value is written as a number, and nothing is computed that nobody reads.
+A known value is written as a number, and nothing is computed that is not read.
 """
 
 from __future__ import annotations
@@ -142,7 +142,7 @@ def without_aliases(body: list[Statement], arguments: Iterable[str]) -> list[Sta
 
 
 def tidy(body: list[Statement]) -> list[Statement]:
-    """Drop assignments to what nobody reads, and conditions and loops in which nothing happens."""
+    """Drop assignments to what is never read, and conditions and loops in which nothing happens."""
     while True:
         statements = [*all_of(body)]
         read = {

@@ -168,7 +168,7 @@ def unheard(twin: Twin) -> Iterator[str]:
             f"{1e3 * (p.delay + p.slow_delay):.3g} ms."
         )
     if p.delay < -NO_DELAY:
-        yield f"The delay of {1e3 * p.delay:.3g} ms is not included: a delay is not negative."
+        yield f"The delay of {1e3 * p.delay:.3g} ms is not included: a delay cannot be negative."
 
 
 def beyond(p: LumpedParameters, held: Collection[str]) -> list[Term]:
@@ -193,7 +193,7 @@ def listed(p: LumpedParameters, rows: Iterable[Term], unit: str) -> str:
 
 
 def told_of(servo: ServoLoop, held: Collection[str]) -> list[str]:
-    """Return what else is told of a servo's loop than what a format holds."""
+    """Return the facts of a servo's loop that a format does not hold."""
     return [
         f"{setting.name} {value.value if isinstance(value, Known) else value}"
         for setting in fields(servo)

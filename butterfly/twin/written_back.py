@@ -62,12 +62,16 @@ class WrittenBack:
             ours, theirs = zip(*self.fits.values(), strict=True)
             worst = min(self.fits, key=lambda name: self.fits[name][1])
             lines.append(
-                "Played with the logs, the other joints fixed, the written model has a median FIT "
-                f"of {median(theirs):.1f} % (the answer: {median(ours):.1f} %; worst "
+                "Simulated with the logs' inputs, the other joints fixed, the written model has a "
+                f"median FIT of {median(theirs):.1f} % (this result: {median(ours):.1f} %; worst "
                 f"{min(theirs):.1f} %, {worst})."
             )
         missing = ", ".join(self.not_found)
-        return [*lines, *self.notes, *([f"Not found from there: {missing}."] if missing else [])]
+        return [
+            *lines,
+            *self.notes,
+            *([f"Files not found from the new folder: {missing}."] if missing else []),
+        ]
 
 
 def write_back(

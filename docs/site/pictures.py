@@ -131,6 +131,7 @@ STILLS = (
             ("time", "report-figures/time.png"),
             ("frequency-response", "report-figures/frequency-response.png"),
             ("intervals", "report-figures/parameters.png"),
+            ("corner", "report-figures/corner.png"),
         )
     ),
     Still("wrong-mass", f"identify {QUICK}/wrong.yaml", "wrong.html", "--report wrong.html"),

@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 
 import butterfly as bf
@@ -33,6 +34,11 @@ def test_what_is_loaded_lists_the_robot_that_an_experiment_names(quick, tmp_path
     assert named.judged is None
 
 
+def test_its_first_line_says_whose_values_these_are(quick):
+    first, *_ = bf.inspect(quick).summary
+    assert first == "The robot that 'quickstart' simulates: its true values."
+
+
 def test_its_rows_are_its_parameters_with_their_units(quick):
     units = {row["parameter"]: row["unit"] for row in bf.inspect(quick).rows()}
     assert [*units][:4] == ["p1", "p2", "p3", "p4"]
@@ -51,3 +57,16 @@ def test_an_inspection_forecasts_on_the_logs_that_are_fitted(quick_data, results
     assert results["one log"].content["before_fit"] == []  # one log tells less than the data set
     told = bf.inspect(quick_data, holdout=["of no log", "*"])
     assert told.content["before_fit"] == []  # the first pattern does not undo the second
+
+
+def test_what_is_true_of_all_logs_is_said_once_with_their_number(tmp_path):
+    time = np.arange(0.0, 8.0, 0.4)
+    for number in (1, 2, 3):
+        angle = 0.1 * number * np.sin(time)
+        table = np.column_stack([time, 0.1 * np.cos(time), angle])
+        lines = "time,input,angle\n" + "\n".join(",".join(map(repr, row)) for row in table.tolist())
+        (tmp_path / f"{number}.csv").write_text(lines, encoding="utf-8")
+    found = bf.inspect(tmp_path, known={"p4": 1.0})
+    assert found.summary.count("All 3 logs: only one sample every 0.4 s.") == 1
+    assert not any("one sample every" in cell for row in found.tables()[0].rows for cell in row)
+    assert all("one sample every" in str(row["findings"]) for row in found.rows())

@@ -67,7 +67,7 @@ def test_the_attributes_of_the_joint_are_found_in_their_intervals(answer, attrib
 
 def test_clamped_joints_are_good_without_columns_and_the_first_line_says_so(answer):
     assert answer.standing == "good"
-    assert answer.verdict[0].endswith("pan, shoulder, wrist, roll are clamped, as is given.")
+    assert answer.verdict[0].endswith("Clamped, as you say: pan, shoulder, wrist, roll.")
 
 
 def test_joints_without_columns_that_nobody_says_are_clamped_are_at_best_use_with_care(still):
@@ -211,7 +211,7 @@ def test_a_turned_sign_is_named_where_the_range_shows_it(tmp_path):
     table = np.loadtxt(lines[1:], delimiter=",")
     table[:, 2] *= -1
     np.savetxt(tmp_path / "0.csv", table, delimiter=",", header=lines[0], comments="")
-    with pytest.raises(InputError, match="is its sign turned"):
+    with pytest.raises(InputError, match="is its sign reversed"):
         bf.read(tmp_path / "0.csv", **(TORQUE | {"model": model}))
 
 

@@ -60,7 +60,7 @@ def test_draws_are_files_a_frame_models_and_a_batch(few, tmp_path):
     assert bf.draws(few, 3, seed=3).rows() == drawn.rows()
     assert len(bf.draws(few, LEAST + 1).rows()) == LEAST + 1
     assert all(isinstance(each, LumpedParameters) for each in drawn.parameters)
-    assert len(drawn.figures()["corner"].data) == 21  # of 6 parameters, and pairs of them
+    assert len(drawn.figures()["corner"].data) == 36  # of 6 parameters, and 15 pairs with ellipses
     for name in ("draws.csv", "draws.parquet", "models"):
         drawn.write(tmp_path / name)
     with (tmp_path / "draws.csv").open(encoding="utf-8", newline="") as file:

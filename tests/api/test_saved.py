@@ -118,5 +118,5 @@ def test_a_result_of_arrays_says_that_its_logs_are_not_to_be_found(data, tmp_pat
         _ = again.data
     with pytest.raises(bf.InputError, match="from one source of files"):
         again.report(tmp_path / "r.html", figures=True)
-    assert again.page().summary[0].startswith("Without figures: the logs cannot be read")
+    assert again.page().summary[0].startswith("Without figures of the logs, which cannot be read")
     assert again.page().lead.tables[0].rows == found.page().lead.tables[0].rows

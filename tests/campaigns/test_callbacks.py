@@ -32,7 +32,7 @@ def test_a_campaign_says_what_it_does_and_why_and_ends_at_rest(tmp_path):
     assert [sentence[:5] for sentence in begins] == [f"Run {k}" for k in range(len(begins))]
     assert len(begins) == len(found.rows())
     assert all("s of robot time" in sentence for sentence in begins)
-    assert "predicted, not fitted" in begins[-1]
+    assert "to test the prediction on a held-out run" in begins[-1]
     assert motor.stopped == len(found.rows()) + 1  # after contact and after each run
     before, after = motor.last_readings
     assert abs(after) < 0.05

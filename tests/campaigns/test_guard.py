@@ -98,7 +98,7 @@ def test_a_joint_that_gains_energy_at_command_0_is_stopped_within_its_limits():
     assert shown.stopped_after(still) is None
     _, angle = shown.stopped_after(10 * times(1.0) ** 2 / 2)
     assert angle < 0.3
-    assert "although the command is 0" in shown.sentence
+    assert "faster than when the command went to 0" in shown.sentence
 
 
 def test_a_brake_that_pushes_the_wrong_way_is_stopped_within_a_tenth_of_a_time_constant():
@@ -138,7 +138,7 @@ def test_an_encoder_that_stands_at_once_is_seen_where_a_joint_cannot_stop_so_fas
     assert shown.stopped_after(counted(swing(times(3.2)), counts), 0.2) is None
     seconds, _ = shown.stopped_after(counted(swing(3.2) * np.ones(300), counts), 0.2)
     assert seconds < 0.1
-    assert "at once" in shown.sentence
+    assert "stopped abruptly" in shown.sentence
     again = Shown()
     assert again.stopped_after(counted(swing(times(3.2)), counts), 0.2) is None
     braked = np.minimum(times(2.0), 1.9 / 9)  # by friction that takes 9 rad/s^2, as it has seen

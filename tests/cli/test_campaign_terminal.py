@@ -116,7 +116,7 @@ def test_a_mass_is_asked_for_in_words_that_hold_after_a_pause_too(monkeypatch):
     terminal = CampaignTerminal(asks=False, moves=True)
     terminal.mount(AddedMass(mass=0.1, arm=0.1))
     terminal.mount(NO_ADDED_MASS)
-    assert "with 100 g at 100 mm: change what is mounted, or leave it so" in questions[0]
+    assert "with 100 g at 100 mm: mount that, unless it is mounted" in questions[0]
     assert "with no added mass" in questions[1]
 
 
@@ -125,7 +125,7 @@ def test_a_keyboard_that_is_gone_ends_it_in_words(monkeypatch):
         raise EOFError
 
     monkeypatch.setattr("builtins.input", gone)
-    with pytest.raises(StoppedError, match="the same command goes on"):
+    with pytest.raises(StoppedError, match="the same command continues"):
         CampaignTerminal(asks=False, moves=True).mount(NO_ADDED_MASS)
 
 

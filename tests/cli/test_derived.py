@@ -39,7 +39,7 @@ def test_only_commands_that_describe_data_take_what_is_said_of_them():
     for call in COMMANDS:
         names = {name for option in _options(call) for name in option}
         told = names >= OF_DATA
-        assert told == (call in {"inspect", "manifest", "identify"}), call
+        assert told == (call in {"inspect", "manifest", "identify", "report"}), call
         assert told or "--columns" not in names or call == "results table"
 
 

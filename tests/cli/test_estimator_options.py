@@ -69,3 +69,13 @@ def test_commands_leave_out_what_they_settle():
     assert FitOfTerms(method="linear").keywords() == {"method": "linear"}
     several = FitOfSeveral(method="linear,thesis", loss="huber").keywords()
     assert several == {"method": ("linear", "thesis"), "loss": "huber"}
+
+
+def test_the_help_on_terms_says_which_method_chooses_them():
+    chooses = [
+        method
+        for method, own in OWN.items()
+        if "terms" in own and ESTIMATORS[method]().terms is None
+    ]
+    assert chooses == ["output-error"]
+    assert "Default: chosen by output-error, else none." in " ".join(HELP["terms"].split())

@@ -119,7 +119,7 @@ def test_logs_without_findings_are_listed_on_request_below_the_verdict_and_the_n
     out = butterfly("inspect", quick_data)[1]
     assert out.splitlines()[0] == "9 logs: all ok."
     step = out.index(f"Next: butterfly identify {quick_data}")
-    assert step < out.index("What these logs can tell")
+    assert step < out.index("Expected precision")
     assert len(out.splitlines()) < 20
     assert "Without findings" not in out
     assert ".mat" in butterfly("inspect", quick_data, "--verbose")[1]

@@ -133,3 +133,9 @@ def test_work_is_shown_on_a_terminal_and_nowhere_else(capsys, monkeypatch):
     monkeypatch.setenv("TTY_COMPATIBLE", "1")
     assert list(show_progress([1, 2], "Counting")) == [1, 2]
     assert "Counting" in capsys.readouterr().err
+
+
+def test_long_work_says_elsewhere_than_on_a_terminal_how_far_it_has_come(capsys, monkeypatch):
+    monkeypatch.setattr(output, "_EVERY", -1.0)  # s: every item takes longer
+    assert list(show_progress(range(3), "Running")) == [0, 1, 2]
+    assert capsys.readouterr().err == "Running: 1 of 3 …\nRunning: 2 of 3 …\n"

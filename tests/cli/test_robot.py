@@ -127,7 +127,7 @@ def test_a_servo_is_exported_for_bam(answer, tmp_path):
 def test_what_cancels_a_joint_is_exported_with_its_error(butterfly, answer, saved, quick, tmp_path):
     out = done(butterfly("export", saved, "--to", "compensation", "--out", tmp_path / "c.h"))
     assert "Compensation: " in out
-    assert re.search(r"Off by at most \S+ V \(\S+ N m\) of up to", out)
+    assert re.search(r"Error at most \S+ V \(\S+ N m\) of up to", out)
     first = " ".join((tmp_path / "c.h").read_text().split("*/")[0].split())
     assert re.search(r"Cancels gravity, .*?\.", " ".join(out.split()))[0] in first
     out = done(answer("export", quick, "--to", "compensation", "--out", tmp_path / "c.py"))

@@ -47,3 +47,19 @@ def test_lists_are_read():
     assert verb_options.OptionsOfCampaign(masses="0,0.1").keywords()["masses"] == [0.0, 0.1]
     with pytest.raises(InputError, match="--masses"):
         verb_options.OptionsOfCampaign(masses="heavy").keywords()
+
+
+def test_the_word_of_an_option_is_its_whole_unit():
+    hints = get_type_hints(verb_options.OptionsOfCampaign, include_extras=True)
+    words = {
+        name: declared.metavar
+        for name in ("goal", "command", "speed", "current", "seconds")
+        for declared in hints[name].__metadata__
+    }
+    assert words == {
+        "goal": "SHARE",
+        "command": "VALUE",
+        "speed": "rad/s",
+        "current": "A",
+        "seconds": "s",
+    }

@@ -33,6 +33,7 @@ ABOUT = {
     "library show": "xl330",
     "library draft": "result.json",
     "schema": "",
+    "report": "logs --with result.json",
     "reproduce": "thesis",
 }
 CALLS = {name: f"{name} {about}" for name, about in ABOUT.items()}
@@ -64,7 +65,19 @@ def files(saved, quick_data, tmp_path_factory):
     for name in ("result.json", "other.json"):
         shutil.copy(saved, made / name)
     (made / "results").mkdir()
-    for ending in ["html", "json", "csv", "parquet", "yaml", "yml", "xml", "urdf", "h", "py"]:
+    for ending in [
+        "html",
+        "json",
+        "csv",
+        "parquet",
+        "yaml",
+        "yml",
+        "xml",
+        "urdf",
+        "h",
+        "py",
+        "zip",
+    ]:
         (made / f"theirs.{ending}").write_text("t,u,q\n0,0,0\n")
     for ending in ["gif", "mp4", "webp", "png", "jpg", "jpeg"]:
         (made / f"theirs.{ending}").write_bytes(b"\x89PNG of somebody")
@@ -101,6 +114,7 @@ def test_every_option_that_is_a_path_beside_the_inputs_says_what_it_writes(name)
         "more",
         "other",
         "source",
+        "result",
         "experiment",
         "folder",
         "robot",

@@ -264,7 +264,9 @@ def test_a_run_of_half_a_second_is_answered_as_least_squares_on_its_rows():
     _holds(estimate, {"p2": 40.0, "coulomb": 17.0})
     assert estimate.parameters.p1 == pytest.approx(24.0, rel=1e-3)
     assert estimate.level is Level.GOOD
-    with pytest.raises(IdentifiabilityError, match=r"0\.54 s hold 3 windows of 0\.5 s") as refused:
+    with pytest.raises(
+        IdentifiabilityError, match=r"0\.54 s contain 3 windows of 0\.5 s"
+    ) as refused:
         identify(data, WeakForm(half_width=0.25))
     assert "cannot be identified" not in str(refused.value)
 

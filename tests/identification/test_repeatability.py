@@ -69,7 +69,7 @@ def test_identify_names_two_runs_of_one_mass_where_it_stayed_on_in_most():
     assert finding.number == pytest.approx(0.003 / (0.003 + HEAVY.inertia) - 1, abs=0.01)
     assert found.estimate.level is Level.WARNING
     first, second, odd, like = finding.logs
-    assert f"{first} and {second} are said to carry the same mass" in found.summary[0]
+    assert f"{first} and {second} are declared with the same mass" in found.summary[0]
     assert f"{odd} moves like {like}" in found.summary[0]
 
 

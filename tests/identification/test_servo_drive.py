@@ -163,6 +163,6 @@ def test_what_follows_in_the_loop_and_by_the_drive_alone_is_told_of_each_log():
     assert rows["in the loop"][3] == f"{1e3 * found.mean_errors['0']:.1f}"
     assert rows["by the drive alone, held out"][0] == fit_text(found.open_loop_fits["1"])
     (line,) = [line for line in found.summary if line.startswith("FIT in the loop")]
-    assert f"{rows['in the loop'][3]} mrad off on average; by the drive alone" in line
+    assert f"mean error {rows['in the loop'][3]} mrad; by the drive alone" in line
     drawn = found.page().series["time"]
     assert [trace.get("name") for trace in drawn.data][-1] == "set-point"

@@ -49,6 +49,7 @@ def _same(found, scipys):
     return (found.shape, found.tolist()) == (scipys.shape, scipys.tolist())
 
 
+@pytest.mark.filterwarnings("ignore:The default value for `spmatrix`:DeprecationWarning")
 @pytest.mark.parametrize(("name", "level", "packed"), WHOLE)
 def test_what_is_whole_is_read_as_scipy_reads_it(name, level, packed, tmp_path):
     path = tmp_path / "sound.mat"

@@ -65,7 +65,7 @@ def test_a_change_is_noticed_within_two_periods_and_named(factors, named):
             assert each.after / each.before == pytest.approx(factors.get(each.name, 1.0), abs=0.03)
     (said,) = watch_sentences(found)
     assert ("several parameters, p2/p1 by -" in said) == (not named)
-    assert said.endswith(", if one parameter alone.") == bool(named)
+    assert said.endswith(", if only one parameter changed.") == bool(named)
     section = watch_section(found, 0.0)
     assert len(section.tables[0].rows) == 9
     assert section.figures["watched"].data

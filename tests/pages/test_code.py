@@ -90,7 +90,7 @@ PROGRAM = re.compile(
 
 SLOW = {
     f"docs/{name}.md"
-    for name in ("next-experiment", "orbit", "predictions", "python", "your-robot")
+    for name in ("agents", "next-experiment", "orbit", "predictions", "python", "your-robot")
 }
 WITH_CODE = [
     page

@@ -49,19 +49,6 @@ def test_several_swings_at_one_frequency_count_as_their_geometric_mean(simulated
     assert swing == pytest.approx([0.2])
 
 
-def test_the_map_is_the_correlation_of_the_estimate_s_errors(simulated):
-    result = simulated[0]
-    estimate = result.estimate
-    shown = np.array(result.plot.correlations().data[0].z)[::-1]
-    np.testing.assert_allclose(np.diag(shown), 1.0)
-    expected = estimate.covariance[0, 2] / np.sqrt(
-        estimate.covariance[0, 0] * estimate.covariance[2, 2]
-    )
-    assert shown[0, 2] == pytest.approx(expected)
-    unknown = dataclasses.replace(estimate, covariance=np.full_like(estimate.covariance, np.nan))
-    assert dataclasses.replace(result, estimate=unknown).plot.correlations() is None
-
-
 def test_the_ranked_fits_are_all_logs_from_the_worst_to_the_best(simulated):
     result = simulated[0]
     points = [

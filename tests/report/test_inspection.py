@@ -2,8 +2,14 @@
 
 import pytest
 
-from butterfly.logs.health import examine
-from butterfly.report.inspection import conditions_text, health_rows
+from butterfly.logs.health import Remark, examine
+from butterfly.report.inspection import (
+    Inspected,
+    conditions_text,
+    health_rows,
+    shared_sentences,
+    shared_texts,
+)
 from butterfly.verdict import Level
 
 
@@ -28,3 +34,17 @@ def test_health_rows_find_the_frequency_and_the_swing(sine_log):
 def test_health_is_told_by_severity(counts, text):
     conditions = [each for each, n in zip(Level, counts, strict=True) for _ in range(n)]
     assert conditions_text(conditions) == text
+
+
+def _log(name, *remarks):
+    return Inspected(name=name, remarks=tuple(Remark(level, text) for level, text in remarks))
+
+
+def test_what_holds_for_all_logs_is_said_once():
+    unit, gap = (Level.GOOD, "input taken in V: the file does not say"), (Level.NOTE, "1 gap")
+    odd = (Level.CARE, "no sine")
+    seen = [_log("a", unit, gap), _log("b", gap, unit, odd)]
+    assert shared_texts(seen) == [unit[1], gap[1]]
+    assert shared_sentences(seen) == ["All 2 logs: 1 gap."]  # the unit has its own sentence
+    assert shared_texts(seen[:1]) == []
+    assert shared_texts([*seen, _log("c")]) == []

@@ -57,14 +57,14 @@ def test_masses_that_are_off_each_by_itself_widen_the_armature_alone():
 @pytest.mark.parametrize(
     ("links", "said"),
     [
-        (LinkMasses(), "± 5 %, all by one factor."),
-        (LinkMasses(uncertainty=0.1, independent=True), "± 10 %, each by itself."),
+        (LinkMasses(), "± 5 %, with one common factor."),
+        (LinkMasses(uncertainty=0.1, independent=True), "± 10 %, each independently."),
     ],
 )
 def test_it_is_said_how_well_the_links_are_known_and_where_the_others_are(links, said):
     first, second = model_sentences(_identified(_facts(links=links)))
     assert first == f"Masses of the links are taken from arm.xml, {said}"
-    assert second == "Pose of the others: wrist 0.25."
+    assert second == "Pose of the other joints: wrist 0.25."
 
 
 def test_without_a_model_there_is_nothing_to_show():

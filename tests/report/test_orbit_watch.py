@@ -26,8 +26,8 @@ def _watched(*alarms):
 @pytest.mark.parametrize(
     ("causes", "ratios", "ends"),
     [
-        ((), (), "; what changed needs more motion to be told."),
-        ((ALONE,), (FELL,), ": p2 by +10 % (+5 to +15 %), if one parameter alone."),
+        ((), (), "; more motion is needed to see which parameter changed."),
+        ((ALONE,), (FELL,), ": p2 by +10 % (+5 to +15 %), if only one parameter changed."),
         ((NOT_ALONE,), (FELL, STAYED), ": several parameters, p3/p1 by -25 % (-50 to -12.5 %)."),
     ],
 )

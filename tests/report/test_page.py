@@ -171,3 +171,16 @@ def test_what_is_no_number_is_packed_as_none():
 def test_in_a_notebook_a_number_stays_with_its_unit_on_one_line():
     page = Page(name="A", description="", kind="k", lead=Section(title="Lead"))
     assert ".butterfly-result td { white-space: nowrap; }" in cell_html(page, Figure())
+
+
+def test_what_was_asked_comes_before_the_verdict_s_reasons():
+    verdict = Verdict(Level.GOOD, ("p1 ±1 %.",))
+    page = Page(name="n", description="", kind="prediction", verdict=verdict, asked=["24 logs."])
+    assert page.headed.reasons == ["24 logs.", "p1 ±1 %."]
+
+
+def test_a_command_in_a_sentence_is_code_and_nothing_else_is_markup():
+    said = ["Next: `butterfly design <b>`.", "a ` alone <i>"]
+    text = rendered(Page(name="n", description="", kind="sweep", summary=said))
+    assert "<p>Next: <code>butterfly design &lt;b&gt;</code>.</p>" in text
+    assert "<p>a ` alone &lt;i&gt;</p>" in text

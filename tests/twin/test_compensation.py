@@ -214,7 +214,7 @@ def test_what_is_left_in_mujoco_is_within_what_is_printed(seed):
     made, command = Compensation.of(twin), _python(twin)["command"]
     promised, _ = made.worst
     printed = write_as("compensation", twin).notes[1]
-    assert f"Off by at most {promised:.2g} unit ({truth.p4 * promised:.1g}"[:22] in printed
+    assert f"Error at most {promised:.2g} unit ({truth.p4 * promised:.1g}"[:21] in printed
     model = mujoco.MjModel.from_xml_string(
         write_as("mjcf", replace(twin, parameters=truth, recorded=tuple)).text
     )

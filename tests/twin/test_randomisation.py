@@ -130,9 +130,9 @@ def test_what_has_no_range_or_event_is_said():
     said = " ".join(write_as("randomisation", _driven()).left_out)
     assert "Neither mjlab nor Isaac Lab has an event for gain, effort." in said
     assert "Isaac Lab has no event for damping alone" in said
-    assert "Ranges do not hold stribeck 0.002 N m" in said
+    assert "Not included in the ranges: stribeck 0.002 N m" in said
     unknown = write_as("randomisation", estimated(twin(), p3=np.inf))
-    assert "No interval is known of gravity_moment." in unknown.left_out
+    assert "No interval is known for gravity_moment." in unknown.left_out
     exact = write_as("randomisation", twin())
     assert "These values are exact" in exact.left_out[0]
 

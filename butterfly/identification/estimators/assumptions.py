@@ -1,4 +1,4 @@
-"""What a fit assumes of logs where nobody says it, and what is done where that is wrong.
+"""What a fit assumes of logs where it is not specified, and what is done where that is wrong.
 
 *Between its samples an input is held.* One that is held is late by half a sample, which the delay
 takes up unless it would be below 0: then inertia, damping and friction of a joint in a loop stand
@@ -50,7 +50,7 @@ Begun = tuple[Problem, Fit]
 
 
 def straight(log: Log) -> Log:
-    """Return a log whose input goes straight from sample to sample, if nobody says what it does."""
+    """Return a log whose input goes straight from sample to sample, if this is not specified."""
     computed = log.rebuilt and log.servo is None  # a drive: means over its steps
     if log.intersample is not None or computed or not is_driven([log]):
         return log
@@ -108,7 +108,7 @@ def unsaid(problem: Problem, end: Fit) -> list[Samples]:
     lines, fast = [straight(log) for log in logs], [_faster(log) for log in logs]
     for some, delay in ((lines, _half_a_sample(logs)), (fast, 0.0)):
         changed = any(new is not old for new, old in zip(some, logs, strict=True))
-        if not changed or out_of_time("what nobody says of inputs"):
+        if not changed or out_of_time("the input between samples"):
             continue
         there, mask = problem.of_logs(some, delay), np.array(problem.labels) == "delay"
         begun = end.values + np.where(mask, delay, 0.0)
@@ -180,7 +180,7 @@ def shorter_segments(every: Problem, fit: Fit) -> tuple[float, Start] | None:
 def over_shorter(problem: Problem, end: Fit) -> list[Samples]:
     """Return (shared,) values of a fit over segments of a third of the joint's own time.
 
-    For some joints these are nearer the truth, for others not, and nothing tells which. Empty if
+    For some joints these are nearer the truth, for others not; which cannot be predicted. Empty if
     segments are shorter already, as noise explains only those.
     """
     horizon = problem.options.horizon

@@ -60,7 +60,7 @@ class HarmonicBalance(Estimator):
     Parameters
     ----------
     terms
-        Terms fitted besides p1..p4, coulomb and delay; none if not given.
+        Terms fitted besides p1..p4, coulomb and delay. Default: none.
     """
 
     method: Literal["harmonic-balance"] = "harmonic-balance"

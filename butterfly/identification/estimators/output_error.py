@@ -213,7 +213,7 @@ class OutputError(Estimator):
     ) -> Begun:
         """Fit logs in the terms of their start, or those given.
 
-        If nobody says over which time, whole logs, or segments where errors are driven apart.
+        Without a given horizon: whole logs, or segments where errors are driven apart.
         ``offered``: given terms that only some of the starts have.
         """
         require_usable(self.method, known)

@@ -70,7 +70,7 @@ class WeakForm(Estimator):
     Parameters
     ----------
     terms
-        Terms fitted besides p1..p4, coulomb and delay; none if not given.
+        Terms fitted besides p1..p4, coulomb and delay. Default: none.
     half_width
         Half width of the test functions in s; if not given, each log's own, from its duration, its
         period and its noise.
@@ -164,7 +164,9 @@ def _require_enough(windows: Sequence[Averaging], names: Sequence[str], delay: f
     if moving >= len(names):
         return
     longest = max(windows, key=lambda window: window.duration)
-    hold = f"{longest.duration:.3g} s hold" if len(windows) == 1 else f"{len(windows)} logs hold"
+    hold = (
+        f"{longest.duration:.3g} s contain" if len(windows) == 1 else f"{len(windows)} logs contain"
+    )
     plural, length = "" if moving == 1 else "s", 2 * longest.half_width
     raise IdentifiabilityError(
         f"{hold} {moving or 'no'} window{plural} of {length:.3g} s in which the joint moves, fewer "

@@ -24,7 +24,6 @@ function textOf(slider, value) {
   const digits = decimals(slider), shown = Math.max(Math.min(digits + Math.floor(Math.log10(Math.abs(value) || 1)), 7), 2);
   return (value && Math.abs(value) < 1e-4 ? value.toExponential(shown) : value.toFixed(digits)).replace(/^-/, "−");
 }
-const halfOf = ({half}) => half < 1e-4 ? half.toExponential(1) : half.toPrecision(2);
 function valueOf(slider) {
   const place = Number(at(slider.name).value), value = slider.value + place / STEPS * reachOf(slider);
   return slider.least === null ? value : Math.max(value, slider.least);
@@ -36,7 +35,6 @@ function label(slider) {
   const input = at(slider.name), value = valueOf(slider), unit = slider.unit === "–" ? "" : ` ${slider.unit}`;
   const share = slider.value ? `, ${signed.format(100 * (value / slider.value - 1))} %` : "", text = textOf(slider, value);
   at(`${slider.name}-value`).textContent = text;
-  at(`${slider.name}-interval`).textContent = `${textOf(slider, slider.value)} ± ${halfOf(slider)}`;
   input.setAttribute("aria-valuetext", Number(input.value) ? `${text}${unit}${share}` : `${text}${unit}, as identified`);
 }
 function range(slider) {
@@ -90,7 +88,7 @@ function panel({to, colour, left, right, top, bottom, title, curves, across}) {
   [least, most] = [least - margin, most + margin];
   const y = (value) => bottom - (value - least) / (most - least) * (bottom - top);
   Object.assign(to, {lineWidth: 1, strokeStyle: colour.rule, fillStyle: colour.faint, textAlign: "right", textBaseline: "middle"});
-  for (const [value, text] of ticks(least, most, Math.max((bottom - top) / 24, 3))) {
+  for (const [value, text] of ticks(least, most, Math.max((bottom - top) / 24, 1.5))) {
     to.beginPath(); to.moveTo(left, y(value)); to.lineTo(right, y(value)); to.stroke();
     to.fillText(text, left - 6, y(value));
   }

@@ -9,7 +9,7 @@ let printing = false;
 
 function recoloured(value, colours) {
   if (typeof value === "string") return colours[value] ?? value;
-  if (Array.isArray(value)) return value.length && typeof value[0] === "object" ? value.map(each => recoloured(each, colours)) : value;
+  if (Array.isArray(value)) return ["object", "string"].includes(typeof value[0]) ? value.map(each => recoloured(each, colours)) : value;
   if (value === null || typeof value !== "object" || ArrayBuffer.isView(value)) return value;
   return Object.fromEntries(Object.entries(value).map(([key, each]) => [key, recoloured(each, colours)]));
 }
@@ -28,6 +28,7 @@ function themed({data, layout}) {
   const height = own.height ?? 450, named = data.filter(trace => trace.name && trace.showlegend !== false).length;
   if (printing) Object.assign(result, {width: PRINTED.width, height: Math.min(height, PRINTED.height)});
   else { Object.assign(result, {autosize: true, height: height + (narrow ? 20 * named : 0)}); delete result.width; }
+  if (narrow && own.annotations) result.annotations = own.annotations.map(note => note.name === "mark" ? {...note, textangle: -90, xshift: 0, yanchor: note.y > 0.9 ? "top" : note.y < 0.1 ? "bottom" : "middle"} : note);
   for (const key of Object.keys(result)) {
     if (/^[xy]axis/.test(key)) result[key] = {...result[key], gridcolor: rule, zerolinecolor: rule, linecolor: rule, automargin: true, exponentformat: "power", minexponent: 4};
   }
