@@ -63,3 +63,41 @@ def write_logs(folder, joint, poses, **options):
     for k, pose in enumerate(poses):
         write_log(folder / f"{k}.csv", joint, pose, seed=k, **options)
     return folder
+
+
+SERVO = {"kp": 14.0, "kv": 0.6, "forcerange": 0.7}
+"""Of the servo that moves the wrist: the file has 20, 0.4 and 1."""
+
+
+def write_servo_log(path, pose, *, seed=0, seconds=6.0):
+    """Let the wrist's position actuator follow set-points, and record them with its angle.
+
+    Steps are so large that its torque is limited.
+    """
+    rng = np.random.default_rng(seed)
+    robot = JointOfModel.of(ARM, "wrist")
+    model, data = robot.model, robot.configured(pose)
+    model.opt.timestep, model.opt.tolerance = STEP, 1e-20
+    dof, place = int(model.jnt_dofadr[robot.joint]), int(model.jnt_qposadr[robot.joint])
+    others = np.arange(model.nv) != dof
+    model.dof_armature[others], model.dof_frictionloss[others] = _HELD, 0.0
+    model.dof_armature[dof], model.dof_damping[dof] = TRUTH["armature"], TRUTH["damping"]
+    model.dof_frictionloss[dof] = TRUTH["frictionloss"]
+    model.dof_solref[dof] = [-1, -2 / (0.12 * STEP)]
+    drive = int(model.actuator("wrist").id)
+    model.actuator_gainprm[:], model.actuator_biasprm[:] = 0.0, 0.0
+    model.actuator_gainprm[drive, 0] = SERVO["kp"]
+    model.actuator_biasprm[drive, 1:3] = -SERVO["kp"], -SERVO["kv"]
+    model.actuator_forcerange[drive] = -SERVO["forcerange"], SERVO["forcerange"]
+    data.qpos[place] = middle = 0.2
+    pace, phase, rows = rng.uniform(2.0, 12.0, 3), rng.uniform(0.0, 6.3, 3), []
+    steps = rng.uniform(-0.5, 0.5, int(seconds) + 1)
+    every = round(1 / RATE / STEP)
+    for k in range(round(seconds * RATE)):
+        time = k / RATE
+        goal = middle + 0.12 * np.sin(pace * time + phase).sum() + steps[int(time)]
+        rows.append([time, goal, data.qpos[place] + rng.normal(0.0, NOISE)])
+        data.ctrl[drive] = goal
+        mujoco.mj_step(model, data, every)
+    names = "time,wrist_goal_position,wrist_position"
+    np.savetxt(path, rows, delimiter=",", header=names, comments="")

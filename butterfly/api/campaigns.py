@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from importlib import import_module
 from numbers import Real
 from os import PathLike
@@ -14,17 +15,19 @@ from typing import Any
 import numpy as np
 
 from butterfly.api.identification import Identification
+from butterfly.api.joint_models import joint_clamped_in
 from butterfly.api.next_runs import share_of
 from butterfly.api.sources import Named
 from butterfly.arguments import checked
 from butterfly.campaigns.callbacks import CampaignCallbacks
 from butterfly.campaigns.campaign import CampaignOptions, CampaignResult, MountMass, conduct
 from butterfly.campaigns.folder import PAGE, Folder
-from butterfly.campaigns.guard import Limits
+from butterfly.campaigns.guard import HARD, Limits
 from butterfly.errors import InputError
 from butterfly.experiment.source import read_experiment
 from butterfly.files import locate
 from butterfly.logs.log import InputKind
+from butterfly.logs.model_facts import ModelFacts
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 from butterfly.model.prior import Prior, plain
 from butterfly.plant.motor import Motor
@@ -117,6 +120,10 @@ def campaign(
     price: float = 120.0,
     step: float | None = None,
     known: Mapping[str, Any] | None = None,
+    model: Named | None = None,
+    of: str | None = None,
+    pose: Mapping[str, float] | None = None,
+    clamped: bool = False,
     change: MountMass | None = None,
     callbacks: CampaignCallbacks | None = None,
 ) -> Answer:
@@ -158,6 +165,15 @@ def campaign(
         Cycle of the controller in s. Default: that of the experiment, or 0.002.
     known
         Known values, as in a manifest: ``{"p4": 1.0}``.
+    model
+        MJCF or URDF of the robot. It gives the joint's gravity, and bounds command and angle by its
+        effort and range. The motor's angles are those of the file.
+    of
+        Name of the joint in that model.
+    pose
+        Positions of its other joints in rad or m. Default: those of its keyframe.
+    clamped
+        Whether the other joints of that model are clamped: a campaign records none of them.
     change
         Mounts a mass, and returns when it is mounted; without it a motor's mass is never changed.
         The drive is off meanwhile. A continued campaign calls it before its first run.
@@ -179,14 +195,18 @@ def campaign(
     if isinstance(robot, str | PathLike):
         robot, defaults, change, limit = _named(str(robot), defaults, change)
         command = limit if command is None else command
+    asked: dict[str, Any] = {"model": model, "of": of, "pose": pose, "clamped": clamped}
+    joint = _joint(asked, {**defaults["known"], **(known or {})})
+    if joint is not None:
+        defaults |= {"of_model": joint.fields, "known": {**joint.known, **defaults["known"]}}
+        known = None if known is None else {**joint.known, **known}
+        angle, command = min(angle, joint.angle), joint.least(command)
     if command is None:
         expected = "the largest command that the joint may get: --command"
         raise InputError("campaign", "command", "missing", expected)
     given: dict[str, Any] = {"known": known, "step": step}
     if masses is not None:
-        if any(masses) and not arm:
-            raise InputError("campaign", "arm", arm, "the masses' distance from the pivot in m")
-        given["masses"] = tuple(AddedMass(mass=mass, arm=arm if mass else 0.0) for mass in masses)
+        given["masses"] = _at_arm(masses, arm)
     limits = {"command": command, "angle": angle, "speed": speed, "current": current}
     wish = CampaignOptions(
         goal=share_of(goal),
@@ -194,18 +214,97 @@ def campaign(
         price=price,
         **defaults | {name: value for name, value in given.items() if value is not None},
     )
+    if joint is not None:
+        wish = replace(wish, masses=tuple(map(joint.carrying, wish.masses)))
     if change is None:
         wish = replace(wish, masses=wish.masses[:1])
     elif isinstance(robot, SimulatedMotor):
         change(wish.masses[0])
     folder = Path(out or "campaign")
     with Folder(folder) as store:
+        store.notes += [] if joint is None else [joint.note]
         for note in store.notes:
             (callbacks or CampaignCallbacks()).phase(note)
         ended = conduct(robot, wish, store, change, callbacks)
         answer = campaign_answer(ended, wish, folder, store.notes)
         answer.report(store.path / PAGE)
     return replace(answer, reports=(folder / PAGE,))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Joint:
+    """What a robot's model gives a campaign with one of its joints."""
+
+    fields: dict[str, Any]  # of the manifest
+    known: dict[str, Any]
+    angle: float  # rad from rest, at most
+    command: float | None  # at most; None if the model does not limit it, or p4 is not known
+
+    def carrying(self, mass: AddedMass) -> AddedMass:
+        """Return an added mass under the joint's own gravity."""
+        return replace(mass, gravity=self.fields["gravity"])
+
+    def least(self, command: float | None) -> float | None:
+        """Return the smaller one of two limits that may be missing."""
+        return min((some for some in (command, self.command) if some is not None), default=None)
+
+    @property
+    def note(self) -> str:
+        """Say what the model limits."""
+        pulled = "" if self.command is None else f", commands up to {self.command:.3g}"
+        name = f"{self.fields['of']} of {Path(self.fields['model']).name}"
+        return f"By {name}: at most {self.angle:.3g} rad from rest{pulled}; the others are clamped."
+
+
+def _joint(asked: Mapping[str, Any], known: Mapping[str, Any]) -> _Joint | None:
+    """Return the joint of a model that is asked for, if one is."""
+    if asked["model"] is None or asked["of"] is None:
+        for name, other in (("model", "of"), ("of", "model"), ("pose", "model")):
+            if asked[name]:
+                raise InputError("campaign", name, asked[name], f"{other} as well")
+        return None
+    if not asked["clamped"]:
+        expected = "true, of other joints that are clamped: a campaign records none of them"
+        raise InputError("campaign", "clamped", "nothing", expected)
+    path = locate(Path(asked["model"]))
+    fields = joint_clamped_in(path, asked["of"], asked["pose"] or {})
+    facts = ModelFacts.model_validate(fields["facts"])
+    efforts = [facts.effort, *(actuator.effort for actuator in facts.actuators)]
+    effort = min((some for some in efforts if some), default=None)
+    gain = Prior.of({n: v for n, v in known.items() if n == "p4"}).parameters.get("p4")
+    return _Joint(
+        known=fields.pop("known"),
+        fields=fields,
+        angle=_room(facts, path) / HARD,
+        command=effort / abs(gain.value) if effort and gain and gain.value else None,
+    )
+
+
+def _room(facts: ModelFacts, path: Path) -> float:
+    """Return how far in rad a joint is from the ends of its range where it hangs.
+
+    One that gravity does not move begins in the middle.
+    """
+    if facts.range is None:
+        return math.inf
+    (low, high), (pose,) = facts.range, facts.poses
+    middle = (low + high) / 2
+    rest = middle
+    if pose.moment:
+        rest = pose.zero + math.tau * round((middle - pose.zero) / math.tau)
+    room = min(rest - low, high - rest)
+    if room <= 0:
+        where = f"{facts.joint} hangs at {rest:.3g} rad, outside of {low:.3g} to {high:.3g}"
+        expected = "a joint that hangs within its range: between runs a campaign lets it hang"
+        raise InputError(path, "range", where, expected)
+    return room
+
+
+def _at_arm(masses: Sequence[float], arm: float) -> tuple[AddedMass, ...]:
+    """Return masses in kg at a distance in m from the pivot."""
+    if any(masses) and not arm:
+        raise InputError("campaign", "arm", arm, "the masses' distance from the pivot in m")
+    return tuple(AddedMass(mass=mass, arm=arm if mass else 0.0) for mass in masses)
 
 
 def _require_numbers(**given: float | None) -> None:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from butterfly.arrays import Samples
-from butterfly.errors import InputError, nearest
+from butterfly.errors import InputError, listed, nearest
 from butterfly.identification.data import DataSet
 from butterfly.identification.findings import Finding, FindingKind
 from butterfly.logs.formats import DEFAULT_COLUMNS, read_log
@@ -27,7 +27,7 @@ from butterfly.logs.manifest import LogEntry, Manifest, columns_of_entry
 from butterfly.logs.model_facts import STILL, ModelFacts, PoseFacts
 from butterfly.logs.units import Units, units_spelt
 from butterfly.model.parameters import JointKind
-from butterfly.model.prior import Known
+from butterfly.model.prior import Known, plain
 from butterfly.model.terms import TERMS
 
 ZERO_UNCERTAINTY = 0.05
@@ -50,11 +50,14 @@ def with_model(manifest: Manifest) -> Manifest:
         return manifest
     if manifest.facts is not None:
         return manifest
-    manifest, joint = of_one_joint(manifest)
+    joint = the_joint(manifest)
     from butterfly.twin.joint_of_model import JointOfModel  # noqa: PLC0415 - slow to import
 
     path = (Path(manifest.root) / str(manifest.model)).resolve()
     robot = JointOfModel.of(path, joint)
+    logs = [entry for entry in manifest.logs if entry.of in {None, joint}]
+    driven = [entry for entry in logs if drives(manifest, entry, joint, [*robot.others])]
+    manifest = manifest.model_copy(update={"of": joint, "logs": driven or logs})
     entries = [_with_columns(manifest, entry, robot.others) for entry in manifest.logs]
     poses = _poses(manifest, entries)
     whole = [robot.pose_facts(pose) for pose in poses]
@@ -74,22 +77,20 @@ def with_model(manifest: Manifest) -> Manifest:
     return manifest.model_copy(update=update)
 
 
-def of_one_joint(manifest: Manifest) -> tuple[Manifest, str]:
-    """Return a manifest of the logs of its joint, and the joint; InputError without either."""
+def the_joint(manifest: Manifest) -> str:
+    """Return the joint that a manifest is of; InputError if it is of none, or without a log."""
     names = dict.fromkeys(entry.of for entry in manifest.logs if entry.of)
     several = len(names) > 1 or any(entry.of is None for entry in manifest.logs)
     if manifest.of is None and (several or not names):
         expected = "the name of the joint in the model, or all (of: elbow, --of elbow)"
         raise InputError(manifest.name, "of", ", ".join(names) or "nothing", expected)
     joint = next(iter(names)) if manifest.of is None else manifest.of
-    logs = [entry for entry in manifest.logs if entry.of in {None, joint}]
-    if not logs:
+    if all(entry.of not in {None, joint} for entry in manifest.logs):
         raise InputError(manifest.name, "of", joint, nearest(joint, names))
-    logs = [entry for entry in logs if drives(manifest, entry, joint)] or logs
-    return manifest.model_copy(update={"of": joint, "logs": logs}), joint
+    return joint
 
 
-def drives(manifest: Manifest, entry: LogEntry, joint: str, others: Sequence[str] = ()) -> bool:
+def drives(manifest: Manifest, entry: LogEntry, joint: str, others: Sequence[str]) -> bool:
     """Whether a log is of a joint: it says so, or has columns of its motion and its command."""
     if entry.of is not None:
         return entry.of == joint
@@ -109,6 +110,11 @@ def _with_columns(manifest: Manifest, entry: LogEntry, others: Mapping[str, int]
         if "angle" in columns:
             update["columns"] = columns
             update["units"] = _units_beside(manifest, entry, columns, others) or entry.units
+        elif other := [
+            n for n in others if drives(manifest, entry, n, [*others, str(manifest.of)])
+        ]:
+            expected = f"columns named after {str(manifest.of)!r}, or columns: that say which"
+            raise InputError(entry.file, "columns", f"those of {listed(other)}", expected)
     if entry.neighbours is None and names:
         by_joint = columns_by_joint(names, {*others, str(manifest.of)})
         angles = {n: columns_meant(by_joint[n], None, by_joint[n]).get("angle") for n in others}
@@ -196,7 +202,8 @@ def with_neighbours(data: DataSet) -> DataSet:
     """Return logs without the torque that the motion of other joints made, and what to say of it.
 
     It is taken off the input where that is a torque: where p4 is known. Motion that is not
-    corrected is a finding, and that some joints have no columns is another.
+    corrected is a finding, and that some joints have no columns is another: a doubt, unless they
+    are said to be clamped.
     """
     manifest = data.manifest
     if manifest is None or manifest.facts is None or manifest.model is None:
@@ -278,7 +285,8 @@ def _remarks(
         if any(name not in (entry.neighbours or {}) for entry in manifest.logs)
     )
     if unseen:
-        remarks.append(Finding(FindingKind.NEIGHBOURS_STILL, unseen))
+        kinds = FindingKind.NEIGHBOURS_UNSEEN, FindingKind.NEIGHBOURS_STILL
+        remarks.append(Finding(kinds[manifest.clamped], unseen))
     moving = tuple(name for name, reach in moved.items() if reach > STILL)
     if shares and moving:
         share = max(shares)
@@ -339,6 +347,26 @@ def _as_mass(inertia: float, moment: float, facts: ModelFacts) -> dict[str, Any]
         "added_mass": Known(value=mass, uncertainty=share * mass),
         "arm": arm,
         "inertia": max(inertia - mass * arm**2, 0.0),
+    }
+
+
+def joint_clamped_in(path: Path, joint: str, pose: Mapping[str, float]) -> dict[str, Any]:
+    """Return a manifest's fields, as a file has them, of a joint whose others are clamped."""
+    from butterfly.twin.joint_of_model import JointOfModel  # noqa: PLC0415 - slow to import
+
+    robot = JointOfModel.of(path, joint)
+    if robot.kind is JointKind.SLIDE:
+        raise InputError(path, "joint", f"{joint}, a slide", "a hinge, which a campaign can turn")
+    whole = robot.pose_facts(pose)
+    facts = robot.facts([whole], Manifest.model_fields["link_masses"].default)
+    return {
+        "model": str(path.absolute()),
+        "of": joint,
+        "pose": whole.pose,
+        "clamped": True,
+        "gravity": facts.gravity,
+        "facts": facts.model_dump(mode="json"),
+        "known": {name: plain(value) for name, value in _known(facts).items()},
     }
 
 

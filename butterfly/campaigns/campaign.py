@@ -66,6 +66,7 @@ class CampaignOptions:
     limits: Limits
     masses: tuple[AddedMass, ...] = (NO_ADDED_MASS,)  # at hand; the first one is mounted
     known: dict[str, Any] = field(default_factory=dict)  # as in a manifest
+    of_model: dict[str, Any] = field(default_factory=dict)  # fields of it that a model gives
     price: float = 120.0  # of a change of mass, in s of robot time
     step: float = 0.002  # cycle of the controller in s
 
@@ -178,6 +179,7 @@ class _Campaign:
         self._callbacks.begin(lines)
         if self._folder.is_begun:
             journal = self._folder.journal
+            self._require_same_joint(journal)
             journal = replace(journal, known=journal.known | self._wish.known)
         else:
             self._callbacks.phase(
@@ -190,7 +192,9 @@ class _Campaign:
                 f"The joint breaks away at {contact.breakaway:.3g} {kind.unit}; positive commands "
                 f"turn it towards {side} angles."
             )
-            journal = Journal(input_kind=kind, contact=contact, known=self._wish.known)
+            journal = Journal(
+                input_kind=kind, contact=contact, known=wish.known, of_model=wish.of_model
+            )
         self._folder.begin(journal)  # whose manifest a kill may have left ahead of it
         self._wish = replace(self._wish, known=journal.known)
         self._knowledge = Knowledge(self._bench, self._folder, wish.goal, masses, journal.known)
@@ -215,6 +219,13 @@ class _Campaign:
         if self._carry is None and steps and steps[-1].added_mass != mass:
             expected = f"{steps[-1].added_mass}, as in the last run, or somebody to change it"
             raise InputError("campaign", "masses", str(mass), expected)
+
+    def _require_same_joint(self, journal: Journal) -> None:
+        """Raise InputError if the journal is of a joint of another model, or of none."""
+        begun, asked = (of.get("of", "none") for of in (journal.of_model, self._wish.of_model))
+        if journal.of_model != self._wish.of_model:
+            expected = f"{begun}, in the pose and model that the campaign was begun with"
+            raise InputError("campaign", "of", asked, expected)
 
     def _require_last_run_sound(self) -> None:
         """Check a run that a former part of the campaign kept, but did not come to check."""

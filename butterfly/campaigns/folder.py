@@ -83,6 +83,7 @@ class Journal:
     input_kind: InputKind
     contact: Contact
     known: dict[str, Any] = field(default_factory=dict)
+    of_model: dict[str, Any] = field(default_factory=dict)  # manifest's fields, by a robot's model
     steps: tuple[Step, ...] = ()
     logs: tuple[str, ...] = ()  # SHA-256 of the file of each run
 
@@ -294,6 +295,7 @@ class Folder:
             known=journal.known,
             holdout=[Path(name).stem for name, step in runs if step.held_out],
             logs=[LogEntry.carrying(name, step.added_mass) for name, step in runs],
+            **journal.of_model,
         )
 
     def _write_manifest(self) -> None:

@@ -28,7 +28,9 @@ NOISES = 5.0
 SOFT = 0.9
 """Share of a limit of angle or speed at which a run is cut: the rest is for the brake."""
 
-_HARD = 1.25  # times the largest angle, at which the drive is off at once
+HARD = 1.25
+"""Times the largest angle, at which the drive is off at once."""
+
 _RESCUE = 0.15  # s beyond a limit, in which a cut or a brake has to help
 _LATE = 0.1  # s between two readings, beyond which the drive was not under control
 _LAG = 0.01  # s, of the speed that is guarded
@@ -314,7 +316,7 @@ class MotionGuard:
         """Raise `SafetyStop` where limits are left for too long, or by too much."""
         limits = self.limits
         coming = abs(away) + 2 * self._step * max(math.copysign(1.0, away) * self.rate, 0.0)
-        if coming > _HARD * limits.angle:
+        if coming > HARD * limits.angle:
             raise SafetyStop(
                 f"the joint is {abs(away):.3g} rad from rest, beyond its limit of "
                 f"{limits.angle:g} rad, and keeps going: neither the brake nor "

@@ -50,7 +50,7 @@ _VERBS = {
     "compare": _Verb((), without=("data", "hand_mass"), described=False),
     "run": _Verb(("experiment",), described=False),
     "simulate": _Verb(("experiment", "out")),
-    "campaign": _Verb(("robot",), without=("callbacks", "change", "known", "step")),
+    "campaign": _Verb(("robot",), without=("callbacks", "change", "known", "pose", "step")),
 }
 _UNSAID = {"method", "track", "overwrite"}
 """Parameters of verbs that are no options here: one of a fit; a bar; an option of all commands."""

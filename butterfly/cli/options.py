@@ -92,6 +92,7 @@ class Facts:
     model: Annotated[Path | None, _fact("model", metavar="FILE")] = None
     of: Annotated[str | None, _fact("of", "Or: all.", metavar="JOINT")] = None
     pose: Annotated[str | None, _POSE] = None
+    clamped: Annotated[bool, _fact("clamped", negative="")] = False
     zero: Annotated[str | None, _ZERO] = None
     root: Annotated[Path | None, _ROOT] = None
     intersample: Annotated[Literal["zero_order_hold", "first_order_hold"] | None, _HOLD] = None
@@ -109,7 +110,7 @@ class Facts:
             for name in ("columns", "units", "known", "loop", "pose")
             if values[name] is not None
         }
-        values["repair"] = values["repair"] or None
+        values["repair"], values["clamped"] = values["repair"] or None, values["clamped"] or None
         values["split"] = "restarts" if values.pop("restarts") else None
         del values["root"]
         values |= {"from": values.pop("begin", None), "to": values.pop("end", None)}
@@ -212,6 +213,17 @@ def parse_floats(text: str | None) -> list[float] | None:
         return [float(part) for part in text.split(",")]
     except ValueError:
         raise InputError("--masses", "number", text, "numbers separated by commas") from None
+
+
+def parse_positions(text: str) -> dict[str, float]:
+    """Read NAME=NUMBER pairs separated by commas."""
+    positions = {}
+    for name, number in parse_pairs(text, "--pose").items():
+        try:
+            positions[name] = float(number)
+        except ValueError:
+            raise InputError("--pose", name, number, "a number in rad or m") from None
+    return positions
 
 
 def parse_names(text: str | None) -> tuple[str, ...]:

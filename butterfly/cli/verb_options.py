@@ -378,6 +378,9 @@ class CampaignKeywords(TypedDict):
     current: float | None
     seconds: float
     price: float
+    model: Path | None
+    of: str | None
+    clamped: bool
 
 
 @Parameter(name="*")
@@ -411,6 +414,13 @@ class OptionsOfCampaign:
         Largest robot time in s.
     price
         What a change of mass costs, in s of robot time.
+    model
+        MJCF or URDF of the robot. It gives the joint's gravity, and bounds command and angle by its
+        effort and range. The motor's angles are those of the file.
+    of
+        Name of the joint in that model.
+    clamped
+        Whether the other joints of that model are clamped: a campaign records none of them.
     """
 
     out: Annotated[Path | None, OUT, FOLDER] = None
@@ -423,6 +433,9 @@ class OptionsOfCampaign:
     current: Annotated[float | None, Parameter(metavar="A")] = None
     seconds: Annotated[float, Parameter(metavar="s")] = 600.0
     price: Annotated[float, Parameter(metavar="s")] = 120.0
+    model: Path | None = None
+    of: str | None = None
+    clamped: bool = False
 
     def keywords(self) -> CampaignKeywords:
         """Return them as `butterfly.campaign` takes them."""
@@ -437,6 +450,9 @@ class OptionsOfCampaign:
             "current": self.current,
             "seconds": self.seconds,
             "price": self.price,
+            "model": self.model,
+            "of": self.of,
+            "clamped": self.clamped,
         }
 
 

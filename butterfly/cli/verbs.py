@@ -31,6 +31,7 @@ from butterfly.cli.options import (
     Report,
     parse_names,
     parse_pairs,
+    parse_positions,
 )
 from butterfly.cli.output import ExitCode, asked, put, say, show, show_progress, warn
 from butterfly.cli.verb_options import (
@@ -302,12 +303,16 @@ def compare(
     return show(bf.changed(data, other), **vars(page))
 
 
+_POSE = "Positions of the other joints of --model: NAME=VALUE, by commas. Default: its keyframe."
+
+
 def campaign(
     robot: Annotated[Path, _says("campaign.robot")],
     /,
     *,
     options: OptionsOfCampaign = CAMPAIGN,
     known: Annotated[tuple[str, ...], Parameter(help="Known value: NAME=VALUE. Repeatable.")] = (),
+    pose: Annotated[str | None, Parameter(metavar="PAIRS", help=_POSE)] = None,
     yes: Annotated[
         bool,
         Parameter(negative="", help="Begin without waiting for Enter, also without a keyboard."),
@@ -320,6 +325,7 @@ def campaign(
 
     keywords = options.keywords()
     pairs = parse_pairs(",".join(known), "--known") if known else None
+    places = None if pose is None else parse_positions(pose)
     moves, keyboard = names_motor(str(robot)), sys.stdin.isatty()
     if moves and not keyboard:
         if not yes:
@@ -333,7 +339,9 @@ def campaign(
     folder = shlex.quote(str(options.out or "campaign"))
     state = f"the drive is off; finished runs are kept in {folder}, and the same command continues"
     try:
-        answer = bf.campaign(robot, **keywords, known=pairs, change=change, callbacks=terminal)
+        answer = bf.campaign(
+            robot, **keywords, known=pairs, pose=places, change=change, callbacks=terminal
+        )
     except KeyboardInterrupt:
         raise StoppedError(f"stopped: {state}") from None
     except LeftOnError:

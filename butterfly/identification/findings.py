@@ -28,12 +28,14 @@ class FindingKind(StrEnum):
     POOR_FIT = "poor-fit"
     NO_INERTIA = "no-inertia"  # p1 with the least added inertia
     NEGATIVE = "negative"  # parameters that cannot be negative
+    LOGS_LOST = "logs-lost"  # a quarter of the logs or more that are not followed; of how many
     SEARCH_STOPPED = "search-stopped"  # seconds; the parameters name what was skipped
     SUSPECTED = "suspected-slip"  # a unit error that hardly moves the values; the factor
     ASKED = "asked-slip"  # one that no motion can show; the mass in kg
     EARLY = "early"  # a delay below 0
     NEGATIVE_GAIN = "negative-gain"
     SOURCES_CONFLICT = "sources-conflict"  # standard uncertainties between two given values
+    NEIGHBOURS_UNSEEN = "neighbours-unseen"  # other joints without columns, not said to be clamped
     NEIGHBOURS_MOVED = "neighbours-moved"  # other joints; rad by which they moved, uncorrected
     CONTRADICTED = "contradicted"  # physical parameters below 0; standard errors
     # p4, the unit that the input was taken in, another in its file, its place, its kind of input
@@ -75,7 +77,7 @@ class FindingKind(StrEnum):
     FOLLOWED = "followed"  # rms error of free runs, over the rms motion
     MISFIT = "misfit"  # error of free runs, over the sensor noise
     NO_MISFIT = "no-misfit"  # the same, where sensor noise explains it
-    NEIGHBOURS_STILL = "neighbours-still"  # other joints without columns, taken to stand still
+    NEIGHBOURS_STILL = "neighbours-still"  # other joints without columns, said to be clamped
     # other joints; the torque that their motion made, over that of the drive, rms
     NEIGHBOURS_CORRECTED = "neighbours-corrected"
     ABSOLUTE = "absolute"
@@ -92,7 +94,8 @@ _DOUBTING = {
     *(FindingKind.SEARCH_STOPPED, FindingKind.APPROXIMATE, FindingKind.ASKED),
     *(FindingKind.SOURCES_CONFLICT, FindingKind.CONTRADICTED),
     *(FindingKind.KNOWN_CONFLICT, FindingKind.PRIOR_CONFLICT, FindingKind.UNIT_UNREAD),
-    *(FindingKind.MOTOR_CONFLICT, FindingKind.NEIGHBOURS_MOVED),
+    *(FindingKind.MOTOR_CONFLICT, FindingKind.LOGS_LOST),
+    *(FindingKind.NEIGHBOURS_UNSEEN, FindingKind.NEIGHBOURS_MOVED),
 }
 _GRAVITY = {str(kind): number for number, kind in enumerate(FindingKind)}
 

@@ -8,23 +8,23 @@ wrong, free runs of the logs, their residuals, and the verdict on these.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
 
-from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import DEFAULT_ESTIMATOR, Estimator, WeakForm
 from butterfly.identification.estimators.assumptions import as_taken
 from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.free_run import FreeRun, WholeRuns
+from butterfly.identification.free_run import LEAST_FIT, FreeRun, WholeRuns
 from butterfly.identification.identified import Identified, try_parameters
 from butterfly.identification.limits import Rival
+from butterfly.identification.parameter import FEW
 from butterfly.identification.physical import (
     BETTER_METHOD,
     is_possible,
@@ -114,7 +114,7 @@ def diagnose(
         *judge_physics(estimate, data.masses),
         *([data.correction] if data.correction else []),
         *data.remarks,
-        *_poor_fit(data, estimator, data.simulations.followed(estimate, followed)),
+        *_unfollowed(data, estimator, estimate, followed),
         *residuals.findings,
         *judge_input(estimate, data.input_kind),
         *judge_units(data),
@@ -136,11 +136,20 @@ def diagnose(
     return sure.with_findings(stopped)
 
 
-def _poor_fit(data: DataSet, estimator: Estimator, fits: Samples) -> list[Finding]:
-    """Return the finding of (n,) poor FITs, with a method that does better, or none."""
-    return [
-        replace(finding, parameters=_better_method(data, estimator)) for finding in judge_fit(fits)
-    ]
+def _unfollowed(
+    data: DataSet, estimator: Estimator, estimate: Estimate, numbers: Sequence[int]
+) -> list[Finding]:
+    """Return the finding that logs of some numbers are not followed, most or some, or none.
+
+    Where most are not, it names a method that does better.
+    """
+    fits = data.simulations.followed(estimate, numbers)
+    if poor := judge_fit(fits):
+        return [replace(finding, parameters=_better_method(data, estimator)) for finding in poor]
+    lost = [data.logs[k].name for k, fit in zip(numbers, fits, strict=True) if not fit >= LEAST_FIT]
+    if len(numbers) - len(lost) > FEW * len(lost):  # so many that follow allow to leave it out
+        return []
+    return [Finding(FindingKind.LOGS_LOST, number=float(len(numbers)), logs=tuple(lost))]
 
 
 def _better_method(data: DataSet, estimator: Estimator) -> tuple[str, ...]:

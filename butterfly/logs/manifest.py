@@ -220,6 +220,8 @@ class Manifest(StrictModel):
     """Name of the joint in that model."""
     pose: Annotated[dict[str, float], _Rule.ADDS] = Field(default={})
     """Positions of the model's other joints in rad or m. Default: their columns, its keyframe."""
+    clamped: bool = False
+    """Whether the model's other joints without columns are clamped, and cannot give way."""
     link_masses: LinkMasses = LinkMasses()
     """Uncertainty of that model's masses: 5 % (0.05), one factor for all."""
     facts: ModelFacts | None = None
@@ -379,7 +381,7 @@ class Manifest(StrictModel):
 
 _SELDOM = (
     *("shape", "sign", "loop", "encoder", "joint", "gravity", "known", "zeros", "units", "holdout"),
-    *("pose", "link_masses"),
+    *("pose", "clamped", "link_masses"),
 )
 """Fields that are not written at their default."""
 

@@ -498,11 +498,19 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "{percent:.1g} "
         "%, and the others by a smaller part of their intervals, which include this."
     ),
+    FindingKind.LOGS_LOST: (
+        "The model does not follow {logs} (FIT below 50 %) of {used}: look at them, or leave them "
+        "out."
+    ),
+    FindingKind.NEIGHBOURS_UNSEEN: (
+        "Nothing shows whether {names} stood still: motors that give way by 10 to 40 mrad move p1 "
+        "by 1 to 3 %. Record their positions too, or say that they are clamped (--clamped)."
+    ),
     FindingKind.NEIGHBOURS_MOVED: (
         "{names} moved by up to {number:.2g} rad (or m), which is not corrected: hold them, or "
         "give p4 (their torque is then subtracted from the input)."
     ),
-    FindingKind.NEIGHBOURS_STILL: "Assumed to stand still, as their columns are missing: {names}.",
+    FindingKind.NEIGHBOURS_STILL: "Clamped, as you say: {names}.",
     FindingKind.NEIGHBOURS_CORRECTED: (
         "The motion of "
         "{names} "

@@ -46,6 +46,8 @@ class ModelRow:
     """What the file says; None where it says nothing."""
     writes: bool = True
     """Whether the file can hold it."""
+    term: str = ""
+    """Of the servo's loop, that it carries."""
 
     @property
     def inside(self) -> bool | None:
@@ -139,7 +141,7 @@ def _of_actuators(facts: ModelFacts, identified: Identified) -> Iterator[ModelRo
     estimate = identified.estimate
     kind, gain = InputKind(identified.origin["input"]), estimate.parameters.p4
     share = _relative(estimate, "p4")
-    drive = _drive(identified) if kind is InputKind.SETPOINT else None
+    drive = _drive(identified) if _is_servo(identified) else None
     for actuator in facts.actuators[:1]:
         element = actuator.shortcut
         about: dict[str, Any] = {"element": element, "name": actuator.name}
@@ -157,18 +159,22 @@ def _of_actuators(facts: ModelFacts, identified: Identified) -> Iterator[ModelRo
                 writes=element == "motor" and not facts.rotors,
             )
         if drive is not None and drive[0]:
-            rows = {"kp": (drive[0], f"{force}/{way}", actuator.kp)}
-            rows |= {"kv": (drive[1], f"{force} s/{way}", actuator.kv)} if drive[1] else {}
-            for attribute, (value, unit, now) in rows.items():
+            rows = {"kp": (drive[0], f"{force}/{way}", actuator.kp, "loop_kp")}
+            if drive[1]:
+                rows["kv"] = (drive[1], f"{force} s/{way}", actuator.kv, "loop_kd")
+            for attribute, (value, unit, now, term) in rows.items():
+                wide = share + _relative(estimate, term)
+                wide += _relative(estimate, "back_emf") if attribute == "kv" else 0.0
                 squared = actuator.gear**2
                 yield ModelRow(
                     **about,
                     attribute=attribute,
                     unit=unit,
                     value=value / squared,
-                    half_width=share * abs(value) / squared,
+                    half_width=wide * abs(value) / squared,
                     now=now / squared,
                     writes=element == "position",
+                    term=term,
                 )
         if drive is not None and math.isfinite(drive[2]):
             yield ModelRow(
@@ -179,6 +185,12 @@ def _of_actuators(facts: ModelFacts, identified: Identified) -> Iterator[ModelRo
                 half_width=share * drive[2] / abs(actuator.gear),
                 now=actuator.effort and actuator.effort / abs(actuator.gear),
             )
+
+
+def _is_servo(identified: Identified) -> bool:
+    """Whether the logs are of set-points, from which the law of a servo makes the input."""
+    manifest = identified.origin.get("manifest") or {}
+    return bool(manifest.get("input") == InputKind.SETPOINT.value)
 
 
 def _drive(identified: Identified) -> tuple[float, float, float, float]:

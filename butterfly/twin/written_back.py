@@ -170,7 +170,7 @@ def _of_actuator(
     if actuator.by_ratio and ("armature" in rows or "kv" in drive):
         drive = {"kv": _number(actuator.kv / actuator.gear**2)} | drive | {"dampratio": None}
     delay = result.estimate.parameters.delay
-    if "gear" in drive and delay > max(NO_DELAY, step / 2):
+    if ("gear" in drive or "kp" in drive) and delay > max(NO_DELAY, step / 2):
         late = max(round(delay / step), 1)
         drive |= {"delay": _number(late * step), "nsample": str(late + 1), "interp": "zoh"}
     return drive
@@ -195,8 +195,11 @@ def _notes(facts: ModelFacts, result: Identified) -> Iterator[str]:
             yield f"{row.attribute} is not written: {value} {why}."
         else:
             yield f"{row.attribute} is not written: {value} has no place in {facts.file}."
-    estimate = result.estimate
-    if rest := beyond(estimate.parameters, held_by("model")):
+    estimate, data = result.estimate, result.data
+    if any(log.closed for log in data.logs) and not _servo_of(facts):
+        yield f"No set-points are played: {facts.file} has no position actuator with a name there."
+    held = {*held_by("model"), *(row.term for row in model_rows(result) if row.writes)}
+    if rest := beyond(estimate.parameters, held):
         yield f"The file cannot carry {listed(estimate.parameters, rest, 'unit')}."
     _, moment = facts.bare
     if moment and "p3" in estimate.names and facts.kind is JointKind.HINGE:
@@ -217,10 +220,15 @@ def _fits(result: Identified, path: Path) -> dict[str, tuple[float, float]]:
     fits = {}
     for number, (log, entry) in enumerate(zip(data.logs, data.manifest.logs, strict=True)):
         setting = data.simulations.setting(number, result.estimate)
-        if log.integrated:
-            continue
-        fits[f"{facts.joint}, {log.name}"] = _fit(path, facts, log.opened, entry, setting)
+        if not log.integrated and (not log.closed or _servo_of(facts)):
+            fits[f"{facts.joint}, {log.name}"] = _fit(path, facts, log, entry, setting)
     return fits
+
+
+def _servo_of(facts: ModelFacts) -> str | None:
+    """Return the name of the joint's position actuator, which set-points command, if it has one."""
+    named = (drive.name for drive in facts.actuators[:1] if drive.shortcut == "position")
+    return next(named, None)
 
 
 def _fit(
@@ -230,18 +238,20 @@ def _fit(
     robot = JointOfModel.of(path, facts.joint)
     pose = entry.pose or {}
     shift = setting.zero - robot.pose_facts(pose).zero if facts.bare[1] else 0.0
-    alone, p = JointAlone(robot, pose), setting.parameters
+    alone, p = JointAlone(robot, pose, _servo_of(facts) if log.closed else None), setting.parameters
     simulation = setting.simulation(log)
     motion = simulation.run(p, setting.zero, setting.velocity)
-    stamps, commands = log.command
-    delivered = p.p4 * p.drive.delivered(commands)
+    if log.closed:
+        stamps, commands = log.goal[0], log.goal[1] - shift
+    else:
+        stamps, commands = log.command[0], p.p4 * p.drive.delivered(log.command[1])
     begins = [grid[0] for grid, *_ in motion.pieces[1:]]
     groups = np.split(log.time, np.searchsorted(log.time, begins))
     moved: list[Samples] = []
     for (grid, angle, velocity), instants in zip(motion.pieces, groups, strict=True):
         count = max(math.ceil((instants[-1] - grid[0]) / alone.step - 1e-9), 1)
         edges = grid[0] + alone.step * np.arange(count + 1)
-        torques = hold.mean(stamps, delivered, edges - p.delay, log.between_samples)
+        torques = hold.mean(stamps, commands, edges - p.delay, log.between_samples)
         angles = alone.moved(torques, angle[0] - shift, velocity[0])
         moved.append(np.interp(instants, edges, angles) + shift)
     with np.errstate(over="ignore", invalid="ignore"):

@@ -7,9 +7,11 @@ import pytest
 
 import butterfly as bf
 from butterfly.cli import output
+from butterfly.errors import InputError
 from butterfly.model.parameters import NO_ADDED_MASS
 from butterfly.model.prior import Prior
 from tests.campaigns.ended import BREAKAWAY, FIT, WISH, shares_of, step, told, within_goal
+from tests.campaigns.robots import TRUE, Faulty
 
 
 @pytest.fixture(scope="module")
@@ -114,3 +116,82 @@ def test_a_command_prints_the_goal_above_the_verdict_and_keeps_both_if_quiet(
     monkeypatch.setattr(output, "asked", output.OutputOptions(quiet=True))
     output.show(reached)
     assert capsys.readouterr().out.splitlines() == list(reached.summary[:4])
+
+
+ARM = """<mujoco><worldbody><body><joint name="lift" axis="0 1 0" range="-60 60" armature="0.003"
+  actuatorfrcrange="-0.04 0.04"/><inertial pos="0 0 -0.1" mass="0.04" diaginertia="1e-5 1e-5 1e-5"/>
+  <body pos="0 0 -0.1"><joint name="grip" axis="1 0 0"/><joint name="rail" type="slide"/>
+  <inertial pos="0 0 0" mass="0.011" diaginertia="1e-5 1e-5 1e-5"/></body></body></worldbody>
+</mujoco>"""
+"""A joint with the gravity moment of `tests.campaigns.robots.TRUE`."""
+
+LIFT = {"of": "lift", "clamped": True, "known": {"p4": TRUE.p4}}
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory):
+    path = tmp_path_factory.mktemp("model") / "arm.xml"
+    path.write_text(ARM)
+    return path
+
+
+def _on_arm(arm, out, motor, **options):
+    return bf.campaign(motor, out=out, step=0.002, command=0.2, **(LIFT | {"model": arm}) | options)
+
+
+@pytest.fixture(scope="module")
+def on_arm(arm, tmp_path_factory):
+    """The motor of a joint of a model, and its campaign."""
+    out, motor = tmp_path_factory.mktemp("campaign") / "lift", Faulty("")
+    return out, motor, _on_arm(arm, out, motor)
+
+
+def test_a_campaign_on_a_joint_of_a_model_needs_no_mass_and_keeps_what_the_file_allows(on_arm):
+    out, motor, answer = on_arm
+    assert answer.content["reached"]
+    assert answer.content["changes"] == 0
+    assert max(map(abs, motor.commands)) <= 0.04 / TRUE.p4
+    (said,) = [text for text in answer.summary if text.startswith("By lift of arm.xml")]
+    assert "at most 0.838 rad from rest" in said
+    assert "commands up to 0.133" in said
+    manifest = bf.read(out).manifest
+    assert (manifest.of, manifest.clamped, manifest.facts.file) == ("lift", True, "arm.xml")
+
+
+def test_identify_says_of_its_folder_what_the_file_lacks(on_arm):
+    rows = {row["attribute"]: row for row in bf.identify(on_arm[0]).to_dict()["model"]}
+    links = 0.051 * 0.1**2 + 2e-5
+    assert rows["armature"]["lower"] <= TRUE.p1 - links <= rows["armature"]["upper"]
+    assert rows["armature"]["in_file"] == 0.003
+
+
+def test_a_campaign_of_one_joint_does_not_go_on_with_another(on_arm):
+    with pytest.raises(InputError, match="lift, in the pose and model") as refused:
+        bf.campaign(Faulty(""), out=on_arm[0], command=0.2, known={"p4": TRUE.p4})
+    assert refused.value.field == "of"
+
+
+@pytest.mark.parametrize(
+    ("options", "field"),
+    [
+        ({"clamped": False}, "clamped"),
+        ({"of": None}, "model"),
+        ({"model": None}, "of"),
+        ({"of": "lid"}, "joint"),
+        ({"of": "rail"}, "joint"),
+        ({"pose": {"lid": 1.0}}, "pose.lid"),
+    ],
+)
+def test_what_a_campaign_cannot_do_with_a_model_is_refused(arm, tmp_path, options, field):
+    motor = Faulty("")
+    with pytest.raises(InputError) as refused:
+        _on_arm(arm, tmp_path / "a", motor, **options)
+    assert refused.value.field == field
+    assert not motor.commands
+
+
+def test_a_joint_that_hangs_outside_of_its_range_is_refused(tmp_path):
+    turned = tmp_path / "turned.xml"
+    turned.write_text(ARM.replace('range="-60 60"', 'range="90 200"'))
+    with pytest.raises(InputError, match=r"outside of 1\.57 to 3\.49"):
+        _on_arm(turned, tmp_path / "a", Faulty(""))

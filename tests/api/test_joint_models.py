@@ -30,7 +30,7 @@ def still(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def read_still(still):
-    return bf.read(still, **TORQUE, **KNOWN, pose=POSE)
+    return bf.read(still, **TORQUE, **KNOWN, pose=POSE, clamped=True)
 
 
 @pytest.fixture(scope="module")
@@ -65,9 +65,33 @@ def test_the_attributes_of_the_joint_are_found_in_their_intervals(answer, attrib
     assert row["upper"] - row["lower"] < 0.2 * TRUTH[attribute]
 
 
-def test_the_first_line_says_what_is_assumed_of_joints_without_columns(answer):
-    assert answer.verdict[0].endswith(
-        "Assumed to stand still, as their columns are missing: pan, shoulder, wrist, roll."
+def test_clamped_joints_are_good_without_columns_and_the_first_line_says_so(answer):
+    assert answer.standing == "good"
+    assert answer.verdict[0].endswith("Clamped, as you say: pan, shoulder, wrist, roll.")
+
+
+def test_joints_without_columns_that_nobody_says_are_clamped_are_at_best_use_with_care(still):
+    answer = bf.identify(bf.read(still, **TORQUE, **KNOWN, pose=POSE))
+    assert answer.standing == "use with care"
+    assert "whether pan, shoulder, wrist, roll stood still" in answer.verdict[0]
+    assert "--clamped" in answer.verdict[0]
+
+
+def test_a_log_of_wrist_roll_alone_is_none_of_wrist(tmp_path):
+    logs = write_logs(tmp_path, "elbow", [POSE])
+    text = (logs / "0.csv").read_text().replace("elbow", "wrist_roll")
+    (logs / "0.csv").write_text(text)
+    model = tmp_path / "arm.xml"
+    model.write_text(ARM.read_text().replace('"roll"', '"wrist_roll"'))
+    asked = {"model": model, "input": "torque"}
+    with pytest.raises(InputError, match="those of wrist_roll") as refused:
+        bf.read(logs, **asked, of="wrist")
+    assert refused.value.field == "columns"
+    assert (
+        bf.read(logs, **asked, of="wrist_roll")
+        .manifest.logs[0]
+        .columns["angle"]
+        .startswith("wrist_roll")
     )
 
 

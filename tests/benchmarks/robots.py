@@ -20,7 +20,8 @@ from butterfly.twin.model_rows import facts_of
 from butterfly.verdict import Level
 from tests.benchmarks.coverage import each_met, options
 from tests.benchmarks.kept import command, keep
-from tests.independent.whole_robots import FILES, draw, file_of
+from tests.independent.robot_plants import Hidden
+from tests.independent.whole_robots import FILES, Truth, draw, file_of
 
 ASKED = ("p1", "armature", "damping", "frictionloss")
 """What is compared with the truth."""
@@ -99,7 +100,7 @@ def main(arguments=None):
     parser.add_argument("--model", nargs="*", choices=FILES, default=list(FILES))
     parser.add_argument("--joint", nargs="*", help="of these joints alone")
     parser.add_argument("--of", type=int, nargs="*", help="numbers of the cases, instead")
-    parser.add_argument("--logs", help="folder to keep the logs in")
+    parser.add_argument("--logs", help="folder of the logs: kept there, or drawn before")
     asked = parser.parse_args(arguments)
     jobs = []
     for model in asked.model:
@@ -119,18 +120,12 @@ def main(arguments=None):
 
 def meet(model: str, joint: str, number: int, seed: int = 1, kept: str | None = None) -> Case:
     """Identify a joint as its owner would; a refusal or a crash is an answer too."""
-    robot = draw(model, joint, number, seed)
     with tempfile.TemporaryDirectory() as temporary:
-        folder = Path(temporary)
-        if kept:
-            folder = Path(kept) / f"{model}-{joint}-{number}"
-            folder.mkdir(parents=True, exist_ok=True)
-        told = robot.write(folder, seed)
-        if kept:
-            (folder / "told.json").write_text(json.dumps(told), encoding="utf-8")
+        place = Path(kept or temporary) / f"{model}-{joint}-{number}-seed-{seed}"
+        robot, folder = _drawn(place, model, joint, number, seed), place / "logs"
         began, answer = time.process_time(), {}
         try:
-            found = bf.identify(bf.read(folder, **told))
+            found = bf.identify(bf.read(folder, **robot.facts))
         except ButterflyError as refusal:
             answer = {"refused": str(refusal).replace(f"{folder}/", "")}
         except Exception as crash:  # it is counted, not hidden
@@ -148,6 +143,18 @@ def meet(model: str, joint: str, number: int, seed: int = 1, kept: str | None = 
         seconds=time.process_time() - began,
         **answer,
     )
+
+
+def _drawn(place, model, joint, number, seed):
+    """Return the truth of a case whose logs are in a folder; they are drawn if they are not."""
+    truth = place / "truth.json"
+    if not truth.exists():
+        robot = draw(model, joint, number, seed)
+        (place / "logs").mkdir(parents=True, exist_ok=True)
+        robot.write(place / "logs", seed)
+        truth.write_text(json.dumps(asdict(robot.truth)), encoding="utf-8")
+    content = json.loads(truth.read_text(encoding="utf-8"))
+    return Truth(**content | {"hidden": Hidden(**content["hidden"])})
 
 
 def _answer(found, robot):

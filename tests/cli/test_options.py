@@ -2,7 +2,13 @@
 
 import pytest
 
-from butterfly.cli.options import DataOptions, parse_names, parse_numbers, parse_pairs
+from butterfly.cli.options import (
+    DataOptions,
+    parse_names,
+    parse_numbers,
+    parse_pairs,
+    parse_positions,
+)
 from butterfly.errors import InputError
 
 SAID = DataOptions(
@@ -40,3 +46,15 @@ def test_lists_are_told_apart_by_commas_and_nothing_is_no_list():
 def test_a_pair_without_its_value_is_refused_by_the_name_of_its_option(text):
     with pytest.raises(InputError, match=r"--columns: .*NAME=VALUE"):
         parse_pairs(text, "--columns")
+
+
+def test_clamped_joints_are_said_and_said_again():
+    clamped = DataOptions(clamped=True)
+    assert clamped.description() == {"clamped": True}
+    assert clamped.words() == ["--clamped"]
+
+
+def test_positions_are_numbers_by_the_names_of_joints():
+    assert parse_positions("wrist=0.5, grip=-1") == {"wrist": 0.5, "grip": -1.0}
+    with pytest.raises(InputError, match="wrist: got half; expected a number"):
+        parse_positions("wrist=half")

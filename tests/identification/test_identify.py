@@ -10,6 +10,8 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import OutputError
 from butterfly.identification.estimators.assumptions import weigh_by_scatter
 from butterfly.identification.findings import FindingKind
+from butterfly.identification.identify import diagnose, identify, simulated
+from butterfly.identification.residuals import residuals_of
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, noisy, wild
 
@@ -102,3 +104,16 @@ def test_the_whole_is_its_steps(data):
     found, whole = FREE.infer(problem, FREE.weigh(problem, fit)), FREE(data)
     assert found.named == whole.named
     np.testing.assert_array_equal(found.lower, whole.lower)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_quarter_of_the_logs_that_are_not_followed_make_it_use_with_care(data, count):
+    found = identify(data, BARE)
+    lost = [replace(log, angle=-log.angle) for log in data.logs[:count]]
+    some = DataSet.of([*lost, *data.logs[count:]])
+    run = simulated(some, found.estimate)
+    sure = diagnose(some, BARE, run.estimate, residuals_of(some, run.estimate, run.runs))
+    said = [finding for finding in sure.findings if finding.kind is FindingKind.LOGS_LOST]
+    assert [finding.logs for finding in said] == [tuple(log.name for log in lost)] * (count > 1)
+    assert FindingKind.POOR_FIT not in {finding.kind for finding in sure.findings}
+    assert all(finding.doubts for finding in said)

@@ -77,6 +77,19 @@ def file_of(model: str) -> Path | None:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Truth:
+    """What is true of a joint whose logs are written, and what its owner says of them."""
+
+    hidden: Hidden
+    rotors: float
+    others: str
+    known: str
+    what: str
+    facts: dict
+    """What the owner tells ``butterfly.read``."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class WholeRobot:
     """A joint of a robot, its logs and the truth."""
 
@@ -111,15 +124,39 @@ class WholeRobot:
         columns = " with columns" if self.columns and self.others == "fixed" else ""
         return f"{self.others}{columns}{moved}, known {self.known}, {way}{friction}"
 
+    @property
+    def facts(self) -> dict:
+        """What the owner tells ``butterfly.read`` with the folder.
+
+        Whoever held the others exactly knows that they are clamped; whoever let motors hold them
+        knows their pose alone.
+        """
+        facts = {"model": str(self.path), "of": self.joint, "input": self.command}
+        if self.known == "gain":
+            facts["known"] = {"p4": 1.0}
+        if self.known != "poses" and not self.columns:
+            facts["pose"] = self.poses[0]
+        return facts | ({"clamped": True} if self.others == "fixed" else {})
+
+    @property
+    def truth(self) -> Truth:
+        """All of it that stays when the logs are written."""
+        names = ("hidden", "rotors", "others", "known", "what", "facts")
+        return Truth(**{name: getattr(self, name) for name in names})
+
+    @property
+    def command(self) -> str:
+        """Kind of the input."""
+        return "torque" if self.gain == 1.0 else "current"
+
     def write(self, folder: Path, seed: int = 0) -> dict:
-        """Write the logs as CSV; return what the owner tells ``butterfly.read`` with the folder."""
+        """Write the logs as CSV; return what the owner tells of them (`facts`)."""
         rng = np.random.default_rng(seed)
-        command = "torque" if self.gain == 1.0 else "current"
         entries = []
         for number, (log, pose) in enumerate(zip(self.recordings, self.poses, strict=True)):
             columns = {
                 "time": log.time,
-                f"{self.joint}_{command}": log.input,
+                f"{self.joint}_{self.command}": log.input,
                 f"{self.joint}_position": log.angle,
             }
             if self.columns:
@@ -130,16 +167,11 @@ class WholeRobot:
             table = np.column_stack([*columns.values()])
             np.savetxt(folder / name, table, "%.9g", ",", header=",".join(columns), comments="")
             entries.append({"file": name, "pose": pose})
-        told = {"model": str(self.path), "of": self.joint, "input": command}
-        if self.known == "gain":
-            told["known"] = {"p4": 1.0}
         if self.known == "poses":
             lines = [f"  - {{file: {e['file']}, pose: {_flow(e['pose'])}}}" for e in entries]
-            head = [f"name: {self.joint}", f"input: {command}", "logs:"]
+            head = [f"name: {self.joint}", f"input: {self.command}", "logs:"]
             (folder / "manifest.yaml").write_text("\n".join([*head, *lines, ""]), encoding="utf-8")
-        elif not self.columns:
-            told["pose"] = self.poses[0]
-        return told
+        return self.facts
 
 
 def _flow(pose):

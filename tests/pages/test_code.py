@@ -56,6 +56,7 @@ NOT_RUN = {
     "butterfly compare spring.json autumn.json": "next year; test_change",
     "butterfly manifest FOLDER --input setpoint": "a servo of somebody; docs/servo.md has one",
     "butterfly identify FOLDER --model ROBOT.xml": "a robot of somebody; docs/my-arm.md has one",
+    "butterfly campaign my_robot:motor --model": "a robot of somebody; tests/api/test_campaigns",
     "butterfly export arm_elbow.json arm_wrist.json --into ROBOT.xml": "the same",
     "butterfly export unit1.json unit2.json unit3.json": "units of somebody; tests/cli/test_robot",
 }

@@ -19,6 +19,7 @@ from butterfly.verdict import Level
 from tests.report.setting import estimate_with
 
 NUMBERS = {
+    FindingKind.LOGS_LOST: (4.0, "of 4 logs"),
     FindingKind.NEIGHBOURS_MOVED: (0.025, "0.025 rad"),
     FindingKind.NEIGHBOURS_CORRECTED: (0.07, "7 %"),
     FindingKind.UNREPEATED: (-0.112, "11 % smaller in second"),

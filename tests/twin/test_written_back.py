@@ -11,7 +11,7 @@ import butterfly as bf
 from butterfly.errors import InputError
 from butterfly.twin.robot_text import Edit, with_attributes
 from butterfly.twin.written_back import write_back
-from tests.arm_logs import ARM, TRUTH, write_logs
+from tests.arm_logs import ARM, SERVO, TRUTH, write_logs, write_servo_log
 
 POSE = {"pan": 0.0, "shoulder": 0.3, "wrist": 0.4, "roll": 0.0}
 
@@ -19,7 +19,7 @@ POSE = {"pan": 0.0, "shoulder": 0.3, "wrist": 0.4, "roll": 0.0}
 def _read(logs, model):
     """The logs of the elbow, as of this model."""
     about = {"of": "elbow", "pose": POSE, "input": "torque", "known": {"p4": 1.0}}
-    return bf.read(logs, model=model, **about)
+    return bf.read(logs, model=model, clamped=True, **about)
 
 
 @pytest.fixture(scope="module")
@@ -134,3 +134,55 @@ def test_the_command_writes_what_the_method_does(answer, tmp_path, butterfly):
     assert "the written model has a median FIT of 99" in " ".join(printed.split())
     assert mujoco.MjModel.from_xml_path(str(out)).joint("elbow").armature[0] > 0.025
     assert json.loads((tmp_path / "elbow.json").read_text())["data"]["manifest"]["of"] == "elbow"
+
+
+SERVO_POSE = {"pan": 0.0, "shoulder": 0.3, "elbow": 0.5, "roll": 0.0}
+
+
+@pytest.fixture(scope="module")
+def servo(tmp_path_factory):
+    """The wrist, whose position actuator follows set-points; its gains are guesses."""
+    logs = tmp_path_factory.mktemp("servo")
+    for k in range(2):
+        write_servo_log(logs / f"{k}.csv", SERVO_POSE, seed=k)
+    gains = {name: {"value": value, "uncertainty": value} for name, value in _GUESSED.items()}
+    loop = {"law": "pid-torque", "limit": SERVO["forcerange"], "clock": 5e-4, **gains}
+    about = {"of": "wrist", "pose": SERVO_POSE, "clamped": True, "known": {"p4": 1.0}}
+    return bf.identify(bf.read(logs, model=ARM, input="setpoint", loop=loop, **about))
+
+
+_GUESSED = {"kp": 20.0, "kd": 0.4}
+
+
+@pytest.fixture(scope="module")
+def written_servo(servo, tmp_path_factory):
+    path = tmp_path_factory.mktemp("out") / "arm.xml"
+    return path, servo.write_back(ARM, path)
+
+
+def test_gains_of_a_servo_are_found_and_written_into_its_actuator(servo, written_servo):
+    path, back = written_servo
+    rows = {row["attribute"]: row for row in servo.to_dict()["model"]}
+    for name in ("kp", "kv"):
+        # the law holds its output for .5 ms, which MuJoCo's actuator does not
+        assert rows[name]["value"] == pytest.approx(SERVO[name], rel=0.01)
+        assert rows[name]["upper"] - rows[name]["lower"] < 0.05 * SERVO[name]
+    actuator = mujoco.MjModel.from_xml_path(str(path)).actuator("wrist")
+    assert actuator.gainprm[0] == pytest.approx(SERVO["kp"], rel=0.01)
+    assert actuator.biasprm[2] == pytest.approx(-SERVO["kv"], rel=0.03)
+    assert actuator.forcerange == pytest.approx([-SERVO["forcerange"], SERVO["forcerange"]])
+    assert not any("loop_k" in note for note in back.notes)
+
+
+def test_the_written_servo_follows_its_set_points_as_the_answer_does(written_servo):
+    for ours, theirs in written_servo[1].fits.values():
+        assert ours > 99
+        assert theirs > ours - 0.5
+
+
+def test_set_points_are_not_played_in_a_file_without_a_position_actuator(servo, tmp_path):
+    facts = servo.origin["manifest"]["facts"] | {"actuators": []}
+    origin = servo.origin | {"manifest": servo.origin["manifest"] | {"facts": facts}}
+    back = replace(servo, origin=origin).write_back(ARM, tmp_path / "out.xml")
+    assert not back.fits
+    assert any("has no position actuator" in note for note in back.notes)
