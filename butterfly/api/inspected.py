@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, fields, replace
 from functools import partial
@@ -94,7 +94,7 @@ def inspection_answer(
         for pair in health_rows(inspected.log, inspected.health)
     ]
     shared = shared_texts(seen)
-    columns = {
+    columns: dict[str, Callable[[Mapping[str, Any]], object]] = {
         **LOG_COLUMNS,
         "findings": lambda row: "; ".join(
             finding["text"] for finding in row["findings"] if finding["text"] not in shared
