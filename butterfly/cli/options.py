@@ -92,7 +92,7 @@ class Facts:
     model: Annotated[Path | None, _fact("model", metavar="FILE")] = None
     of: Annotated[str | None, _fact("of", "Or: all.", metavar="JOINT")] = None
     pose: Annotated[str | None, _POSE] = None
-    clamped: Annotated[bool, _fact("clamped", negative="")] = False
+    clamped: Annotated[bool, _fact("clamped", negative="", **_DETAIL)] = False
     zero: Annotated[str | None, _ZERO] = None
     root: Annotated[Path | None, _ROOT] = None
     intersample: Annotated[Literal["zero_order_hold", "first_order_hold"] | None, _HOLD] = None

@@ -14,7 +14,7 @@ OPTIONS = {
     for name, kind in vars(verb_options).items()
     if name.startswith("OptionsOf")
 }
-OF_COMMANDS = {"method", "track", "against", "bands", "result", "others"}
+OF_COMMANDS = {"pose", "method", "track", "against", "bands", "result", "others"}
 """What commands declare themselves, of all that a verb takes."""
 NO_OPTIONS = {"hand_mass", "callbacks", "change", "known", "step", "options", "description"}
 

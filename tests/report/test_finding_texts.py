@@ -66,6 +66,7 @@ OF_SCALES = {
 OF_LOGS = {
     FindingKind.STRAIGHT,  # whose sentence has a word of a manifest
     FindingKind.UNREPEATED,
+    FindingKind.LOGS_LOST,
     FindingKind.LEFT_OUT,
     FindingKind.UNPREDICTABLE,
     FindingKind.ZERO_GUESSED,
