@@ -16,6 +16,7 @@ from butterfly.api.sources import (
     holds_logs,
     is_data,
     is_run,
+    is_sweep,
     manifest_of,
     names_result,
     read,
@@ -62,7 +63,7 @@ from butterfly.report.numbers import estimate_numbers
 from butterfly.report.page import Page, PageTable, Section, views
 from butterfly.report.parameter_table import FORECAST_HEADERS, forecast_rows, forecast_sentences
 from butterfly.report.summary import zero_sentences
-from butterfly.result import SWEEP, Answer
+from butterfly.result import Answer
 from butterfly.twin.twin import Twin
 from butterfly.verdict import Level, Verdict
 
@@ -273,7 +274,7 @@ def inspect(
         If the source cannot be read, or a single log is unusable.
     """
     path = Path(source)
-    if is_run(path) or (path / SWEEP).exists() or _holds_results_alone(path):
+    if _holds_results_alone(path):
         given = {"logs": logs, "hand_mass": hand_mass, "added_mass": added_mass or None}
         return _shown(path, given | description, track)
     path = locate(path)
@@ -305,10 +306,14 @@ def inspect(
 
 
 def _holds_results_alone(path: Path) -> bool:
-    """Whether a path is a folder of results and no logs, or a saved result that is shown."""
-    if path.is_dir():
-        return bool(results_below(path)) and not holds_logs(path)
-    return names_result(path) and path.exists() and kind_of(path) not in {"", "identification"}
+    """Whether a path is a run, a folder of results and no logs, or a saved result that is shown."""
+    with suppress(OSError):  # a name that is too long names nothing
+        if is_run(path) or is_sweep(path):
+            return True
+        if path.is_dir():
+            return bool(results_below(path)) and not holds_logs(path)
+        return names_result(path) and path.is_file() and kind_of(path) not in {"", "identification"}
+    return False
 
 
 def _shown(path: Path, given: Mapping[str, Any], track: Track) -> Answer:

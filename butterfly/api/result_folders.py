@@ -10,7 +10,7 @@ from typing import Any
 
 from butterfly.api.experiments import RESULT, run_answer, sweep_answer
 from butterfly.api.saved import load
-from butterfly.api.sources import is_run, results_below
+from butterfly.api.sources import is_run, is_sweep, results_below
 from butterfly.errors import InputError
 from butterfly.experiment.record import OK, RunRecord
 from butterfly.experiment.store import ResultStore, table_file
@@ -19,7 +19,7 @@ from butterfly.logs.manifest import MANIFEST_NAME
 from butterfly.progress import Track, untracked
 from butterfly.report.format import counted, field_name
 from butterfly.report.page import PageTable, views
-from butterfly.result import SWEEP, Answer
+from butterfly.result import Answer
 from butterfly.verdict import VERDICTS
 
 
@@ -27,7 +27,7 @@ def results_answer(path: Path, *, track: Track = untracked) -> Answer:
     """Show the run, sweep or saved result that a path names, or list those in a folder."""
     if is_run(path):
         return _of_run(path.parent, path.name)
-    if (path / SWEEP).exists():
+    if is_sweep(path):
         return _of_sweep(path)
     return _listed(path, track) if path.is_dir() else load(path)
 

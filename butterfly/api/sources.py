@@ -382,7 +382,12 @@ def names_result(source: object) -> TypeGuard[Named]:
 
 def is_run(path: Path) -> bool:
     """Whether a path names a run of a sweep: RESULTS/NUMBER, or RESULTS/KEY."""
-    return (path.parent / SWEEP).exists() and not path.suffix and not path.exists()
+    return is_sweep(path.parent) and not path.suffix and not path.exists()
+
+
+def is_sweep(path: Path) -> bool:
+    """Whether a path is a folder of a run's or a sweep's results."""
+    return (path / SWEEP).exists()
 
 
 def results_below(folder: Path) -> list[Path]:

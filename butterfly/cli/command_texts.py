@@ -174,9 +174,7 @@ FACTS = {
     "shape": ("Shape in pictures and exported models: a plain bar, or the Butterfly robot's hand"),
     "gravity": "Gravity in m/s^2, perpendicular to the axis; 0 for a vertical axis",
     "model": "MJCF or URDF of the robot whose joint the logs move",
-    "clamped": (
-        "Whether the model's other joints without columns are clamped, and cannot give way"
-    ),
+    "clamped": "Whether that model's joints without columns are clamped",
     "link_masses": "Uncertainty of that model's masses: 5 % (0.05), one factor for all",
     "facts": "What the model says of the joint; read from it",
     "encoder": (

@@ -221,7 +221,7 @@ class Manifest(StrictModel):
     pose: Annotated[dict[str, float], _Rule.ADDS] = Field(default={})
     """Positions of the model's other joints in rad or m. Default: their columns, its keyframe."""
     clamped: bool = False
-    """Whether the model's other joints without columns are clamped, and cannot give way."""
+    """Whether that model's joints without columns are clamped."""
     link_masses: LinkMasses = LinkMasses()
     """Uncertainty of that model's masses: 5 % (0.05), one factor for all."""
     facts: ModelFacts | None = None

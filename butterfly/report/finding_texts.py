@@ -499,8 +499,8 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
         "%, and the others by a smaller part of their intervals, which include this."
     ),
     FindingKind.LOGS_LOST: (
-        "The model does not follow {logs} (FIT below 50 %) of {used}: look at them, or leave them "
-        "out."
+        "The model does not follow all of {used} (FIT below 50 %: {logs}): look at these, or "
+        "leave them out."
     ),
     FindingKind.NEIGHBOURS_UNSEEN: (
         "Nothing shows whether {names} stood still: motors that give way by 10 to 40 mrad move p1 "

@@ -301,7 +301,9 @@ def next_run_text(best: Plan[Candidate], names: Sequence[str], goal: float, now:
 def selection_texts(passed: Sequence[Structure], nested: CrossValidation | None) -> list[str]:
     """Say which terms were chosen, as an option of other commands, and what choosing predicts."""
     terms = ",".join(passed[-1].terms)
-    texts = [f"Chosen: --terms {terms}" if terms else "None of the terms helps: --terms ''"]
+    texts = [
+        f"Chosen: --terms {terms}" if terms else "Chosen: --terms '' (none of the terms helps)"
+    ]
     if nested is not None:
         mean, error = nested.mean
         texts.append(

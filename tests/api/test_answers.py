@@ -28,7 +28,7 @@ def test_the_encoder_s_zero_is_a_row_of_the_answer_is_saved_and_reaches_the_twin
     found.save(tmp_path / "r.json")
     loaded, (zero,) = bf.load(tmp_path / "r.json"), {*found.zeros.values()}
     assert zero == found.estimate.local[None]["zero"]
-    row = ("zero", f"{zero:z.4f}", "", "rad", "encoder's angle less the model's")
+    row = ("zero", f"{zero:z.4f}", "rad", "encoder's angle less the model's")
     for each in (found, loaded):
         assert row in [line for table in each.tables() for line in table.rows]
         assert each.to_dict()["zeros"] == dict.fromkeys(found.fits, zero)

@@ -44,7 +44,7 @@ def test_what_the_table_holds_is_what_is_predicted_of_held_out_masses(data):
 
 def test_the_rows_of_a_choice_are_sets_of_terms(results):
     chosen = results["selection"]
-    assert "in turn, the terms predict what was left out with a mean FIT of 9" in chosen.notes[-1]
+    assert "in turn, what was left out is predicted with a mean FIT of 9" in chosen.notes[-1]
     (table,), first = chosen.tables(), chosen.rows()[0]
     shown = dict(zip(table.headers, table.rows[0], strict=True))
     assert (first["terms"], shown["terms"]) == ([], "none")

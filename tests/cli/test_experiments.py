@@ -70,7 +70,7 @@ def test_an_orbit_is_calibrated_and_reported(butterfly, tmp_path):
         ("p4: 9.0", "p4: -9.0", "believed parameters: p4"),
         ("starts:", "start:", "'starts' (did you mean that?)"),
         ("{amplitude: 1.0472}", "{}", "amplitude, energy, speed, state"),
-        ("{amplitude: 1.0472}", "{speed: 1.0}", "rad/s either way"),
+        ("{amplitude: 1.0472}", "{speed: 1.0}", "rad/s in either direction"),
     ],
 )
 def test_an_orbit_that_cannot_be_is_refused_in_a_line(butterfly, tmp_path, old, new, part):

@@ -186,7 +186,7 @@ def test_windows_that_are_asked_for_are_those_of_sines_too(logs):
 def test_fewer_windows_than_values_are_refused_in_these_words(logs):
     short = logs[0].take(np.arange(700))
     with pytest.raises(
-        IdentifiabilityError, match=r"hold \d+ windows of 0.5 s in which"
+        IdentifiabilityError, match=r"contain \d+ windows of 0.5 s in which"
     ) as refused:
         WeakForm(half_width=HALF).of_logs([short], ZEROS, Prior.of({"p4": ROBOT.p4}))
     assert "cannot be identified" not in str(refused.value)

@@ -70,7 +70,7 @@ def test_a_balanced_hand_turns_evenly_at_any_speed():
     [
         (lambda: Orbit.of_energy(THESIS, 0.9995 * TOP), "0.1% in the model decides"),
         (lambda: Orbit.of_energy(THESIS, 1.0005 * TOP), r"at least 0\.0981981 J"),
-        (lambda: Orbit.of_speed(THESIS, -2.5), r"more than 2\.52.* rad/s either way"),
+        (lambda: Orbit.of_speed(THESIS, -2.5), r"more than 2\.52.* rad/s in either direction"),
         (lambda: Orbit.of_energy(THESIS, 2 * TOP, 0), "direction"),
         (lambda: TargetSpec(speed=3.0, direction=-1), "direction goes with energy"),
     ],

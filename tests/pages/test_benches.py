@@ -54,6 +54,6 @@ def test_the_coverage_in_the_page_on_verdicts_is_that_of_the_bench():
     first, *_ = BENCHES["coverage"][1].split("\n\n")
     rows = re.findall(r"^\| \w+ output-error \|(.*)\|$", first.strip(), re.M)
     cells = [float(cell) for row in rows for cell in row.split("|")]
-    assert f"{sum(cells) / len(cells):.1f} % of its intervals hold the truth" in _said(
+    assert f"{sum(cells) / len(cells):.1f} % of its intervals contain the truth" in _said(
         "docs/verdict.md"
     )

@@ -19,7 +19,7 @@ from tests.twin.alone import BRIEF, PLAIN, twin_of
 @pytest.mark.parametrize(
     ("more", "said"),
     [
-        ({"delay": -2e-4}, r"The delay of -0\.2 ms is not included: a delay is not"),
+        ({"delay": -2e-4}, r"The delay of -0\.2 ms is not included: a delay cannot be"),
         ({"delay": 2e-5}, r"The delay of 0\.02 ms is not included: it is shorter than a step"),
         ({"compression": 0.05}, r"set ctrl to u/\(1 \+ 0\.05 \|u\|\) yourself"),
         ({"dead_zone": 0.02}, r"move ctrl by up to 0\.02 towards 0 yourself"),
