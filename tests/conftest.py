@@ -14,7 +14,7 @@ import butterfly.plant
 from butterfly import progress
 from butterfly.api.verbs import identify
 from butterfly.cli import main, output
-from butterfly.experiment.simulate import simulate, write_logs
+from butterfly.experiment.run import simulate, write_logs
 from butterfly.experiment.source import read_experiment
 from butterfly.files import shipped
 from butterfly.identification.data import read_data_set
@@ -23,7 +23,7 @@ from butterfly.logs.manifest import read_manifest
 from butterfly.logs.thesis_logs import found_folder
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.thesis import method
-from butterfly.twin.accuracy import Yardstick
+from butterfly.twin.twin import Yardstick
 
 # Compilation and file systems make the first example slow. The draws are the same every time, so
 # that a change fails only by what it changes; `pytest --hypothesis-profile explore` draws anew.

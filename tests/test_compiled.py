@@ -8,7 +8,7 @@ from numba.core.registry import CPUDispatcher
 
 import butterfly
 from butterfly.logs.log import Intersample
-from butterfly.signals import hold, polynomials
+from butterfly.signals import hold
 from tests.conftest import brief_quickstart
 from tests.programs import said
 
@@ -117,7 +117,7 @@ def test_another_process_compiles_what_is_not_on_disk_and_that_is_said(small):
 REHEARSED = """
 import sys
 from numba.core.registry import CPUDispatcher
-from butterfly.experiment.simulate import data_set_of, simulate
+from butterfly.experiment.run import data_set_of, simulate
 from butterfly.experiment.source import read_experiment
 from butterfly.identification.identify import identify
 from butterfly.identification.simulation import rehearse
@@ -181,8 +181,8 @@ def test_what_is_read_from_anywhere_is_compiled_once():
             hold.mean(stamps, values, time, Intersample.ZERO_ORDER_HOLD)
             hold.parabolas(stamps, values, time, Intersample.ZERO_ORDER_HOLD)
             hold.for_sums(stamps, values, time, Intersample.ZERO_ORDER_HOLD)
-            polynomials.averages(time, stamps, values, slopes=False)
-            polynomials.interpolate(time, values, values, stamps, slopes=False)
-    kernels = (vars(module).values() for module in (hold, polynomials))
+            hold.averages(time, stamps, values, slopes=False)
+            hold.interpolate(time, values, values, stamps, slopes=False)
+    kernels = (vars(module).values() for module in (hold, hold))
     for kernel in (each for values in kernels for each in values if type(each) is CPUDispatcher):
         assert len(kernel.signatures) <= 1, kernel

@@ -14,10 +14,10 @@ from butterfly import progress
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import HarmonicBalance, Linear, OutputError, WeakForm
 from butterfly.identification.estimators.start import starts
-from butterfly.identification.findings import Ending, Finding, FindingKind
 from butterfly.identification.identify import judged
 from butterfly.identification.predict import LEAST, draw_parameters, predict_logs
 from butterfly.identification.problem import Problem
+from butterfly.identification.trust import Ending, Finding, FindingKind
 from butterfly.identification.validate import bootstrap, cross_validate, select_terms
 from butterfly.progress import budget, current_search, in_threads, untracked
 from butterfly.verdict import Level

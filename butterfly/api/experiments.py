@@ -15,20 +15,27 @@ from butterfly.api.saved import answer_of, read_saved
 from butterfly.api.sources import Named
 from butterfly.arguments import checked
 from butterfly.errors import ButterflyError, InputError
-from butterfly.experiment.perform import perform
 from butterfly.experiment.record import OK, REFUSED, EstimateRecord, Outcome, RunRecord
+from butterfly.experiment.run import data_set_of, file_of, perform, write_logs
+from butterfly.experiment.run import simulate as simulated_logs
 from butterfly.experiment.schema import Experiment
-from butterfly.experiment.simulate import data_set_of, file_of, write_logs
-from butterfly.experiment.simulate import simulate as simulated_logs
 from butterfly.experiment.source import Source, keep_experiment, read_experiment
 from butterfly.experiment.store import ResultStore, digests
-from butterfly.experiment.sweep import SweepPlan, chosen_of, plan_sweep, run_sweep, sweep_record
+from butterfly.experiment.sweep import (
+    DaskEngine,
+    Engine,
+    LocalEngine,
+    SweepPlan,
+    chosen_of,
+    plan_sweep,
+    run_sweep,
+    sweep_record,
+)
 from butterfly.experiment.sweep_tables import ESTIMATES, RUNS
-from butterfly.experiment.workers import DaskEngine, Engine, LocalEngine
 from butterfly.files import locate
 from butterfly.identification.data import DataSet, read_data_set
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.parameter import lumped_numbers
+from butterfly.identification.trust import lumped_numbers
 from butterfly.logs.manifest import read_manifest
 from butterfly.logs.mat import write_mat
 from butterfly.outputs import call

@@ -21,8 +21,8 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import WholeRuns
 from butterfly.identification.identified import Identified
-from butterfly.identification.parameter import or_nan
 from butterfly.identification.residuals import residual_units
+from butterfly.identification.trust import or_nan
 from butterfly.logs.log import InputKind, Log
 from butterfly.logs.manifest import Manifest
 from butterfly.model.linear import LinearJoint, resonance_frequency

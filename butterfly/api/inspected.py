@@ -26,14 +26,14 @@ from butterfly.api.sources import (
 from butterfly.api.verbs import identify, numbers_of_logs, options_text, saved_identification
 from butterfly.arguments import checked
 from butterfly.errors import IdentifiabilityError, InputError, listed
+from butterfly.experiment.run import planned_logs
 from butterfly.experiment.schema import Experiment
-from butterfly.experiment.simulate import planned_logs
 from butterfly.experiment.source import read_experiment
 from butterfly.files import locate
 from butterfly.identification.estimators import OutputError
 from butterfly.identification.forecast import Forecast, forecast
 from butterfly.identification.free_run import Setting
-from butterfly.identification.parameter import lumped_numbers
+from butterfly.identification.trust import lumped_numbers
 from butterfly.logs.health import examine
 from butterfly.logs.log import Log
 from butterfly.logs.manifest import Manifest

@@ -19,9 +19,9 @@ import numpy as np
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, listed, nearest
 from butterfly.identification.data import DataSet
-from butterfly.identification.findings import Finding, FindingKind
+from butterfly.identification.trust import Finding, FindingKind
 from butterfly.logs.formats import DEFAULT_COLUMNS, read_log
-from butterfly.logs.known_names import columns_by_joint, columns_meant, columns_of_joint, parts_of
+from butterfly.logs.headers import columns_by_joint, columns_meant, columns_of_joint, parts_of
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.logs.manifest import LogEntry, Manifest, columns_of_entry
 from butterfly.logs.model_facts import STILL, ModelFacts, PoseFacts
@@ -248,8 +248,11 @@ def _taken_off(data: DataSet) -> tuple[dict[str, Samples], dict[str, float]]:
 
     The first are of logs whose input is a torque alone.
     """
-    from butterfly.twin.joint_of_model import JointOfModel  # noqa: PLC0415 - slow to import
-    from butterfly.twin.neighbours import JointMotion, coupling  # noqa: PLC0415
+    from butterfly.twin.joint_of_model import (  # noqa: PLC0415
+        JointMotion,
+        JointOfModel,
+        coupling,
+    )
 
     manifest, gain = data.manifest, data.known.parameters.get("p4")
     inputs, moved = dict[str, Samples](), dict[str, float]()

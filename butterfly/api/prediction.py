@@ -1,10 +1,11 @@
-"""`predict` and `draws`: what follows from an identification."""
+"""`predict`, `draws` and `residual`: what follows from an identification, and what it leaves."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -12,17 +13,18 @@ from typing import Any
 import numpy as np
 
 from butterfly.api.identification import Identification
-from butterfly.api.predicted import Drawn, Predicted
+from butterfly.api.saved import Drawn, Predicted
 from butterfly.api.sources import Data, Named, is_data, read
-from butterfly.api.verbs import require_identification
+from butterfly.api.verbs import Method, estimated, numbers_of_logs, require_identification
 from butterfly.arguments import checked
 from butterfly.errors import IdentifiabilityError, InputError
+from butterfly.experiment.run import planned_logs
 from butterfly.experiment.schema import Experiment
-from butterfly.experiment.simulate import planned_logs
 from butterfly.experiment.source import read_experiment
-from butterfly.files import locate
+from butterfly.files import finite, locate
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
+from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import Setting
 from butterfly.identification.identified import given_estimate
 from butterfly.identification.physical import judge_fit
@@ -35,11 +37,17 @@ from butterfly.identification.predict import (
     predict_logs,
     require_draws,
 )
+from butterfly.identification.residuals import residual_units, residuals_of
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Known
 from butterfly.progress import Track, untracked
-from butterfly.report.finding_texts import require_possible, require_values
+from butterfly.report.finding_texts import estimate_verdict, require_possible, require_values
+from butterfly.report.format import cell_text, label_of
+from butterfly.report.inspection import RESIDUAL_CAPTION, about_log, of_logs, residual_row
+from butterfly.report.numbers import residual_numbers, rests_on
+from butterfly.report.page import Fact, views
+from butterfly.result import Answer
 
 BAND_DRAWS = 200
 """Default number of draws of a band: five are expected beyond either edge."""
@@ -218,3 +226,67 @@ def _source(data: Any) -> DataSet | Experiment:  # noqa: ANN401 - whatever was g
     if isinstance(data, str | PathLike) and str(data) and not is_data(locate(Path(data))):
         return read_experiment(data)
     return read(data)
+
+
+_ERROR = "error in % of the motion"  # column
+
+
+@checked
+def residual(
+    data: Data,
+    method: Method | None = None,
+    *,
+    logs: Sequence[int] | None = None,
+    holdout: Sequence[str] = (),
+    **options: Any,  # noqa: ANN401 - the fields of the estimator
+) -> Answer:
+    """Analyse the residuals, and name the terms that the model is missing.
+
+    Compares each log's free-run error with the sensor noise, and tests its correlations.
+
+    Parameters
+    ----------
+    data
+        A saved result; or logs, a folder of logs, a manifest or a shipped data set's name, to
+        identify first. An `Identification`; anything else that `read` takes, or its result.
+    method, holdout, options
+        As in `identify`; none with a result, which has an estimate.
+    logs
+        Numbers of the logs to show, from 0. Default: all.
+    """
+    whole, estimator, estimate = estimated(data, method, options, holdout)
+    numbers = numbers_of_logs("residual", logs, len(whole.logs))
+    return residual_answer(whole, estimator, estimate, numbers)
+
+
+def residual_answer(
+    data: DataSet, estimator: Estimator | None, estimate: Estimate, chosen: Sequence[int]
+) -> Answer:
+    """Analyse the residuals of an estimate, and tabulate those of the chosen logs."""
+    from butterfly.report.log_figures import residual_sentences, with_residual_figures  # noqa: PLC0415 - slow to import
+
+    verdict, residuals = estimate_verdict(estimate), residuals_of(data, estimate)
+    worst = max(chosen, key=lambda k: residuals.logs[k].relative)
+    title = f"Residuals of {estimate.method} on {data.name!r}"
+    rows = finite([about_log(data.logs[k]) | residual_row(residuals.logs[k]) for k in chosen])
+    first = max(rows, key=lambda row: math.inf if row[_ERROR] is None else row[_ERROR])
+    error, times = (cell_text(first[key]) for key in (_ERROR, "error over sensor noise"))
+    facts = [
+        Fact("largest error", f"{error} %", f"of the motion, {label_of(first)}"),
+        Fact("over sensor noise", f"{times} ×", "encoder resolution and noise"),
+        Fact("correlations", "outside" if first["outside its bands"] else "inside", "bands"),
+    ]
+    return Answer(
+        kind="residual",
+        title=title,
+        summary=(*verdict.lines, *residual_sentences(residuals)),
+        judged=verdict,
+        content={
+            **rests_on(data, estimate, estimator),
+            "rows": rows,
+            "residuals": residual_numbers(residuals, estimate),
+            **views([of_logs(title, rows, caption=RESIDUAL_CAPTION)], facts),
+        },
+        units=residual_units(data.joint),
+        live=partial(with_residual_figures, data, estimate, worst, residuals.logs[worst]),
+    )

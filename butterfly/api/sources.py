@@ -38,8 +38,7 @@ from butterfly.logs.manifest import (
     read_manifest,
     require_columns,
 )
-from butterfly.logs.manifest_draft import draft, log_files, of_logs
-from butterfly.logs.reading import pieces_of
+from butterfly.logs.reading import draft, log_files, of_logs, pieces_of
 from butterfly.model.prior import NO_PRIOR, Prior, known_of
 from butterfly.progress import Track, untracked
 from butterfly.result import SWEEP

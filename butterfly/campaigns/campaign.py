@@ -1,48 +1,99 @@
-"""Experiments on an unknown joint, each chosen from those before, until the goal is reached.
-
-Contact; a probe of little reach; then, after each run, identification by the same engine as of any
-logs, and the run from which the goal is reached for the least cost. While only one mass was seen
-the scale is open, and ratios to p1 are asked for, at half the goal: the scale follows from two
-configurations, whose errors add. At the end a run that was not fitted is predicted.
-"""
+"""Experiments on an unknown joint that choose themselves, and who is told of them."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from butterfly.campaigns.bench import Bench, Recording
-from butterfly.campaigns.callbacks import CampaignCallbacks, announcement, time_left
-from butterfly.campaigns.contact import make_contact
+from butterfly.campaigns.bench import RESERVE, Bench, Recording, make_contact
 from butterfly.campaigns.drive import DriveFault, SafetyStop, TimeUsed, signals_wait
 from butterfly.campaigns.folder import Folder, Journal, Step, log_name
 from butterfly.campaigns.guard import Limits
-from butterfly.campaigns.knowledge import Knowledge
 from butterfly.campaigns.plan import (
     PROBE,
+    Knowledge,
     Recipe,
+    Rests,
     candidates,
     duration_of,
     played,
     probe,
+    require_changed,
+    require_repeated,
     validation,
 )
-from butterfly.campaigns.soundness import Rests, require_changed, require_repeated
 from butterfly.errors import InputError, require_number
 from butterfly.identification.design import Plan, plans
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.findings import FindingKind
 from butterfly.identification.identified import Identified
 from butterfly.identification.physical import judge_fit
 from butterfly.identification.repeatability import Repeatability, contradicting_runs
+from butterfly.identification.trust import FindingKind
+from butterfly.logs.log import InputKind
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 from butterfly.model.prior import Prior
-from butterfly.plant.motor import Motor
+from butterfly.plant.motor import Motor, Reading
 from butterfly.verdict import Level
+
+
+class CampaignCallbacks:
+    """Is called at each phase and each cycle; this one does nothing. Any method may be replaced.
+
+    What a method raises ends the campaign, with the drive off.
+    """
+
+    def begin(self, announcement: Sequence[str]) -> None:
+        """Take what will be played, the limits and how to stop it, before the first motion."""
+
+    def phase(self, sentence: str) -> None:
+        """Take a sentence on what begins now and why, or on what came of it."""
+
+    def cycle(self, reading: Reading, command: float) -> None:
+        """Take a reading, and the command that was set after it."""
+
+
+def announcement(
+    limits: Limits,
+    kind: InputKind,
+    journal: Journal | None,
+    *,
+    goal: float,
+    masses: Sequence[AddedMass],
+    folder: Path,
+) -> list[str]:
+    """Return what will be played, for what and within which limits; ``journal``: of a former part.
+
+    ``goal`` is a share of the values; ``folder`` is where runs are kept.
+    """
+    within = [f"command {limits.command:g} {kind.unit}", f"angle {limits.angle:g} rad from rest"]
+    within += [f"speed {limits.speed:g} rad/s"] * math.isfinite(limits.speed)
+    within += [f"current {limits.current:g} A"] * math.isfinite(limits.current)
+    begins = "begins with small pushes either way, then plays"
+    steps = () if journal is None else journal.steps
+    if journal is not None:
+        begins = f"continues after {len(steps)} run{'s' if len(steps) != 1 else ''}: it plays"
+    budget = limits.seconds - (steps[-1].seconds if steps else 0.0)
+    with_masses = f", with {' and '.join(map(str, masses))}" if len(masses) > 1 else ""
+    return [
+        f"Goal: parameters known to {100 * goal:.3g} %{with_masses}; runs are kept in {folder}.",
+        f"The campaign {begins} swings of at most {RESERVE * limits.angle:.2g} rad, each followed "
+        f"by a pause with the drive off; {budget:.0f} s of robot time at most.",
+        f"Limits: {', '.join(within)}. Beyond one of them the joint is braked, then the drive "
+        "switched off.",
+    ]
+
+
+def time_left(budget: float, remaining: float) -> str:
+    """Return how much of the robot time is left in s, and what the plan still needs, if known."""
+    if math.isnan(remaining):
+        return f"{budget:.0f} s of robot time left."
+    return f"About {remaining:.0f} s of robot time to the goal; {budget:.0f} s left."
+
 
 GOAL = 0.01
 """Half-width of the 95 % interval, over the value, that is asked of p1..p4 and Coulomb friction."""

@@ -14,8 +14,7 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from butterfly.campaigns.bench import Recording
-from butterfly.campaigns.contact import Contact
+from butterfly.campaigns.bench import Contact, Recording
 from butterfly.campaigns.lock import LOCK, locked
 from butterfly.errors import InputError, listed, size_text
 from butterfly.files import (

@@ -24,8 +24,8 @@ from butterfly import __version__, outputs, progress
 from butterfly.cli import output
 from butterfly.cli.command_texts import DESCRIPTIONS, SUMMARIES
 from butterfly.cli.output import ExitCode, OutputOptions, asked, put, write_json
+from butterfly.cli.output import check as check_outputs
 from butterfly.cli.output import warn as print_warning
-from butterfly.cli.written import check as check_outputs
 from butterfly.errors import (
     ButterflyError,
     InputError,
@@ -60,24 +60,24 @@ def _verbs() -> dict[str, Function]:
 
 def _experiments() -> dict[str, Function]:
     """Import commands beside the verbs."""
-    from butterfly.cli import experiments  # noqa: PLC0415 - when one is called
+    from butterfly.cli import commands  # noqa: PLC0415 - when one is called
 
     return {
-        "manifest": experiments.manifest,
-        "fetch": experiments.fetch,
-        "schema": experiments.schema,
-        "reproduce": experiments.reproduce,
-        "report": experiments.report,
+        "manifest": commands.manifest,
+        "fetch": commands.fetch,
+        "schema": commands.schema,
+        "reproduce": commands.reproduce,
+        "report": commands.report,
     }
 
 
 def _robot() -> dict[str, Function]:
     """Import commands of a robot."""
-    from butterfly.cli import robot  # noqa: PLC0415 - when one is called
+    from butterfly.cli import commands  # noqa: PLC0415 - when one is called
 
     return {
-        "export": robot.export,
-        "show": robot.show,
+        "export": commands.export,
+        "show": commands.show,
     }
 
 

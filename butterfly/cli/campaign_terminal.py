@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 
 import butterfly as bf
-from butterfly.campaigns.callbacks import CampaignCallbacks
+from butterfly.campaigns.campaign import CampaignCallbacks
 from butterfly.cli.output import asked, put
 from butterfly.errors import StoppedError, visible
 from butterfly.plant.motor import Reading

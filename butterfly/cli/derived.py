@@ -157,7 +157,7 @@ def verbs_module() -> str:
         from butterfly.cli.options import (
             OUT, THE_DATA, WRITTEN, parse_floats, parse_names, parse_numbers
         )
-        from butterfly.cli.written import FOLDER
+        from butterfly.cli.output import FOLDER
     """
     options = {name: _options_of_verb(name) for name in _VERBS}
     classes = [_class_of_verb(*entry) for entry in options.items() if entry[1]]

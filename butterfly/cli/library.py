@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from butterfly.cli.options import OUT
-from butterfly.cli.output import ExitCode, say, say_verdict, show_table, write_json
-from butterfly.cli.written import OutputFile
+from butterfly.cli.output import ExitCode, OutputFile, say, say_verdict, show_table, write_json
 from butterfly.errors import InputError
 from butterfly.files import locate, write_file
 

@@ -7,8 +7,8 @@ import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
-from butterfly.identification.findings import FindingKind
 from butterfly.identification.identified import Identified
+from butterfly.identification.trust import FindingKind
 from butterfly.model.terms import PARAMETERS, TERMS, offered
 from butterfly.report.finding_texts import estimate_verdict
 from butterfly.verdict import Level

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Group, Parameter
 
 from butterfly.cli.command_texts import FACTS
-from butterfly.cli.written import FOLDER, REPORT
+from butterfly.cli.output import FOLDER, REPORT
 from butterfly.errors import InputError
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from cyclopts import Parameter as Option
 
 from butterfly.cli.output import ExitCode, say, show_table, write_json
 from butterfly.experiment.store import ResultStore
-from butterfly.identification.parameter import Parameter, or_nan
+from butterfly.identification.trust import Parameter, or_nan
 from butterfly.report.finding_texts import estimate_verdict
 from butterfly.report.format import cell_text, field_label, with_error
 from butterfly.report.parameter_table import value_text

@@ -13,7 +13,7 @@ from typing import Annotated, Literal, TypedDict
 from cyclopts import Parameter
 
 from butterfly.cli.options import OUT, THE_DATA, WRITTEN, parse_floats, parse_names, parse_numbers
-from butterfly.cli.written import FOLDER
+from butterfly.cli.output import FOLDER
 
 
 class InspectKeywords(TypedDict):

@@ -33,7 +33,18 @@ from butterfly.cli.options import (
     parse_pairs,
     parse_positions,
 )
-from butterfly.cli.output import ExitCode, asked, put, say, show, show_progress, warn
+from butterfly.cli.output import (
+    FOLDER,
+    SAVED,
+    ExitCode,
+    OutputFile,
+    asked,
+    put,
+    say,
+    show,
+    show_progress,
+    warn,
+)
 from butterfly.cli.verb_options import (
     CAMPAIGN,
     COMPARE,
@@ -56,7 +67,6 @@ from butterfly.cli.verb_options import (
     OptionsOfSelect,
     OptionsOfValidate,
 )
-from butterfly.cli.written import FOLDER, SAVED, OutputFile
 from butterfly.errors import InputError, StoppedError
 from butterfly.outputs import require_free
 
@@ -386,7 +396,7 @@ def simulate(
     out: Annotated[Path, OUT, _says("simulate.out"), FOLDER],
 ) -> ExitCode:
     """Simulate as `butterfly.simulate` does, and write the logs."""
-    from butterfly.experiment.simulate import simulate, write_logs  # noqa: PLC0415 - slow to import
+    from butterfly.experiment.run import simulate, write_logs  # noqa: PLC0415 - slow to import
 
     _warn_of_wide_swings(experiment)
     plan = bf.read_experiment(experiment)

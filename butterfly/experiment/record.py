@@ -20,16 +20,15 @@ from typing import Annotated, Any, Self, cast
 
 from pydantic import ConfigDict, PlainSerializer, PlainValidator, TypeAdapter, computed_field
 
-from butterfly.comparison.change import change
+from butterfly.comparison.answers import change
 from butterfly.files import is_as_signed, signed
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.findings import Ending
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identified import Identified
-from butterfly.identification.parameter import Parameter, or_none
+from butterfly.identification.trust import Ending, Parameter, or_none
 from butterfly.logs.log import Log
-from butterfly.orbit.change_detection import Alarm
 from butterfly.orbit.loop import Calibration, OrbitStudy
+from butterfly.orbit.online import Alarm
 from butterfly.progress import current_search
 from butterfly.verdict import Level
 

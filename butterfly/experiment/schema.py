@@ -35,9 +35,8 @@ from butterfly.model.servo import Output, ServoLoop
 from butterfly.model.terms import IDEAL, LoopTerms
 from butterfly.orbit.controller import Observer, VelocityEstimator
 from butterfly.orbit.loop import OrbitSchedule
-from butterfly.plant.firmware import Spans
 from butterfly.plant.motor import CommandPath
-from butterfly.plant.rig import Rig, Simulator
+from butterfly.plant.rig import Rig, Simulator, Spans
 from butterfly.plant.robot import Clutch, Robot
 from butterfly.plant.sensors import Clock, Encoder, Faults, FilteredDifference
 from butterfly.signals.excitations import (

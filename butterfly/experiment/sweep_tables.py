@@ -15,8 +15,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from butterfly.experiment.record import EstimateRecord, OrbitRecord, RunRecord, SweepRun
-from butterfly.identification.findings import Ending
-from butterfly.identification.parameter import Parameter, meaning_of, or_none, unit_of
+from butterfly.identification.trust import Ending, Parameter, meaning_of, or_none, unit_of
 from butterfly.verdict import VERDICTS
 
 RUNS, ESTIMATES = "runs", "estimates"

@@ -17,12 +17,11 @@ from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import MOST, PASSES, Fit, LackedTerm
 from butterfly.identification.limits import Rival, independent_cells_of
 from butterfly.identification.linearisation import Linearisation
-from butterfly.identification.parameter import FEW, MATTERS, SHOWS
 from butterfly.identification.problem import Problem
+from butterfly.identification.scatter import NEGLIGIBLE, Submodels, submodels_of
 from butterfly.identification.stagewise import (
     PROMISED,
     ROUNDS,
@@ -35,7 +34,7 @@ from butterfly.identification.stagewise import (
     stagewise,
     stribeck_velocities,
 )
-from butterfly.identification.submodels import NEGLIGIBLE, Submodels, submodels_of
+from butterfly.identification.trust import FEW, MATTERS, SHOWS, Finding, FindingKind
 from butterfly.logs.log import InputKind, Log, slow_interval
 from butterfly.model.parameters import AddedMass, friction_brakes, value_if_absent
 from butterfly.model.prior import Prior

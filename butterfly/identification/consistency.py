@@ -16,7 +16,6 @@ from scipy.special import stdtrit
 
 from butterfly.arrays import Samples, unit_columns
 from butterfly.errors import IdentifiabilityError, InputError
-from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.limits import (
     SINGULAR_CONDITION,
     Rival,
@@ -24,8 +23,8 @@ from butterfly.identification.limits import (
     half_widths,
 )
 from butterfly.identification.linearisation import Linearisation, scaled_least_squares
-from butterfly.identification.parameter import ACCUSED, CLEARLY, MATTERS, SHOWS
 from butterfly.identification.stagewise import as_good
+from butterfly.identification.trust import ACCUSED, CLEARLY, MATTERS, SHOWS, Finding, FindingKind
 from butterfly.logs.log import Log
 from butterfly.model.parameters import (
     AddedMass,

@@ -13,10 +13,9 @@ import numpy as np
 from butterfly.errors import InputError
 from butterfly.identification.consistency import is_driven
 from butterfly.identification.derived_quantities import implied, relaxed_for_masses
-from butterfly.identification.findings import Finding
 from butterfly.identification.free_run import Simulations, turns_over
-from butterfly.identification.parameter import LOST
 from butterfly.identification.segments import driven
+from butterfly.identification.trust import LOST, Finding
 from butterfly.identification.unit_errors import (
     unit_errors_of_refused,
     unit_errors_of_still,
@@ -29,12 +28,11 @@ from butterfly.identification.weak_regression import (
     near,
     reading_of,
 )
-from butterfly.logs.health import DEFAULT_REPAIRS, Health, Repair, examine
+from butterfly.logs.health import DEFAULT_REPAIRS, GLANCE, Health, Repair, examine, thinned
 from butterfly.logs.log import InputKind, Log
 from butterfly.logs.manifest import Manifest
 from butterfly.logs.motors import require_drive
 from butterfly.logs.reading import numbers_named, read_logs, with_unique_names
-from butterfly.logs.thinning import GLANCE, thinned
 from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.model.prior import NO_PRIOR, Known, Prior
 from butterfly.model.terms import OF_ANGLE, TERMS
@@ -68,7 +66,7 @@ class DataSet:
     recorded
         The logs as recorded.
     logs, health
-        The logs, repaired and, if very long, thinned (see `butterfly.logs.thinning`), and the
+        The logs, repaired and, if very long, thinned (see `butterfly.logs.health`), and the
         findings on each.
     points
         The steady response of each log; None if its input is not a sine.

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from butterfly.arrays import ROUNDING, Samples
 from butterfly.errors import InputError
-from butterfly.identification.parameter import SHOWS
+from butterfly.identification.trust import SHOWS
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.model.prior import Known, Prior

@@ -29,8 +29,8 @@ from butterfly.identification.forecast import IntervalForecast
 from butterfly.identification.free_run import Setting
 from butterfly.identification.segments import LONGEST_STEP, driven
 from butterfly.identification.simulation import Simulation
+from butterfly.logs.clock import Regime
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
-from butterfly.logs.regimes import Regime
 from butterfly.model.linear import LARGEST_SWING, resonance_frequency
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
 from butterfly.model.servo import ServoLoop

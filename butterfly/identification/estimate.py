@@ -21,11 +21,14 @@ from pydantic import (
 from butterfly.arrays import Samples, SavedSamples
 from butterfly.files import finite
 from butterfly.identification.agreement import Contrast
-from butterfly.identification.findings import KINDS, Ending, Finding, FindingKind
 from butterfly.identification.fit import MissingTerms
 from butterfly.identification.limits import Evidence, Rival, half_widths
-from butterfly.identification.parameter import (
+from butterfly.identification.trust import (
+    KINDS,
     SPREADS,
+    Ending,
+    Finding,
+    FindingKind,
     Parameter,
     Trust,
     meaning_of,

@@ -17,11 +17,10 @@ import numpy as np
 
 from butterfly.arrays import ROUNDING, Samples, SavedSamples
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.findings import Ending, Finding, FindingKind
 from butterfly.identification.linearisation import Linearisation
-from butterfly.identification.parameter import SHOWS
 from butterfly.identification.scatter import Scatter
 from butterfly.identification.stagewise import is_near
+from butterfly.identification.trust import SHOWS, Ending, Finding, FindingKind
 from butterfly.logs.log import Log
 from butterfly.model.parameters import value_if_absent
 from butterfly.model.terms import PARAMETERS

@@ -44,7 +44,7 @@ from butterfly.identification.limits import (
     independent_cells_of,
 )
 from butterfly.identification.linearisation import compressed
-from butterfly.identification.parameter import (
+from butterfly.identification.trust import (
     GOOD_WITHIN,
     MATTERS,
     SHOWS,
@@ -53,8 +53,8 @@ from butterfly.identification.parameter import (
     or_none,
     unit_of,
 )
+from butterfly.logs.health import GLANCE, thinned
 from butterfly.logs.log import Log
-from butterfly.logs.thinning import GLANCE, thinned
 from butterfly.model.prior import Prior
 from butterfly.model.terms import COMMON, PARAMETERS
 from butterfly.progress import counted

@@ -19,16 +19,21 @@ import numpy as np
 
 from butterfly.arrays import ROUNDING, Samples
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.parameter import LOST
 from butterfly.identification.segments import grid_step
 from butterfly.identification.simulation import Simulation, segment_length
 from butterfly.identification.test_functions import HALF_WIDTH, VELOCITY_SHARE, half_width_of
+from butterfly.identification.trust import LOST
 from butterfly.identification.weak_regression import reading_of
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.progress import current_search
-from butterfly.signals.polynomials import slope
-from butterfly.signals.spectrum import dominant_period, resample, uniform_grid, white_variance
+from butterfly.signals.frequency_response import (
+    dominant_period,
+    resample,
+    uniform_grid,
+    white_variance,
+)
+from butterfly.signals.hold import slope
 
 LEAST_FIT = 100 * (1 - LOST)
 """FIT in per cent below which a simulation does not follow a log."""

@@ -21,9 +21,9 @@ from butterfly.identification.data import DataSet, read_data_set
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary, FreeRun, WholeRuns
-from butterfly.identification.parameter import lumped_numbers
 from butterfly.identification.physical import PhysicalParameters, judge_physics, physical_parameters
 from butterfly.identification.residuals import Residuals, residuals_of
+from butterfly.identification.trust import lumped_numbers
 from butterfly.logs.log import InputKind
 from butterfly.logs.manifest import Manifest
 from butterfly.model.linear import quasi_linear_response, resonance_frequency

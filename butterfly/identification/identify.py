@@ -20,11 +20,9 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import DEFAULT_ESTIMATOR, Estimator, WeakForm
 from butterfly.identification.estimators.assumptions import as_taken
-from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.free_run import LEAST_FIT, FreeRun, WholeRuns
 from butterfly.identification.identified import Identified, try_parameters
 from butterfly.identification.limits import Rival
-from butterfly.identification.parameter import FEW
 from butterfly.identification.physical import (
     BETTER_METHOD,
     is_possible,
@@ -38,6 +36,7 @@ from butterfly.identification.physical import (
 from butterfly.identification.repeatability import contradicting_runs
 from butterfly.identification.residuals import Residuals, residuals_of
 from butterfly.identification.segments import driven_alone
+from butterfly.identification.trust import FEW, Finding, FindingKind
 from butterfly.identification.unit_error_search import find_slow_clock, find_unit_errors
 from butterfly.identification.unit_errors import clock_error, with_unit_errors
 from butterfly.model.parameters import LumpedParameters

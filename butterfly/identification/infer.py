@@ -28,7 +28,6 @@ from butterfly.identification.consistency import (
     with_scale,
 )
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.findings import Ending, Finding, FindingKind
 from butterfly.identification.fit import Fit
 from butterfly.identification.limits import (
     Evidence,
@@ -39,8 +38,8 @@ from butterfly.identification.limits import (
     robust,
 )
 from butterfly.identification.linearisation import Linearisation, scaled_least_squares
-from butterfly.identification.parameter import CLEARLY, FEW, LOST
-from butterfly.identification.submodels import without_logs
+from butterfly.identification.scatter import without_logs
+from butterfly.identification.trust import CLEARLY, FEW, LOST, Ending, Finding, FindingKind
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR, Penalty, Prior
 from butterfly.model.terms import OF_SCALE, PARAMETERS, TERMS

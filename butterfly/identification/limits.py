@@ -29,8 +29,7 @@ from scipy.special import stdtrit
 
 from butterfly.arrays import ROUNDING, Samples, SavedSamples, unit_columns, unit_diagonal
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.parameter import CONFIDENCE, FEW, SPREADS
+from butterfly.identification.trust import CONFIDENCE, FEW, SPREADS, Finding, FindingKind
 from butterfly.logs.log import MIN_SAMPLES, Log
 from butterfly.model.prior import Penalty
 from butterfly.model.terms import TERMS

@@ -26,10 +26,10 @@ from butterfly.identification.limits import (
     half_widths,
 )
 from butterfly.identification.loss import Loss, outlying
-from butterfly.identification.parameter import FEW
+from butterfly.identification.trust import FEW
 from butterfly.model.prior import Penalty
 from butterfly.model.terms import TERMS, lower_bounds
-from butterfly.signals.spectrum import white_variance
+from butterfly.signals.frequency_response import white_variance
 
 _NOISE = 0.25  # of the squared error, below which white noise is the lesser part of it
 

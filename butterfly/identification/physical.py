@@ -30,10 +30,16 @@ from butterfly.identification.derived_quantities import (
     with_gear,
 )
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.free_run import LEAST_FIT
-from butterfly.identification.parameter import CLEARLY, CONFIDENCE, MATTERS, SPREADS
 from butterfly.identification.segments import assumes_clock
+from butterfly.identification.trust import (
+    CLEARLY,
+    CONFIDENCE,
+    MATTERS,
+    SPREADS,
+    Finding,
+    FindingKind,
+)
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.model.prior import LAG, Known, Prior

@@ -34,8 +34,8 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.limits import length_of, widened
-from butterfly.identification.parameter import CONFIDENCE, DRAWS, SPREADS
 from butterfly.identification.sensor_errors import SensorErrors
+from butterfly.identification.trust import CONFIDENCE, DRAWS, SPREADS
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.terms import lower_bounds

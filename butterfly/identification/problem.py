@@ -17,7 +17,6 @@ from butterfly.arrays import ROUNDING, Samples
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.findings import Ending
 from butterfly.identification.fit import CONVERGED, MOST, PASSES, Box, Fit, minimise
 from butterfly.identification.limits import cells_of, independent_cells_of
 from butterfly.identification.linearisation import Linearisation, scaled_least_squares
@@ -25,6 +24,7 @@ from butterfly.identification.loss import Loss
 from butterfly.identification.scatter import Scatter
 from butterfly.identification.segments import FINEST
 from butterfly.identification.simulation import Simulation, segment_length
+from butterfly.identification.trust import Ending
 from butterfly.identification.weak_regression import reading_of
 from butterfly.logs.log import Log
 from butterfly.model.greybox import INITIAL

@@ -31,9 +31,8 @@ from butterfly.errors import ButterflyError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.output_error import OutputError
-from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.parameter import MATTERS
 from butterfly.identification.problem import Start
+from butterfly.identification.trust import MATTERS, Finding, FindingKind
 from butterfly.logs.log import Log
 from butterfly.model.prior import Prior
 from butterfly.model.terms import CHANGING

@@ -20,11 +20,9 @@ from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import MissingTerms
 from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.linearisation import Linearisation
-from butterfly.identification.parameter import DRAWS, SHOWS, SPREADS
 from butterfly.identification.predict import covariance_root, honest_covariance
 from butterfly.identification.problem import Key, columns_of, labels_of, relative
 from butterfly.identification.sensor_errors import (
@@ -35,6 +33,7 @@ from butterfly.identification.sensor_errors import (
     off_centre,
 )
 from butterfly.identification.simulation import Averages, StartEffects
+from butterfly.identification.trust import DRAWS, SHOWS, SPREADS, Finding, FindingKind
 from butterfly.logs.log import Log
 from butterfly.model.parameters import JointKind
 from butterfly.signals.frequency_response import first_counted

@@ -41,8 +41,8 @@ from butterfly.model.parameters import LumpedParameters
 from butterfly.model.prior import Known
 from butterfly.model.servo import LawStructure, Output, ServoLoop
 from butterfly.model.terms import DRIVE, DriveTerms
-from butterfly.signals import hold, polynomials
-from butterfly.signals.spectrum import resample, uniform_grid
+from butterfly.signals import hold
+from butterfly.signals.frequency_response import resample, uniform_grid
 
 _DRIVES = {
     Output.DUTY: InputKind.DUTY,
@@ -201,7 +201,7 @@ def _rate(log: Log) -> Samples:
     grid = uniform_grid(log.time)
     step = float(grid[1] - grid[0])
     half = min(max(round(_HALF / step), 1), (grid.size - 1) // 2)
-    slopes = polynomials.slope(resample(log.time, log.angle, grid), half, 2, step)
+    slopes = hold.slope(resample(log.time, log.angle, grid), half, 2, step)
     return np.interp(log.time, grid, slopes)
 
 
@@ -389,7 +389,7 @@ class Segments:
             unit = _SHIFT * log.mean_step
             moved = round(late / unit) * unit
             samples = log.time[self._first :] - moved, log.measured[self._first :]
-            into, weights, measured, counts = polynomials.averages(
+            into, weights, measured, counts = hold.averages(
                 self.grid, *samples, log.integrated, late - moved
             )
             before = np.append(0, np.cumsum(into >= 0))

@@ -28,7 +28,6 @@ from scipy.special import fdtrc, ndtr, ndtri
 
 from butterfly.arrays import ROUNDING, Samples, blocks, standard_error
 from butterfly.compiled import compiled
-from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.limits import (
     Rival,
     cluster_covariance,
@@ -36,11 +35,11 @@ from butterfly.identification.limits import (
     independent_cells_of,
 )
 from butterfly.identification.linearisation import Linearisation
-from butterfly.identification.parameter import CONFIDENCE
-from butterfly.identification.submodels import submodels_of
+from butterfly.identification.scatter import submodels_of
+from butterfly.identification.trust import CONFIDENCE, Finding, FindingKind
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import lower_bounds
-from butterfly.signals.spectrum import roughness
+from butterfly.signals.frequency_response import roughness
 
 _WHOLE = 0.1  # of a step, within which gaps of readings are whole steps
 

@@ -24,14 +24,14 @@ from numpy.typing import NDArray
 from butterfly.arrays import ROUNDING, Samples, joined
 from butterfly.identification.fit import MOST
 from butterfly.identification.limits import edges_of
-from butterfly.identification.parameter import SHOWS
 from butterfly.identification.segments import LONGEST_STEP, Segments, Starts, needs_loop
+from butterfly.identification.trust import SHOWS
 from butterfly.logs.initial_state import InitialState
 from butterfly.logs.log import Log
 from butterfly.model.greybox import Columns
 from butterfly.model.parameters import LumpedParameters
 from butterfly.progress import current_search
-from butterfly.signals import hold, polynomials
+from butterfly.signals import hold
 
 _SETTLED = 1e-4  # share of the squared errors that another start may still explain
 _SHORTER = 0.25  # of a step that went too far
@@ -50,7 +50,7 @@ class SimulatedMotion(NamedTuple):
         begins = [grid[0] for grid, *_ in self.pieces[1:]]
         groups = np.split(instants, np.searchsorted(instants, begins))
         pairs = zip(self.pieces, groups, strict=True)
-        return joined([polynomials.interpolate(*piece, some, self.slopes) for piece, some in pairs])
+        return joined([hold.interpolate(*piece, some, self.slopes) for piece, some in pairs])
 
 
 class Averages(NamedTuple):
@@ -435,6 +435,6 @@ def rehearse() -> None:
     simulation.linearised(("p1",), robot, 0.0)
     hold.mean(time, time, time, log.between_samples)
     hold.for_sums(time, time, time, log.between_samples)
-    polynomials.slope(time, 2, 2, 0.01)
+    hold.slope(time, 2, 2, 0.01)
     simulation.run(robot, 0.0).at(time)
     simulation.linearised(("base_compliance",), robot, 0.0)

@@ -21,9 +21,8 @@ from numpy.typing import NDArray
 
 from butterfly.arrays import Samples, standard_error
 from butterfly.identification.agreement import score_of
-from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.parameter import CONFIDENCE, FEW, MATERIAL
-from butterfly.identification.submodels import Submodels
+from butterfly.identification.scatter import Submodels
+from butterfly.identification.trust import CONFIDENCE, FEW, MATERIAL, Finding, FindingKind
 from butterfly.model.parameters import AddedMass, friction_brakes, value_if_absent
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import GEAR, OF_MASS, companions, is_simulated_with

@@ -32,8 +32,13 @@ from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.terms import GEAR, IDEAL, TERMS, DriveTerms, FrictionTerms, Motion, Term
 from butterfly.signals import hold
-from butterfly.signals.polynomials import slope
-from butterfly.signals.spectrum import dominant_period, resample, uniform_grid, white_variance
+from butterfly.signals.frequency_response import (
+    dominant_period,
+    resample,
+    uniform_grid,
+    white_variance,
+)
+from butterfly.signals.hold import slope
 
 _NOISY = 0.5  # of the variance of a motion, above which noise hides its period
 

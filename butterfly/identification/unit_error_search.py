@@ -25,13 +25,12 @@ from butterfly.identification.agreement import Condition
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator, OutputError, WeakForm
-from butterfly.identification.findings import Finding
 from butterfly.identification.linearisation import Linearisation, Solution
-from butterfly.identification.parameter import CLEARLY, FEW
 from butterfly.identification.physical import is_possible
 from butterfly.identification.problem import Start
 from butterfly.identification.residuals import residuals_of
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging
+from butterfly.identification.trust import CLEARLY, FEW, Finding
 from butterfly.identification.unit_errors import (
     RIGHT,
     SAME_FACTOR,
@@ -46,7 +45,7 @@ from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR, Known, Prior
 from butterfly.model.terms import OF_ANGLE, PARAMETERS, PLAIN, FrictionTerms, offered
 from butterfly.progress import out_of_time
-from butterfly.signals.spectrum import periodogram, white_variance
+from butterfly.signals.frequency_response import periodogram, white_variance
 from butterfly.verdict import Level
 
 _AS_GOOD = 1.3  # times the least misfit, below which a mistake explains as much

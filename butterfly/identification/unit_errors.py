@@ -16,14 +16,12 @@ from scipy.special import stdtrit
 
 from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError, InputError, listed
-from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.parameter import CONFIDENCE, MATTERS, SHOWS
 from butterfly.identification.segments import driven
+from butterfly.identification.trust import CONFIDENCE, MATTERS, SHOWS, Finding, FindingKind
 from butterfly.logs.log import InputKind, Log
 from butterfly.logs.units import UNITS
 from butterfly.model.parameters import AddedMass
-from butterfly.signals.frequency_response import ResponsePoint
-from butterfly.signals.spectrum import dominant_frequency
+from butterfly.signals.frequency_response import ResponsePoint, dominant_frequency
 
 SAME_FACTOR = 0.1
 """Relative distance within which two factors are taken for one."""

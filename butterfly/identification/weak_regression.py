@@ -28,7 +28,6 @@ from scipy.special import stdtrit
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.consistency import is_driven
-from butterfly.identification.findings import Ending
 from butterfly.identification.fit import MOST, Fit
 from butterfly.identification.limits import (
     WEIGHED,
@@ -37,7 +36,6 @@ from butterfly.identification.limits import (
     independent_cells_of,
 )
 from butterfly.identification.linearisation import Linearisation, Regression
-from butterfly.identification.parameter import CLEARLY, CONFIDENCE, SHOWS, SPREADS
 from butterfly.identification.segments import LONGEST_STEP
 from butterfly.identification.stagewise import STRIBECK, stribeck_velocity
 from butterfly.identification.test_functions import (
@@ -46,6 +44,7 @@ from butterfly.identification.test_functions import (
     Averaging,
     half_width_of,
 )
+from butterfly.identification.trust import CLEARLY, CONFIDENCE, SHOWS, SPREADS, Ending
 from butterfly.logs.log import Log
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.model.prior import Known, Penalty, Prior

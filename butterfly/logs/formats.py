@@ -1,11 +1,14 @@
-"""The formats of logs: files, by the endings of their names, and tables; which column is what."""
+"""The formats of logs: files by their endings, tables; which column is what, and its parts."""
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from importlib import import_module
+from itertools import islice, repeat
+from numbers import Real
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Protocol, TypeAlias, TypeGuard
@@ -13,12 +16,153 @@ from typing import Any, Protocol, TypeAlias, TypeGuard
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.arrays import Samples
 from butterfly.errors import InputError, nearest
 from butterfly.files import refuse_binary
-from butterfly.logs.components import components
-from butterfly.logs.log import OF_SERVO, SAMPLED, InputKind, Log
+from butterfly.logs.log import MIN_SAMPLES, OF_SERVO, SAMPLED, InputKind, Intersample, Log
 from butterfly.logs.unit_hints import UnitHints
 from butterfly.logs.units import AS_IS, Units, without_ending, without_unit
+
+NAMING = {"name", "names", "joint_names"}
+"""Names of columns that name the parts of those beside them."""
+
+_ENOUGH = 100  # rows that show what a column holds
+
+
+@dataclass(frozen=True, kw_only=True)
+class Component:
+    """One number of each row of a column of lists."""
+
+    column: str
+    part: int | str  # its place in every list, or the name that another column gives it
+    naming: str = ""  # that column
+
+    @property
+    def needs(self) -> list[str]:
+        """The columns that it is made of."""
+        return [self.column, *([self.naming] if self.naming else [])]
+
+    def of(self, columns: Mapping[str, Any]) -> NDArray[Any]:
+        """Return its (n,) numbers; NaN in rows that lack it."""
+        rows = columns[self.column]
+        if isinstance(self.part, int) and isinstance(rows, np.ndarray) and rows.ndim > 1:
+            return np.asarray(rows[:, self.part])
+        names = map(_texts, columns[self.naming]) if self.naming else ()
+        places = (texts.index(self.part) if self.part in texts else -1 for texts in names)
+        pairs = zip(rows, places if self.naming else repeat(self.part), strict=False)
+        return np.array([_at(row, int(k)) for row, k in pairs], dtype=np.float64)
+
+
+def components(columns: Mapping[str, Any]) -> dict[str, Component]:
+    """Return the components of the columns whose first rows are lists of numbers, by name."""
+    heads = {name: [*islice(_rows(column), _ENOUGH)] for name, column in columns.items()}
+    joints: dict[str, dict[str, Component]] = {}
+    for name, rows in heads.items():
+        parent, _, last = name.rpartition(".")
+        if last in NAMING:
+            joints[parent] = _named(name, columns[name], rows)
+    parts: dict[str, Component] = {}
+    for name, rows in heads.items():
+        width = max(map(_width, rows), default=0)
+        parent, _, last = name.rpartition(".")
+        for joint, part in joints.get(parent, {}).items() if width else ():
+            component, first = replace(part, column=name), f"{parent}.{joint}".lstrip(".")
+            if isinstance(component.part, str) or component.part < width:
+                parts |= {f"{name}.{joint}": component, f"{first}.{last}": component}
+        parts |= {f"{name}.{k}".lstrip("."): Component(column=name, part=k) for k in range(width)}
+    return {name: part for name, part in parts.items() if name not in columns}
+
+
+def _named(name: str, column: Any, head: Sequence[Any]) -> dict[str, Component]:  # noqa: ANN401 - whatever holds texts
+    """Return the parts that a column names, by these names, still without a column of numbers."""
+    if all_rows := _texts(column):
+        return {joint: Component(column="", part=k) for k, joint in enumerate(all_rows)}
+    joints = dict.fromkeys(joint for row in head for joint in _texts(row))
+    return {joint: Component(column="", part=joint, naming=name) for joint in joints}
+
+
+def _rows(column: Any) -> Iterable[Any]:  # noqa: ANN401 - whatever holds rows
+    """Return the rows of a column that may be lists; none of one of plain numbers."""
+    plain = isinstance(column, np.ndarray) and column.ndim == 1 and column.dtype.kind != "O"
+    return column if _is_list(column) and not plain else ()
+
+
+def _is_list(value: object) -> bool:
+    return np.iterable(value) and not isinstance(value, str | bytes | Mapping)
+
+
+def _width(row: Any) -> int:  # noqa: ANN401 - whatever a row holds
+    """Return how many numbers a row lists; 0 if it is no list of numbers."""
+    if not _is_list(row):
+        return 0
+    numbers = [number for number in row if number is None or isinstance(number, Real)]
+    return len(numbers) if len(numbers) == len(row) else 0
+
+
+def _texts(row: Any) -> tuple[str, ...]:  # noqa: ANN401 - whatever a row holds
+    """Return the texts that a row lists; none if it is no list of texts."""
+    if not _is_list(row):
+        return ()
+    texts = tuple(str(text) for text in row if isinstance(text, str))
+    return texts if len(texts) == len(row) else ()
+
+
+def _at(row: Any, number: int) -> float:  # noqa: ANN401 - whatever a row holds
+    """Return a number of a row's list; NaN if it has none there."""
+    there = _width(row) > number >= 0 and row[number] is not None
+    return float(row[number]) if there else math.nan
+
+
+def joined(log: Log) -> tuple[Log, str]:
+    """Return a log in the rows of its measured column, and what was done where these lack another.
+
+    The last value of a column is held (of an input with a first-order hold: interpolated) if most
+    of these rows lack it; rows before the first input are left out. InputError if the rows are in
+    no order of time.
+    """
+    clock, columns = np.isfinite(log.time), log.columns()
+    measured = clock & np.isfinite(log.measured)
+    there = {name: clock & np.isfinite(column) for name, column in columns.items()}
+    lacking = {name: int((measured & ~mask).sum()) for name, mask in there.items() if mask.any()}
+    lacking.pop("time", None)
+    if log.input_kind is InputKind.NONE:
+        lacking.pop("input", None)
+    sparse = {name: count for name, count in lacking.items() if 2 * count > measured.sum()}
+    if not sparse:
+        return log, ""
+    for name, count in sparse.items():
+        if any(np.any(np.diff(log.time[mask]) < 0) for mask in (measured, there[name])):
+            problem = f"nothing in {count} of {measured.sum()} rows with the {log.measures}"
+            expected = "rows in ascending order of time, so that its last value can be held"
+            raise InputError(log.source, name, problem, expected)
+    rows = measured
+    if "input" in sparse:
+        time, inputs = log.command
+        rows = measured & (log.time >= time[np.isfinite(time) & np.isfinite(inputs)].min())
+    if rows.sum() < MIN_SAMPLES:
+        problem = f"{rows.sum()} rows with the {log.measures} after the first input"
+        raise InputError(log.source, "input", problem, f"at least {MIN_SAMPLES}")
+    straight = log.between_samples is Intersample.FIRST_ORDER_HOLD
+    joint: dict[str, Any] = {name: column[rows] for name, column in columns.items()}
+    for name in sparse:
+        every = log.command if name == "input" else (log.time, columns[name])
+        line = straight and name == "input"
+        joint[name] = _filled(joint["time"], joint[name], *every, straight=line)
+    how = "interpolated" if straight and "input" in sparse else "held"
+    listing = ", ".join(f"{name} in {count} samples" for name, count in sparse.items())
+    return replace(log, **joint), f"a row per topic: {how} between its rows: {listing}"
+
+
+def _filled(
+    time: Samples, values: Samples, clock: Samples, every: Samples, *, straight: bool
+) -> Samples:
+    """Return (n,) values; where missing, the last one of every row, or the interpolated one."""
+    there = np.isfinite(clock) & np.isfinite(every)
+    known, numbers = clock[there], every[there]
+    last = np.maximum(np.searchsorted(known, time, "right") - 1, 0)
+    filling = np.interp(time, known, numbers) if straight else numbers[last]
+    return np.where(np.isfinite(values), values, filling)
+
 
 FORMATS = {".mat": "mat", ".csv": "csv", ".parquet": "parquet"}
 FORMATS |= dict.fromkeys((".tsv", ".txt", ".dat"), "csv")

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from butterfly.errors import InputError, require_room
 from butterfly.files import read_file, whole
 from butterfly.logs.clock import dates
-from butterfly.logs.components import NAMING, components
-from butterfly.logs.formats import ColumnMap, chosen_columns, part_at
+from butterfly.logs.formats import NAMING, ColumnMap, chosen_columns, components, part_at
 from butterfly.logs.log import MIN_SAMPLES, SAMPLED, FileReading, Log
 from butterfly.logs.unit_hints import UnitHints
 from butterfly.logs.units import Units

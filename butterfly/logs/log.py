@@ -15,9 +15,14 @@ from numpy.typing import NDArray
 
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, nearest, require_number
-from butterfly.logs.clock import clock_reading, interval_reading, with_clock
+from butterfly.logs.clock import (
+    Regime,
+    between_regimes,
+    clock_reading,
+    interval_reading,
+    with_clock,
+)
 from butterfly.logs.initial_state import InitialState, initial_state_of
-from butterfly.logs.regimes import Regime, between_regimes
 from butterfly.logs.units import AS_IS, ColumnReading, Heading, Units, apportioned, read_unit
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, JointKind
 from butterfly.model.prior import Known, known_of
@@ -160,7 +165,7 @@ class Log:
         Whether the angle is the integral of the recorded velocity; whether the input is computed
         from the setpoint by the servo's law.
     regimes
-        Of its clock, if its mean interval switches (see `butterfly.logs.regimes`); found by
+        Of its clock, if its mean interval switches (see `butterfly.logs.clock`); found by
         `butterfly.logs.health.examine`.
     """
 

@@ -15,11 +15,16 @@ from scipy.io import savemat
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, nearest
 from butterfly.files import replacing
-from butterfly.logs.components import NAMING, components
-from butterfly.logs.formats import ColumnMap, NoColumnError, checked_map, chosen_columns
+from butterfly.logs.formats import (
+    NAMING,
+    ColumnMap,
+    NoColumnError,
+    checked_map,
+    chosen_columns,
+    components,
+)
 from butterfly.logs.log import MIN_SAMPLES, SAMPLED, Log
-from butterfly.logs.matlab_objects import MatlabObject
-from butterfly.logs.matlab_variables import load_variables
+from butterfly.logs.matlab_variables import MatlabObject, load_variables
 from butterfly.logs.unit_hints import UnitHints
 from butterfly.logs.units import Units
 

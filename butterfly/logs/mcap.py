@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, size_text
 from butterfly.files import most_in, require_file, whole
-from butterfly.logs.components import components
-from butterfly.logs.formats import ColumnMap, chosen_columns
+from butterfly.logs.formats import ColumnMap, chosen_columns, components
 from butterfly.logs.log import InputKind, Log
 from butterfly.logs.unit_hints import UnitHints
 from butterfly.logs.units import Units

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from butterfly.errors import InputError
 from butterfly.files import read_file, unpacked, whole
-from butterfly.logs.components import components
-from butterfly.logs.formats import ColumnMap, log_of_table, part_at
+from butterfly.logs.formats import ColumnMap, components, log_of_table, part_at
 from butterfly.logs.log import MIN_SAMPLES, Log
 from butterfly.logs.units import Units
 

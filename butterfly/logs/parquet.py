@@ -17,8 +17,7 @@ from pyarrow import compute, parquet
 
 from butterfly.errors import InputError, size_text
 from butterfly.files import most_in, require_file, whole
-from butterfly.logs.components import Component, components
-from butterfly.logs.formats import ColumnMap, chosen_columns
+from butterfly.logs.formats import ColumnMap, Component, chosen_columns, components
 from butterfly.logs.log import Log
 from butterfly.logs.text_table import is_number_type
 from butterfly.logs.unit_hints import UnitHints

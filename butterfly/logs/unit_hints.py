@@ -17,19 +17,20 @@ from pathlib import PurePath
 from typing import Any
 
 from butterfly.errors import InputError
-from butterfly.logs.keyed_text import (
+from butterfly.logs.headers import (
     DIVIDED,
     OWN_NAMES,
     UNIT_KEYS,
+    USUAL,
     cells_of,
     decoded,
     halves,
     nested_keys,
     opened,
+    parts_of,
     record_in,
     segments,
 )
-from butterfly.logs.known_names import USUAL, parts_of
 from butterfly.logs.unit_words import (
     Mention,
     counts_without_turn,

@@ -321,7 +321,7 @@ class LumpedParameters(FrictionTerms, DriveTerms, LoopTerms, BaseTerms):
         Delay from recorded input to torque, in s.
     slow_delay, slow_interval
         Additional delay in s where the mean sampling interval of a log's clock exceeds
-        ``slow_interval`` in s (see `butterfly.logs.regimes`).
+        ``slow_interval`` in s (see `butterfly.logs.clock`).
     back_emf
         The back-EMF part k_emf k_i/R of p2, in N m s/rad; only used with ``time_constant``.
     time_constant

@@ -12,15 +12,20 @@ from numpy.polynomial import Polynomial
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, require_number
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.physical import judge_fit
+from butterfly.identification.trust import Finding, FindingKind
 from butterfly.logs.log import Log
 from butterfly.model.energy import Orbit
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
-from butterfly.orbit.change_detection import ChangeDetector
 from butterfly.orbit.controller import Dithered, EnergyShaping, Target, VelocityEstimator, gain_for
-from butterfly.orbit.online import OnlineRecalibration, SelfTuning, Watched, WatchPlan
+from butterfly.orbit.online import (
+    ChangeDetector,
+    OnlineRecalibration,
+    SelfTuning,
+    Watched,
+    WatchPlan,
+)
 from butterfly.orbit.recalibration import (
     LoopEquations,
     Recalibration,

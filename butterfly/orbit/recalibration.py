@@ -18,14 +18,14 @@ from numpy.typing import NDArray
 from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError, InputError, nearest, require_number
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Fit
 from butterfly.identification.infer import Basis, infer
 from butterfly.identification.limits import SINGULAR_CONDITION, Conditioning
 from butterfly.identification.linearisation import Linearisation, Regression, Solution
+from butterfly.identification.scatter import Submodels, without_logs
 from butterfly.identification.stagewise import Offer, is_near, offers_in, stagewise
-from butterfly.identification.submodels import Submodels, without_logs
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging, Balance
+from butterfly.identification.trust import Finding, FindingKind
 from butterfly.logs.log import Lead, Log
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.model.terms import PARAMETERS, TERMS, DriveTerms, FrictionTerms, companions, offered

@@ -23,10 +23,9 @@ from butterfly.logs.log import Log
 from butterfly.model.kernel.servo_loop import Loop
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import IDEAL, DriveTerms
-from butterfly.plant.firmware import Firmware
 from butterfly.plant.joints import Joint, counts_of, held_between
 from butterfly.plant.mjcf import compile_model, hinge_of
-from butterfly.plant.rig import Rig
+from butterfly.plant.rig import Firmware, Rig
 from butterfly.plant.sensors import stamps_of
 from butterfly.progress import Track, untracked
 from butterfly.signals import hold

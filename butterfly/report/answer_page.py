@@ -14,7 +14,7 @@ from typing import Any
 
 from plotly.graph_objects import Figure
 
-from butterfly.identification.parameter import or_nan
+from butterfly.identification.trust import or_nan
 from butterfly.report import campaign_page
 from butterfly.report.corner import corner_figure, corner_of_draws
 from butterfly.report.figures import GREY, PALETTE, add, log_ticks, look, panel, panels, rows_panel

@@ -21,8 +21,7 @@ from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 from butterfly.errors import InputError
 from butterfly.experiment.methods import ESTIMATORS
 from butterfly.files import finite, json_text, write_file
-from butterfly.identification.findings import KINDS, Ending
-from butterfly.identification.parameter import Trust
+from butterfly.identification.trust import KINDS, Ending, Trust
 from butterfly.logs.anonymous import anonymous_log, anonymous_manifest, format_of, manifest_facts
 from butterfly.logs.csv import csv_text
 from butterfly.logs.health import examine

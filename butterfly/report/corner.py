@@ -21,8 +21,8 @@ from plotly.subplots import make_subplots
 from butterfly.arrays import Samples, unit_diagonal
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.identified import Identified
-from butterfly.identification.parameter import CONFIDENCE, SPREADS, or_nan
 from butterfly.identification.predict import honest_covariance
+from butterfly.identification.trust import CONFIDENCE, SPREADS, or_nan
 from butterfly.report.figures import PALETTE
 from butterfly.report.format import upwards
 

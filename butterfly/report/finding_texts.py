@@ -8,17 +8,16 @@ from collections.abc import Callable, Mapping, Sequence
 
 from butterfly.errors import IdentifiabilityError, UnusableError, listed
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.free_run import over_segments
-from butterfly.identification.parameter import Trust, or_nan
 from butterfly.identification.physical import BETTER_METHOD
 from butterfly.identification.repeatability import contradiction_text
+from butterfly.identification.trust import Finding, FindingKind, Trust, or_nan
 from butterfly.identification.unit_errors import unit_error_text
 from butterfly.logs.units import Unread, taken_text
 from butterfly.model.terms import OF_SCALE, TERMS
 from butterfly.progress import stopped_text
-from butterfly.report.agreement_texts import contrast_text
 from butterfly.report.format import counted, fit_text, limit_text, percent, times_text, upwards
+from butterfly.report.parameter_table import contrast_text
 from butterfly.verdict import Level, Verdict
 
 Values = Mapping[str, float]

@@ -31,10 +31,9 @@ from butterfly.report.figures import (
     panels,
     rows_panel,
 )
-from butterfly.report.forest import forest
 from butterfly.report.log_figures import first_stretch, time_figure
-from butterfly.signals.frequency_response import ResponsePoint, response_point
-from butterfly.signals.spectrum import rms_amplitude
+from butterfly.report.page import forest
+from butterfly.signals.frequency_response import ResponsePoint, response_point, rms_amplitude
 
 _ROW = 34  # pixels of a parameter
 _HEIGHTS = [0.36, 0.26, 0.19, 0.19]  # of gain, phase, and what is left of either

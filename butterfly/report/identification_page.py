@@ -22,7 +22,6 @@ from butterfly.report.corner import (
 )
 from butterfly.report.figures import middle
 from butterfly.report.finding_texts import estimate_verdict, grave_notes
-from butterfly.report.forest import forest, forest_caption
 from butterfly.report.format import counted, fit_text
 from butterfly.report.identification_figures import IdentificationPlots
 from butterfly.report.inspection import STATES, conditions_text
@@ -30,18 +29,29 @@ from butterfly.report.live import live_section
 from butterfly.report.log_figures import (
     correlation_figure,
     correlation_series,
+    residual_sentences,
+    residual_table,
     spectrum_figure,
     spectrum_series,
     time_series,
 )
-from butterfly.report.page import Badge, Fact, Marked, Page, PageTable, Section, tabulated
+from butterfly.report.page import (
+    Badge,
+    Fact,
+    Marked,
+    Page,
+    PageTable,
+    Section,
+    forest,
+    forest_caption,
+    tabulated,
+)
 from butterfly.report.parameter_table import (
     parameter_table,
     physical_sentences,
     physical_table,
     value_text,
 )
-from butterfly.report.residual import residual_sentences, residual_table
 from butterfly.report.summary import loop_table
 from butterfly.verdict import Level
 

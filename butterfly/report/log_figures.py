@@ -1,4 +1,4 @@
-"""Figures of one log: as recorded, simulated and predicted, and of its residual."""
+"""Figures of one log, as recorded, simulated and predicted, and of the residuals of all."""
 
 from __future__ import annotations
 
@@ -11,18 +11,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from plotly.graph_objects import Figure
+from plotly.subplots import make_subplots
 from scipy import fft
 from scipy.special import digamma
 
+from butterfly.files import finite
+from butterfly.identification.data import DataSet
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FreeRun
-from butterfly.identification.parameter import CONFIDENCE
 from butterfly.identification.predict import OF_NEW_LOG, OF_PARAMETERS, Prediction
-from butterfly.identification.residuals import ErrorBand, LogResiduals
+from butterfly.identification.residuals import ErrorBand, LogResiduals, Residuals
 from butterfly.identification.sensor_errors import Curve
+from butterfly.identification.test_functions import ResidualTorque
+from butterfly.identification.trust import CONFIDENCE
 from butterfly.logs.log import Log
+from butterfly.model.parameters import JointKind
 from butterfly.report.figures import GREY, PALETTE, add, look, panel, panels, seen_samples
-from butterfly.report.page import Page, Section, Series
-from butterfly.signals.spectrum import periodogram, resample
+from butterfly.report.finding_texts import finding_text
+from butterfly.report.inspection import RESIDUAL_CAPTION, residual_row
+from butterfly.report.page import Page, PageTable, Section, Series
+from butterfly.signals.frequency_response import periodogram, resample
 
 _STEP = 0.02  # s between drawn points
 _MOST, _LEAST = 150_000, 600  # points of all the logs of a page, and of each
@@ -251,4 +259,73 @@ def band_figure(prediction: Prediction, *, measured: bool) -> Figure:
             style["hovertemplate"] = f"%{{x:.2f}} s: %{{y:.4f}} {way}"
             y = (angle - about).astype(np.float32)
             add(figure, row, prediction.time, y, name=name, **style)
+    return figure
+
+
+_EXPLAINED = (
+    "The log with the largest error. Residual torque, averaged over short intervals in which the "
+    "joint moves: a missing term that depends on time, angle or velocity shows as a curve. "
+    "Autocorrelation of the free run's error, and its cross-correlation with past input: if sensor "
+    "noise explains it, both stay within the bands."
+)
+_MOST_LOGS = 6000  # instants of a panel
+
+
+def residual_sentences(residuals: Residuals) -> list[str]:
+    """Say how large the residuals of all logs are, and what explains them."""
+    count, outside = len(residuals.logs), residuals.outside
+    lead = f"In {outside} of {count} logs the error exceeds"
+    if count == 1:
+        lead = "The error exceeds" if outside else "The error does not exceed"
+    elif not outside:
+        lead = f"In none of the {count} logs does the error exceed"
+    return [
+        f"{lead} sensor noise (95 % bands). "
+        f"Over all logs the error is {100 * residuals.relative:.2g} % of the motion, "
+        f"{100 * residuals.remaining:.2g} % after small changes of the parameters; sensor noise is "
+        f"{100 * residuals.explained:.2g} %.",
+        *(finding_text(finding, {}) for finding in residuals.missing.findings),
+    ]
+
+
+def residual_table(logs: Sequence[LogResiduals], picks: Sequence[int]) -> PageTable:
+    """Make a table with a row per log, each of which chooses a log by its number."""
+    rows = finite([{"log": log.label} | residual_row(log) for log in logs])
+    table = PageTable.of("", rows, caption=RESIDUAL_CAPTION)
+    return table.on_page()._replace(name="residuals", picks=picks)
+
+
+def with_residual_figures(
+    data: DataSet, estimate: Estimate, number: int, residuals: LogResiduals, page: Page
+) -> Page:
+    """Return a page with the residual torque and the correlations of a log, by its number."""
+    setting = data.simulations.setting(number, estimate)
+    torque = ResidualTorque.of(data.logs[number], setting.parameters, setting.zero)
+    figures = {
+        "torque": torque_figure(torque, data.joint),
+        "correlations": correlation_figure(residuals),
+    }
+    return replace(page, lead=Section(title="At a glance", text=_EXPLAINED, figures=figures))
+
+
+def torque_figure(residual: ResidualTorque, joint: JointKind, most: int = _MOST_LOGS) -> Figure:
+    """Draw the residual torque of a log against time, angle and velocity."""
+    title = "residual force in N" if joint is JointKind.SLIDE else "residual torque in N m"
+    way = joint.way
+    columns = {
+        "time in s": residual.time,
+        f"angle in {way}": residual.angle,
+        f"velocity in {way}/s": residual.velocity,
+    }
+    figure = make_subplots(rows=3, cols=1, vertical_spacing=0.11)
+    some = seen_samples([residual.torque], most)
+    torque = residual.torque[some].astype(np.float32)
+    for row, (below, values) in enumerate(columns.items(), start=1):
+        colour, _ = look(row - 1)
+        style = {"line": {"color": colour, "width": 1}, "mode": "lines" if row == 1 else "markers"}
+        style["marker"] = {"color": colour, "size": 3, "opacity": 0.8}
+        add(figure, row, values[some], torque, showlegend=False, **style)
+        figure.update_xaxes(title=below, row=row)
+        figure.update_yaxes(title=title, row=row)
+    figure.update_layout(height=880)
     return figure

@@ -11,9 +11,8 @@ from butterfly.files import replacing
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate, Truth
 from butterfly.identification.estimators import Estimator
-from butterfly.identification.findings import Finding
-from butterfly.identification.parameter import lumped_numbers
 from butterfly.identification.residuals import Residuals
+from butterfly.identification.trust import Finding, lumped_numbers
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import PARAMETERS
 from butterfly.outputs import mark_of

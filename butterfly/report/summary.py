@@ -15,21 +15,26 @@ from butterfly.identification.design import MOST_RUNS, OF_GOAL, Candidate, Plan
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identified import Identified
-from butterfly.identification.parameter import unit_of
+from butterfly.identification.trust import unit_of
 from butterfly.identification.validate import CrossValidation, Structure
 from butterfly.identification.weak_regression import EncoderOffset, OffsetKind, encoder_offsets
+from butterfly.logs.health import thinned
 from butterfly.logs.log import InputKind, Log
 from butterfly.logs.motors import described_origin
-from butterfly.logs.thinning import thinned
 from butterfly.model.prior import PHYSICAL, Prior
 from butterfly.model.terms import TERMS
-from butterfly.report.agreement_texts import agreement_table
 from butterfly.report.finding_texts import REMEDY, estimate_verdict, grave_notes, minor_notes
 from butterfly.report.format import counted, fit_text, times_text, upwards
 from butterfly.report.inspection import conditions_text
-from butterfly.report.model_table import model_sentences, model_table
 from butterfly.report.page import Fact, PageTable
-from butterfly.report.parameter_table import parameter_table, physical_table, values_table
+from butterfly.report.parameter_table import (
+    agreement_table,
+    model_sentences,
+    model_table,
+    parameter_table,
+    physical_table,
+    values_table,
+)
 from butterfly.signals.frequency_response import ResponsePoint, response_point
 from butterfly.verdict import Level
 

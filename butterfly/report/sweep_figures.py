@@ -12,8 +12,8 @@ from plotly.graph_objects import Figure
 
 from butterfly.experiment.sweep_tables import Estimates
 from butterfly.report.figures import GREY, PALETTE, add, log_ticks, panel, panels, rows_panel
-from butterfly.report.forest import MOST
 from butterfly.report.format import cell_text, field_label
+from butterfly.report.page import MOST
 
 _DISTINCT = 12  # values of a field, up to which each is drawn; beyond, they are put into bins
 _BINS = 8

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from butterfly.experiment.record import OK, SweepRecord
 from butterfly.experiment.sweep_tables import MISSING, Estimates, column
-from butterfly.identification.findings import Ending
+from butterfly.identification.trust import Ending
 from butterfly.identification.validate import Gain
 from butterfly.report.format import cell_text, counted, field_label, field_name
 from butterfly.report.orbit_page import degrees_said, size_text

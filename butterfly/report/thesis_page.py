@@ -12,7 +12,7 @@ from plotly.graph_objects import Figure
 from butterfly.report.figures import GREY, look, panel, seen_samples
 from butterfly.report.page import Page, PageTable, Section, write_page
 from butterfly.report.pictures import write_pictures
-from butterfly.thesis.claims import ThesisFigure
+from butterfly.thesis.tables import ThesisFigure
 
 _MOST = 4000  # points of a curve
 _MARKERS = {"dots": ("circle", 3), "circles": ("circle-open", 9), "crosses": ("x", 8)}

@@ -20,13 +20,13 @@ from butterfly.errors import InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator
-from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.identified import best_gain
 from butterfly.identification.limits import Conditioning
+from butterfly.identification.trust import Finding, FindingKind
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import PARAMETERS
-from butterfly.signals.spectrum import periodogram, resample, uniform_grid
+from butterfly.signals.frequency_response import periodogram, resample, uniform_grid
 
 UPPER_BOUNDS = (0.10326, 0.02, 4.08096)
 """Upper bounds of p1, p2, p3 in (102), as the script computes them; the lower ones are 0."""

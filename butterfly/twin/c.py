@@ -17,7 +17,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from butterfly.arrays import Samples
-from butterfly.identification.parameter import unit_of
+from butterfly.identification.trust import unit_of
 from butterfly.model.greybox import (
     DERIVED,
     OF_BASE,
@@ -31,12 +31,10 @@ from butterfly.model.kernel.equation import Constants
 from butterfly.model.kernel.integrate import interval
 from butterfly.model.parameters import AddedMass, LumpedParameters, UnderLoad, under
 from butterfly.model.terms import DRIVE, OF_INPUT, TERMS, DriveTerms
-from butterfly.twin.accuracy import Case, Yardstick
 from butterfly.twin.forms import Options
 from butterfly.twin.languages import C, JavaScript, wrapped
-from butterfly.twin.reduced import NUMBER, Fields, Function, all_of, is_known, join
-from butterfly.twin.translate import Translator
-from butterfly.twin.twin import Twin, Written, unheard
+from butterfly.twin.translate import NUMBER, Fields, Function, Translator, all_of, is_known, join
+from butterfly.twin.twin import Case, Twin, Written, Yardstick, unheard
 
 _AIM = 1e-7  # rad, less than which no finer step is worth its time
 _GAIN = 0.01  # or than which share less of the error

@@ -24,8 +24,8 @@ from butterfly.arrays import ROUNDING
 from butterfly.errors import InputError
 from butterfly.files import json_text
 from butterfly.identification.free_run import FreeRun
-from butterfly.identification.parameter import FEW, SPREADS, unit_of
 from butterfly.identification.sensor_errors import SensorErrors
+from butterfly.identification.trust import FEW, SPREADS, unit_of
 from butterfly.logs.log import InputKind
 from butterfly.model.kernel.equation import friction_level, pull
 from butterfly.model.parameters import JointKind, LumpedParameters
@@ -34,8 +34,7 @@ from butterfly.twin.c import explained, fields_of, rendered
 from butterfly.twin.forms import Options
 from butterfly.twin.languages import C, Python
 from butterfly.twin.plain import left_out
-from butterfly.twin.reduced import NUMBER, Fields
-from butterfly.twin.translate import Translator
+from butterfly.twin.translate import NUMBER, Fields, Translator
 from butterfly.twin.twin import Twin, Written, unheard
 
 _ANGLES, _SPEEDS = 13, 5  # at which errors are computed

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 FORMS = {
     "mjcf": ("butterfly.twin.stand_alone:as_mjcf", ".xml"),
-    "snippet": ("butterfly.twin.snippet:as_snippet", ".xml"),
+    "snippet": ("butterfly.twin.stand_alone:as_snippet", ".xml"),
     "urdf": ("butterfly.twin.plain:as_urdf", ".urdf", ".xml"),
     "actuator": ("butterfly.twin.plain:as_actuator", ".json"),
     "randomisation": ("butterfly.twin.randomisation:as_randomisation", ".yaml", ".py"),

@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from textwrap import wrap
 
-from butterfly.twin.reduced import (
+from butterfly.twin.translate import (
     NUMBER,
     Expression,
     Fields,

@@ -13,7 +13,7 @@ from butterfly import __version__
 from butterfly.errors import InputError
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.identified import Identified
-from butterfly.identification.parameter import Parameter
+from butterfly.identification.trust import Parameter
 from butterfly.logs.log import InputKind
 from butterfly.logs.manifest import Manifest
 from butterfly.logs.motors import MotorSource

@@ -30,17 +30,16 @@ from typing import Any
 
 from butterfly.arrays import Samples
 from butterfly.files import json_text
-from butterfly.identification.parameter import unit_of
+from butterfly.identification.trust import unit_of
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.servo import LawStructure, Output
 from butterfly.model.terms import LOOP_TERMS, TERMS, held_by
 from butterfly.plant.robot import Shape
-from butterfly.twin.accuracy import Case, Yardstick
 from butterfly.twin.bam import motor_damping
 from butterfly.twin.forms import Options, xml_comment
 from butterfly.twin.stand_alone import Form, mover
-from butterfly.twin.twin import Accuracy, Twin, Written, beyond, listed, told_of
+from butterfly.twin.twin import Accuracy, Case, Twin, Written, Yardstick, beyond, listed, told_of
 
 HELD = {*held_by("urdf"), "gravity", "carried_moment"}
 """Terms that most formats hold."""

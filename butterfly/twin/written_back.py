@@ -1,9 +1,4 @@
-"""Identified values written into the robot's own MJCF or URDF, and how the written model moves.
-
-An attribute is written where the file's value lies outside the interval of the identified one. What
-makes MuJoCo move as identified is written with it: friction that grips within a step, quadratic
-drag, the drive's delay, and ``kv`` in place of a ``dampratio``, which would change with armature.
-"""
+"""Identified values written into the robot's own MJCF or URDF, and how that joint moves."""
 
 from __future__ import annotations
 
@@ -13,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 
+import mujoco
 import numpy as np
 
 from butterfly.arrays import Samples, joined
@@ -25,12 +21,69 @@ from butterfly.logs.model_facts import ActuatorFacts, ModelFacts
 from butterfly.model.parameters import JointKind
 from butterfly.model.terms import held_by
 from butterfly.signals import hold
-from butterfly.twin.joint_alone import JointAlone
 from butterfly.twin.joint_of_model import JointOfModel, compiled
 from butterfly.twin.model_rows import ModelRow, facts_of, model_rows
 from butterfly.twin.robot_text import ACTUATOR, DYNAMICS, Edit, TextChange, with_attributes
 from butterfly.twin.stand_alone import GRIPS, gripping
 from butterfly.twin.twin import NO_DELAY, beyond, listed
+
+_HELD = 1e12
+"""Armature of a held joint in kg m^2, or kg."""
+
+_PRECISE = 1e-20
+"""Tolerance of MuJoCo's solver, in which the held joints' armatures weigh: angles err by 1e-9."""
+
+_SWITCHED_OFF = (
+    mujoco.mjtDisableBit.mjDSBL_CONTACT
+    | mujoco.mjtDisableBit.mjDSBL_LIMIT
+    | mujoco.mjtDisableBit.mjDSBL_EQUALITY
+)
+
+
+class JointAlone:
+    """One joint of a robot's model, which one of its actuators drives, or a torque alone."""
+
+    def __init__(
+        self, robot: JointOfModel, pose: Mapping[str, float], actuator: str | None = None
+    ) -> None:
+        self._model = model = robot.model
+        self._data = robot.configured(pose)
+        self._dof = int(model.jnt_dofadr[robot.joint])
+        self._place = int(model.jnt_qposadr[robot.joint])
+        others = np.arange(model.nv) != self._dof
+        model.dof_armature[others] = _HELD
+        model.dof_frictionloss[others] = 0.0
+        model.opt.disableflags |= int(_SWITCHED_OFF)
+        model.opt.tolerance = _PRECISE
+        self._drive = None if actuator is None else int(model.actuator(actuator).id)
+        idle = np.arange(model.nu) != self._drive
+        model.actuator_gainprm[idle] = 0.0  # a servo of the joint would hold it
+        model.actuator_biasprm[idle] = 0.0
+
+    @property
+    def step(self) -> float:
+        """The model's time step in s."""
+        return float(self._model.opt.timestep)
+
+    def moved(self, commands: Samples, angle: float, velocity: float) -> Samples:
+        """Return the (n + 1,) angles before and after each step under (n,) commands.
+
+        They are the actuator's ctrl, else torques in N m.
+        """
+        model, data = self._model, self._data
+        data.qpos[self._place], data.qvel[:] = angle, 0.0
+        data.qvel[self._dof] = velocity
+        angles = np.empty(commands.size + 1)
+        angles[0] = angle
+        for k, command in enumerate(commands):
+            if self._drive is None:
+                data.qfrc_applied[self._dof] = command
+            else:
+                data.ctrl[self._drive] = command
+            mujoco.mj_step(model, data)
+            angles[k + 1] = data.qpos[self._place]
+        return angles
+
 
 _STIFF = "0.9999 0.9999 0.001 0.5 2"  # of MuJoCo's impedance: friction does not creep
 _OF_URDF = {"damping": "damping", "frictionloss": "friction"}

@@ -7,8 +7,8 @@ import pytest
 
 import butterfly as bf
 from butterfly.api.identification import Identification
-from butterfly.identification.findings import Ending
-from tests.comparison.test_change import ERRORS, TRUTH, estimate, of_scale
+from butterfly.identification.trust import Ending
+from tests.comparison.test_answers import ERRORS, TRUTH, estimate, of_scale
 
 
 def identified(factors=1.0, covariance=None, **properties):

@@ -10,8 +10,8 @@ import butterfly as bf
 from butterfly.api.joint_models import with_heavier_neighbours
 from butterfly.errors import InputError
 from butterfly.identification.estimators import OutputError
-from butterfly.identification.findings import FindingKind
 from butterfly.identification.identify import identify as identify_data
+from butterfly.identification.trust import FindingKind
 from butterfly.logs.manifest import read_manifest
 from butterfly.model.prior import Known
 from tests.arm_logs import ARM, TRUTH, write_log, write_logs

@@ -3,7 +3,7 @@
 import pytest
 
 import butterfly as bf
-from butterfly.api.next_runs import share_of
+from butterfly.api.campaigns import share_of
 from butterfly.identification.design import masses_at_hand
 
 

@@ -7,7 +7,7 @@ import pytest
 
 import butterfly as bf
 from butterfly.api.prediction import BAND_DRAWS
-from butterfly.identification.parameter import CONFIDENCE
+from butterfly.identification.trust import CONFIDENCE
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.prior import Known
 

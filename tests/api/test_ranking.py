@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from butterfly.api.ranking import ranking_answer
-from butterfly.comparison.leaderboard import leaderboard
+from butterfly.api.validation import ranking_answer
+from butterfly.comparison.answers import leaderboard
 from butterfly.identification.estimators import Linear, WeakForm
 from tests.comparison.bench import bench, ranked
 

@@ -16,7 +16,7 @@ import butterfly as bf
 from butterfly.identification.agreement import pace_of
 from butterfly.identification.data import DataSet
 from butterfly.identification.forecast import Identifiability, forecast
-from butterfly.identification.parameter import GOOD_WITHIN
+from butterfly.identification.trust import GOOD_WITHIN
 from butterfly.model.prior import Prior
 from butterfly.model.terms import PARAMETERS
 from tests.benchmarks.kept import command, keep

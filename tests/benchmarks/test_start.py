@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from butterfly.experiment.simulate import simulate, write_logs
+from butterfly.experiment.run import simulate, write_logs
 from butterfly.experiment.source import read_experiment
 from tests.benchmarks.bars import SHORT, measured
 from tests.benchmarks.cpu_time import least_seconds_of_processes

@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from butterfly.experiment.perform import execute
 from butterfly.experiment.record import OK
+from butterfly.experiment.run import data_set_of, execute
+from butterfly.experiment.run import simulate as simulated_logs
 from butterfly.experiment.schema import Experiment
-from butterfly.experiment.simulate import data_set_of
-from butterfly.experiment.simulate import simulate as simulated_logs
 from butterfly.experiment.source import Source
 from butterfly.experiment.sweep import plan_sweep
 from butterfly.identification.estimators import HarmonicBalance, WeakForm

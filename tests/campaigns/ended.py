@@ -4,9 +4,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from butterfly.api.campaigns import campaign_answer
-from butterfly.campaigns.bench import Limits
+from butterfly.campaigns.bench import Contact, Limits
 from butterfly.campaigns.campaign import CampaignOptions, CampaignResult
-from butterfly.campaigns.contact import Contact
 from butterfly.campaigns.folder import Journal, Step
 from butterfly.identification.design import OF_GOAL
 from butterfly.logs.log import InputKind

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from butterfly.campaigns import folder as module
-from butterfly.campaigns.bench import Recording
-from butterfly.campaigns.contact import Contact
+from butterfly.campaigns.bench import Contact, Recording
 from butterfly.campaigns.folder import Folder, Journal, Step
 from butterfly.campaigns.lock import LOCK
 from butterfly.errors import InputError

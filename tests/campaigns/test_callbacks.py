@@ -1,6 +1,6 @@
 """Who follows a campaign is told what it does and why."""
 
-from butterfly.campaigns.callbacks import CampaignCallbacks
+from butterfly.campaigns.campaign import CampaignCallbacks
 from tests.campaigns.robots import Faulty, run
 
 

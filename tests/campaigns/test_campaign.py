@@ -6,9 +6,8 @@ import pytest
 
 import butterfly as bf
 from butterfly.campaigns import folder
-from butterfly.campaigns.bench import Bench
+from butterfly.campaigns.bench import Bench, Relay, Signal
 from butterfly.campaigns.drive import SafetyStop
-from butterfly.campaigns.laws import Relay, Signal
 from butterfly.errors import InputError
 from butterfly.identification.design import OF_GOAL
 from butterfly.plant.rig import Simulator

@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from butterfly.campaigns.bench import Bench
-from butterfly.campaigns.contact import ENOUGH, make_contact
+from butterfly.campaigns.bench import ENOUGH, Bench, make_contact
 from butterfly.campaigns.guard import Limits
 from tests.campaigns.robots import COMMAND, TRUE, Faulty, rig
 

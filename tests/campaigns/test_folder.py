@@ -18,8 +18,8 @@ import butterfly as bf
 from butterfly import outputs
 from butterfly.api import campaigns
 from butterfly.campaigns import folder as module
+from butterfly.campaigns.bench import Contact
 from butterfly.campaigns.campaign import CampaignResult
-from butterfly.campaigns.contact import Contact
 from butterfly.campaigns.folder import Folder, Journal, Step
 from butterfly.campaigns.lock import LOCK
 from butterfly.errors import InputError

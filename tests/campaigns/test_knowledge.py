@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 import butterfly as bf
-from butterfly.campaigns.knowledge import Knowledge
+from butterfly.campaigns.plan import Knowledge
 from butterfly.identification.design import OF_GOAL
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from butterfly.campaigns.laws import LAG, RESERVE, STILL, Brake, LetGo, Push, Relay, Signal
+from butterfly.campaigns.bench import LAG, RESERVE, STILL, Brake, LetGo, Push, Relay, Signal
 from butterfly.plant.motor import Reading
 
 

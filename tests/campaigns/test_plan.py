@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from butterfly.campaigns.bench import STILL
 from butterfly.campaigns.guard import Expected, Limits
-from butterfly.campaigns.laws import STILL
 from butterfly.campaigns.plan import candidates, duration_of, played, probe, validation
 from butterfly.logs.log import InputKind, Sine
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass

@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from butterfly.campaigns.contact import ENOUGH
+from butterfly.campaigns.bench import ENOUGH
 from butterfly.campaigns.drive import SafetyStop
-from butterfly.campaigns.soundness import Rests, require_changed
+from butterfly.campaigns.plan import Rests, require_changed
 from butterfly.identification.estimate import Estimate
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 

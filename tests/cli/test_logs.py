@@ -12,7 +12,7 @@ import pytest
 
 import butterfly as bf
 from butterfly.cli.output import ExitCode
-from butterfly.logs import manifest_draft, thesis_logs
+from butterfly.logs import reading, thesis_logs
 from butterfly.logs.csv import write_csv
 from butterfly.logs.manifest import read_manifest
 from tests.cli.one_line import assert_one_line_error, done
@@ -140,8 +140,8 @@ def test_a_manifest_is_drafted_of_any_logs_with_what_is_said_of_them(butterfly, 
 
 
 def test_columns_of_usual_words_are_taken_and_not_asked_for(butterfly, loose, monkeypatch):
-    read = Mock(side_effect=manifest_draft.read_entry)
-    monkeypatch.setattr(manifest_draft, "read_entry", read)
+    read = Mock(side_effect=reading.read_entry)
+    monkeypatch.setattr(reading, "read_entry", read)
     _, out, _ = butterfly("manifest", loose, "--units", "time=ms,angle=deg,mass=g")
     assert "- columns" not in out
     assert read.call_count == 2  # for the columns, and for the unit of the input

@@ -7,8 +7,8 @@ import pytest
 
 from butterfly.cli.next_command import next_command
 from butterfly.identification.estimators import HarmonicBalance, OutputError
-from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import MissingTerms
+from butterfly.identification.trust import Finding, FindingKind
 from butterfly.identification.unit_errors import UnitError, unit_error
 from tests.report.setting import estimate_with
 

@@ -10,7 +10,7 @@ import pytest
 
 import butterfly as bf
 from butterfly.cli.app import COMMANDS
-from butterfly.cli.written import options_of
+from butterfly.cli.output import options_of
 from butterfly.logs.csv import write_csv
 from tests.cli.one_line import assert_one_line_error
 
@@ -203,7 +203,7 @@ def test_results_and_logs_go_to_folders_of_their_own(butterfly, folder, monkeypa
     for words in (("run", "plan.yaml", "--out", "."), ("run", "plan.yaml", "--out", "folder.d")):
         assert_one_line_error(butterfly(*words), "--out", "a new folder")
     with monkeypatch.context() as unsimulated:
-        unsimulated.delattr("butterfly.experiment.simulate.simulate_runs")
+        unsimulated.delattr("butterfly.experiment.run.simulate_runs")
         for words in (("simulate", "plan.yaml", "--out", "logs"), ("manifest", "logs")):
             assert_one_line_error(butterfly(*words), "manifest.yaml", "--overwrite")
     assert _contents(folder) == before

@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 
-from butterfly.comparison.leaderboard import leaderboard
+from butterfly.comparison.answers import leaderboard
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import HarmonicBalance, Linear, WeakForm
 from tests.identification.simulated import ROBOT, SWINGS, steady

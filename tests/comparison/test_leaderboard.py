@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from butterfly.comparison.leaderboard import leaderboard
+from butterfly.comparison.answers import leaderboard
 from butterfly.identification.estimators import HarmonicBalance
 from butterfly.identification.validate import Split, cross_validate
 from tests.comparison.bench import bench, ranked

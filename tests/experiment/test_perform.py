@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from butterfly.errors import IdentifiabilityError, InputError
-from butterfly.experiment import perform as performing
-from butterfly.experiment.perform import execute, perform
+from butterfly.experiment import run as performing
 from butterfly.experiment.record import OK, REFUSED, Task
+from butterfly.experiment.run import execute, perform
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.source import read_experiment
 from tests.experiment import setting

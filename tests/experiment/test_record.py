@@ -16,8 +16,8 @@ from butterfly.experiment.record import (
     SweepRun,
 )
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.findings import Ending, Finding, FindingKind
 from butterfly.identification.free_run import FitSummary
+from butterfly.identification.trust import Ending, Finding, FindingKind
 from butterfly.model.parameters import AddedMass
 
 ON_BOUND = Finding(FindingKind.ON_BOUND, ("p2",), number=1.5)

@@ -14,14 +14,13 @@ import pytest
 
 import butterfly as bf
 from butterfly.cli.output import ExitCode
-from butterfly.experiment.perform import perform
 from butterfly.experiment.record import OK, REFUSED
+from butterfly.experiment.run import perform
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.source import EXPERIMENT, Source
 from butterfly.experiment.store import ResultStore
-from butterfly.experiment.sweep import plan_sweep, run_sweep
+from butterfly.experiment.sweep import LocalEngine, plan_sweep, run_sweep
 from butterfly.experiment.sweep_tables import ESTIMATES, RUNS
-from butterfly.experiment.workers import LocalEngine
 from butterfly.progress import budget
 from tests.cli.one_line import assert_one_line_error
 from tests.experiment.setting import (

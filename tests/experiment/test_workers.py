@@ -13,12 +13,11 @@ from functools import partial
 import pytest
 
 from butterfly.errors import ButterflyError
-from butterfly.experiment.perform import execute
 from butterfly.experiment.record import FAILED, OK
+from butterfly.experiment.run import execute
 from butterfly.experiment.store import ResultStore
-from butterfly.experiment.sweep import run_sweep
+from butterfly.experiment.sweep import DaskEngine, LocalEngine, run_sweep
 from butterfly.experiment.sweep_tables import RUNS
-from butterfly.experiment.workers import DaskEngine, LocalEngine
 from tests.cli.one_line import assert_one_line_error
 from tests.experiment.jobs import EndsWorker, Job, work
 from tests.experiment.setting import small_plan, tables_of
@@ -171,7 +170,7 @@ class _KillsAfter:
 
 def test_a_scheduler_that_is_not_there_is_one_error(butterfly, folder, monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr("butterfly.experiment.workers._ANSWER", "1s")
+    monkeypatch.setattr("butterfly.experiment.sweep._ANSWER", "1s")
     small_plan(folder)
     words = ("--engine", "dask", "--scheduler", "tcp://127.0.0.1:1", "--out", folder / "none")
     assert_one_line_error(butterfly("run", folder / "small.yaml", *words), "--scheduler")

@@ -24,8 +24,7 @@ import scipy.io
 from pyarrow import parquet
 
 import butterfly as bf
-from butterfly.campaigns.bench import Recording
-from butterfly.campaigns.contact import Contact
+from butterfly.campaigns.bench import Contact, Recording
 from butterfly.campaigns.folder import JOURNAL, Folder, Journal, Step
 from butterfly.errors import InputError
 from butterfly.logs.log import InputKind, Log

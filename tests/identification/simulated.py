@@ -15,8 +15,7 @@ from butterfly.model.greybox import simulate
 from butterfly.model.linear import quasi_linear_response
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.prior import NO_PRIOR
-from butterfly.signals.frequency_response import ResponsePoint
-from butterfly.signals.sine_fit import SineFit
+from butterfly.signals.frequency_response import ResponsePoint, SineFit
 from tests.conftest import MASSES
 from tests.independent.integrator import motion
 

@@ -13,13 +13,13 @@ from butterfly.identification.agreement import (
     weighed_within,
 )
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Fit
 from butterfly.identification.infer import Basis, agreement_of, infer, without_each_mass
 from butterfly.identification.linearisation import Linearisation, compressed
 from butterfly.identification.scatter import Likelihood
+from butterfly.identification.trust import Finding, FindingKind
 from butterfly.model.parameters import AddedMass
-from butterfly.report.agreement_texts import causes, contrast_text
+from butterfly.report.parameter_table import causes, contrast_text
 from tests.identification.simulated import cells
 
 LOGS, CELLS, ROWS = 12, 10, 40

@@ -9,8 +9,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from butterfly.identification.data import DataSet
-from butterfly.identification.findings import FindingKind
 from butterfly.identification.identify import identify
+from butterfly.identification.trust import FindingKind
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.model.prior import Prior
 from butterfly.model.servo import ServoLoop

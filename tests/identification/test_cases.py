@@ -19,8 +19,8 @@ from butterfly.api.verbs import identify
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet, read_data_set
 from butterfly.identification.estimators import OutputError, WeakForm
-from butterfly.identification.findings import FindingKind
 from butterfly.identification.physical import physical_parameters
+from butterfly.identification.trust import FindingKind
 from butterfly.logs.log import Intersample
 from butterfly.logs.manifest import read_manifest
 from butterfly.progress import counted

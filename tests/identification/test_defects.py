@@ -13,7 +13,7 @@ from butterfly.identification.agreement import (
     from_log_to_log,
 )
 from butterfly.identification.estimators import OutputError
-from butterfly.identification.findings import FindingKind
+from butterfly.identification.trust import FindingKind
 from butterfly.model.terms import RARE
 from tests.identification.simulated import cells
 from tests.independent.defects import draw

@@ -10,8 +10,8 @@ from scipy.linalg import fractional_matrix_power
 from scipy.special import stdtrit
 
 import butterfly as bf
+from butterfly.campaigns.bench import STILL, Signal
 from butterfly.campaigns.guard import Expected, Limits
-from butterfly.campaigns.laws import STILL, Signal
 from butterfly.campaigns.plan import Recipe, played
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification import design

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import strategies as st
 
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.findings import Ending
 from butterfly.identification.fit import MissingTerms
 from butterfly.identification.limits import Rival
+from butterfly.identification.trust import Ending
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Prior

@@ -15,7 +15,7 @@ from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import HarmonicBalance, Linear
 from butterfly.identification.estimators.fast_look import Phasors, balanced
-from butterfly.identification.findings import Ending, FindingKind
+from butterfly.identification.trust import Ending, FindingKind
 from butterfly.logs.log import Sine
 from butterfly.model.linear import quasi_linear_response
 from butterfly.model.parameters import AddedMass, LumpedParameters

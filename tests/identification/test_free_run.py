@@ -10,13 +10,13 @@ import pytest
 from butterfly.identification import free_run
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import OutputError, WeakForm
-from butterfly.identification.findings import FindingKind
 from butterfly.identification.free_run import LEAST_FIT, FitSummary, FreeRun, Setting, Simulations
 from butterfly.identification.identified import best_gain, try_parameters
 from butterfly.identification.identify import diagnose, identify, judged
 from butterfly.identification.problem import Start
 from butterfly.identification.residuals import residuals_of
 from butterfly.identification.simulation import Simulation
+from butterfly.identification.trust import FindingKind
 from butterfly.logs.log import Log, Sine
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import LumpedParameters

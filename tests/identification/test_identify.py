@@ -9,9 +9,9 @@ from butterfly.identification.chosen_terms import choose
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import OutputError
 from butterfly.identification.estimators.assumptions import weigh_by_scatter
-from butterfly.identification.findings import FindingKind
 from butterfly.identification.identify import diagnose, identify, simulated
 from butterfly.identification.residuals import residuals_of
+from butterfly.identification.trust import FindingKind
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, noisy, wild
 

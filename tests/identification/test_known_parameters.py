@@ -9,9 +9,9 @@ from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.derived_quantities import discrepancies, implied
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
-from butterfly.identification.findings import FindingKind
 from butterfly.identification.limits import cluster_covariance
 from butterfly.identification.loss import Loss
+from butterfly.identification.trust import FindingKind
 from butterfly.identification.unit_error_search import find_unit_errors
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import JointKind

@@ -9,7 +9,6 @@ from scipy.optimize import nnls
 from scipy.stats import t as student
 
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.findings import Ending, FindingKind
 from butterfly.identification.fit import Fit
 from butterfly.identification.infer import (
     Basis,
@@ -26,6 +25,7 @@ from butterfly.identification.limits import (
     robust,
 )
 from butterfly.identification.linearisation import Regression, compressed
+from butterfly.identification.trust import Ending, FindingKind
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Penalty
 from tests.identification.simulated import cells

@@ -10,8 +10,8 @@ from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import Loss, OutputError
 from butterfly.identification.estimators.start import starts
-from butterfly.identification.findings import Ending, FindingKind
 from butterfly.identification.problem import Start
+from butterfly.identification.trust import Ending, FindingKind
 from butterfly.logs.log import Sine
 from butterfly.model.parameters import LumpedParameters
 from tests.conftest import MASSES

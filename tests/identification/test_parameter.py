@@ -8,16 +8,17 @@ from scipy.stats import norm
 
 import butterfly as bf
 from butterfly.arrays import ROUNDING
-from butterfly.identification import parameter
+from butterfly.identification import trust as parameter
 from butterfly.identification.derived_quantities import WAYS
-from butterfly.identification.findings import Finding, FindingKind
-from butterfly.identification.parameter import (
+from butterfly.identification.trust import (
     ACCUSED,
     CLEARLY,
     CONFIDENCE,
     DRAWS,
     GOOD_WITHIN,
     SPREADS,
+    Finding,
+    FindingKind,
     Parameter,
     Trust,
     trust_of,

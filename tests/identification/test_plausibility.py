@@ -9,7 +9,7 @@ import pytest
 from butterfly.errors import InputError
 from butterfly.identification import physical
 from butterfly.identification.derived_quantities import implied
-from butterfly.identification.findings import Finding, FindingKind
+from butterfly.identification.trust import Finding, FindingKind
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.model.prior import SCALES, Prior

@@ -8,8 +8,8 @@ import pytest
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import Loss, OutputError
 from butterfly.identification.problem import Start
+from butterfly.logs.clock import Regime
 from butterfly.logs.log import Intersample, Sine
-from butterfly.logs.regimes import Regime
 from butterfly.model.terms import BASE_TERMS, GEAR, LOOP_TERMS, offered
 from tests.conftest import MASSES
 from tests.identification.simulated import RICH, simulated

@@ -8,8 +8,8 @@ import pytest
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
-from butterfly.identification.findings import FindingKind
 from butterfly.identification.problem import Start
+from butterfly.identification.trust import FindingKind
 from butterfly.model.prior import Prior
 from butterfly.model.terms import BASE_TERMS, LOOP_TERMS, PARAMETERS, TERMS, offered
 from butterfly.orbit.recalibration import RecalibrationOptions, recalibrate

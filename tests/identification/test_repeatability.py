@@ -10,13 +10,13 @@ import butterfly as bf
 from butterfly.identification import repeatability
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import OutputError
-from butterfly.identification.findings import FindingKind
 from butterfly.identification.repeatability import (
     Repeatability,
     contradicting_runs,
     contradiction_text,
     ratios_of,
 )
+from butterfly.identification.trust import FindingKind
 from butterfly.logs.log import Sine
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 from butterfly.verdict import Level

@@ -9,13 +9,13 @@ import pytest
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import OutputError
-from butterfly.identification.findings import FindingKind
 from butterfly.identification.fit import MissingTerms
 from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.identify import diagnose, identify
 from butterfly.identification.residuals import LogResiduals, Residuals, residuals_of
 from butterfly.identification.sensor_errors import Curve
 from butterfly.identification.test_functions import ResidualTorque
+from butterfly.identification.trust import FindingKind
 from butterfly.model.terms import PARAMETERS
 from butterfly.plant.sensors import Encoder
 from tests.conftest import MASSES

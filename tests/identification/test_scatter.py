@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize_scalar
 
-from butterfly.identification.findings import FindingKind
 from butterfly.identification.linearisation import Linearisation
 from butterfly.identification.scatter import Likelihood, spread_of
+from butterfly.identification.trust import FindingKind
 from butterfly.model.prior import Known, Penalty
 
 FOUR = ("p1", "p2", "p4", "coulomb")

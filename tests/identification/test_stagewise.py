@@ -7,14 +7,14 @@ import pytest
 
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import OutputError
-from butterfly.identification.findings import Finding, FindingKind
+from butterfly.identification.scatter import Submodels, folds_of
 from butterfly.identification.stagewise import (
     candidates,
     stagewise,
     stribeck_velocities,
     stribeck_velocity,
 )
-from butterfly.identification.submodels import Submodels, folds_of
+from butterfly.identification.trust import Finding, FindingKind
 from butterfly.model.parameters import AddedMass, friction_brakes
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.orbit.recalibration import LinearModel

@@ -7,8 +7,8 @@ import pytest
 
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.estimators.start import best_local_minimum
-from butterfly.identification.findings import Ending, FindingKind
 from butterfly.identification.fit import Fit
+from butterfly.identification.trust import Ending, FindingKind
 from tests.identification.simulated import equations_about
 
 

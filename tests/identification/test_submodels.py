@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from butterfly.identification.submodels import Submodels, without_logs
+from butterfly.identification.scatter import Submodels, without_logs
 from tests.identification.simulated import cells
 
 PARTS, EACH = 6, 5

@@ -10,10 +10,10 @@ import pytest
 import butterfly as bf
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
-from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.identify import identify
 from butterfly.identification.segments import driven
 from butterfly.identification.simulation import Simulation
+from butterfly.identification.trust import Finding, FindingKind
 from butterfly.identification.unit_error_search import find_slow_clock, find_unit_errors
 from butterfly.identification.unit_errors import (
     UnitError,

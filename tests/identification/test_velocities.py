@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import butterfly as bf
-from butterfly.api.changed import change_answer
+from butterfly.api.comparison import change_answer
 from butterfly.comparison.three_way import compare_three
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet

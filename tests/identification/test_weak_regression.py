@@ -11,8 +11,8 @@ from butterfly.identification import limits as blocks
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import OutputError, WeakForm
 from butterfly.identification.estimators.start import starts
-from butterfly.identification.findings import FindingKind
 from butterfly.identification.problem import Start, columns_of
+from butterfly.identification.trust import FindingKind
 from butterfly.identification.weak_regression import OffsetKind, fitted_offset, near, offset_errors
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import GRAVITY, NO_ADDED_MASS, AddedMass

@@ -14,8 +14,8 @@ import numpy as np
 from butterfly.errors import ButterflyError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import HarmonicBalance, WeakForm
-from butterfly.identification.findings import FindingKind
 from butterfly.identification.identify import identify
+from butterfly.identification.trust import FindingKind
 from butterfly.logs.log import Log
 from butterfly.logs.reading import with_unique_names
 from butterfly.model.parameters import AddedMass

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
-from butterfly.campaigns.laws import STILL, Relay
+from butterfly.campaigns.bench import STILL, Relay
 from butterfly.logs import faults
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import LumpedParameters

@@ -15,11 +15,10 @@ from butterfly.errors import InputError
 from butterfly.files import write_file
 from butterfly.logs.csv import write_csv
 from butterfly.logs.formats import ENDINGS, FORMATS, log_of_table, read_log
-from butterfly.logs.health import examine
+from butterfly.logs.health import examine, thinned
 from butterfly.logs.log import InputKind, Log
 from butterfly.logs.mat import write_mat
 from butterfly.logs.parquet import parquet_bytes
-from butterfly.logs.thinning import thinned
 from tests.logs.said_table import written
 
 KIND = {"input_kind": InputKind.TORQUE}

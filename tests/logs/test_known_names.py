@@ -2,8 +2,8 @@
 
 import pytest
 
-from butterfly.logs.known_names import columns_of_joint
-from butterfly.logs.manifest_draft import draft, open_questions, with_columns
+from butterfly.logs.headers import columns_of_joint
+from butterfly.logs.reading import draft, open_questions, with_columns
 from tests.logs.columns import GOAL
 
 DUTY = {"time": "t_s", "input": "pwm_percent", "angle": "theta"}

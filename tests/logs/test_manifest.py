@@ -21,9 +21,8 @@ from butterfly.logs.manifest import (
     read_manifest,
     write_manifest,
 )
-from butterfly.logs.manifest_draft import draft
 from butterfly.logs.mat import write_mat
-from butterfly.logs.reading import read_entry
+from butterfly.logs.reading import draft, read_entry
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Known
 from butterfly.model.servo import ServoLoop

@@ -10,7 +10,7 @@ import butterfly as bf
 from butterfly.errors import InputError
 from butterfly.logs.log import InputKind, Intersample
 from butterfly.logs.manifest import checked_options, write_manifest
-from butterfly.logs.manifest_draft import draft, has_thesis_names, open_questions, with_columns
+from butterfly.logs.reading import draft, has_thesis_names, open_questions, with_columns
 from tests.logs.columns import GOAL
 from tests.logs.test_formats import write_log
 

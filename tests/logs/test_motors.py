@@ -13,7 +13,7 @@ from butterfly.cli.app import program
 from butterfly.errors import InputError
 from butterfly.files import shipped
 from butterfly.identification.data import DataSet
-from butterfly.identification.findings import FindingKind
+from butterfly.identification.trust import FindingKind
 from butterfly.logs.log import Log
 from butterfly.logs.manifest import Manifest
 from butterfly.logs.motors import FOLDER, MeasuredMotor, motor_names, motor_of, with_motor

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from butterfly.logs.clock import Regime, between_regimes, find_regimes
 from butterfly.logs.health import examine
-from butterfly.logs.regimes import Regime, between_regimes, find_regimes
 from butterfly.plant.sensors import Clock, ClockRegime, stamps_of
 
 FAST, SLOW = 1.117e-3, 1.21e-3

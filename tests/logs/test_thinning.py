@@ -7,9 +7,8 @@ import pytest
 
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators.output_error import OutputError
-from butterfly.logs.health import examine
+from butterfly.logs.health import examine, thinned
 from butterfly.logs.log import InputKind, Intersample, Lead, Log
-from butterfly.logs.thinning import thinned
 from butterfly.model.prior import Prior
 from tests.independent.integrator import Joint, motion
 

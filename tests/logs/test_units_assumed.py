@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import butterfly as bf
-from butterfly.identification.findings import FindingKind
+from butterfly.identification.trust import FindingKind
 from butterfly.verdict import Level
 from tests.benchmarks.units_table import NAMES, harmless, outcome, signals
 

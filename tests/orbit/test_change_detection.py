@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from butterfly.errors import InputError
-from butterfly.orbit.change_detection import ChangeDetector, false_alarms
+from butterfly.orbit.online import ChangeDetector, false_alarms
 from butterfly.orbit.recalibration import SEGMENT
 
 NAMES = ("p2", "p3", "p4", "coulomb")

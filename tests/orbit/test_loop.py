@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from butterfly.identification.findings import FindingKind
+from butterfly.identification.trust import FindingKind
 from butterfly.model.terms import lower_bounds
 from butterfly.orbit.loop import PERIODS, beside_orbit, calibrate, mean_speed, swing
 from butterfly.plant.rig import Simulator

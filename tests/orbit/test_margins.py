@@ -10,8 +10,7 @@ from butterfly.errors import InputError
 from butterfly.model.energy import Orbit, energy, pull
 from butterfly.model.linear import LinearJoint
 from butterfly.model.parameters import LumpedParameters, TorqueDrive
-from butterfly.orbit.controller import EnergyShaping, gain_for
-from butterfly.orbit.margins import loop_margins
+from butterfly.orbit.controller import EnergyShaping, gain_for, loop_margins
 from butterfly.plant.joints import GreyBoxJoint
 from butterfly.plant.motor import CommandPath
 from tests.plant.setting import robot, under_law

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.findings import FindingKind
 from butterfly.identification.test_functions import HALF_WIDTH, SPACING
+from butterfly.identification.trust import FindingKind
 from butterfly.logs.log import Intersample
 from butterfly.orbit.online import OnlineRecalibration
 from butterfly.orbit.recalibration import RecalibrationOptions, recalibrate

@@ -10,14 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import ellipe, ellipk
 
-from butterfly.experiment.perform import perform
+from butterfly.experiment.run import perform
 from butterfly.experiment.schema import Experiment, TargetSpec
 from butterfly.logs.health import Repair, examine
 from butterfly.model.energy import Orbit, energy
 from butterfly.model.parameters import NO_ADDED_MASS, LumpedParameters, TorqueDrive
-from butterfly.orbit.controller import EnergyShaping, Observer, gain_for
+from butterfly.orbit.controller import EnergyShaping, Observer, gain_for, loop_margins
 from butterfly.orbit.loop import mean_speed
-from butterfly.orbit.margins import loop_margins
 from butterfly.orbit.online import OnlineRecalibration, SelfTuning
 from butterfly.orbit.recalibration import recalibrate
 from butterfly.plant.joints import GreyBoxJoint

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from butterfly.errors import InputError
-from butterfly.experiment.perform import perform
 from butterfly.experiment.record import RunRecord
+from butterfly.experiment.run import perform
 from butterfly.experiment.source import Source
 from butterfly.files import shipped
 from butterfly.model.energy import Orbit
@@ -17,8 +17,7 @@ from butterfly.orbit.loop import swing, watch
 from butterfly.orbit.online import OnlineRecalibration, SelfTuning, WatchPlan
 from butterfly.plant.rig import Simulator
 from butterfly.plant.robot import RobotChange
-from butterfly.report.orbit_page import orbit_page
-from butterfly.report.orbit_watch import watch_section, watch_sentences
+from butterfly.report.orbit_page import orbit_page, watch_section, watch_sentences
 from tests.orbit.setting import NO_ADDED_MASS, SIXTY, plant, sixty_degrees
 
 SPEC = plant({"coulomb": 4e-4}, step=5e-3).model_copy(update={"simulator": Simulator.GREY_BOX})

@@ -5,7 +5,7 @@ import re
 import pytest
 
 import butterfly as bf
-from butterfly.identification.parameter import Trust
+from butterfly.identification.trust import Trust
 from butterfly.verdict import VERDICTS
 from tests.pages.blocks import PAGES, ROOT
 from tests.pages.scripts import script

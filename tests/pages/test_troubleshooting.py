@@ -9,11 +9,11 @@ from types import SimpleNamespace
 import pytest
 
 from butterfly.identification.agreement import Condition, Contrast
-from butterfly.identification.findings import Finding, FindingKind
+from butterfly.identification.trust import Finding, FindingKind
 from butterfly.identification.unit_errors import UnitError
 from butterfly.model.parameters import JointKind
-from butterfly.report.agreement_texts import contrast_text
 from butterfly.report.finding_texts import finding_text
+from butterfly.report.parameter_table import contrast_text
 from tests.texts import words_of
 
 ROOT = Path(__file__).parents[2]

@@ -10,10 +10,9 @@ from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import InputKind, Sine
 from butterfly.model.parameters import LumpedParameters, TorqueDrive
 from butterfly.model.servo import ServoLoop
-from butterfly.plant.firmware import Servo
 from butterfly.plant.joints import MujocoJoint
 from butterfly.plant.motor import CommandPath
-from butterfly.plant.rig import Rig, Simulator
+from butterfly.plant.rig import Rig, Servo, Simulator
 from butterfly.plant.rollout import replay_loop, simulate_runs
 from butterfly.plant.sensors import Clock
 from butterfly.signals.excitations import Table

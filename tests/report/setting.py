@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from butterfly.identification.findings import Ending
-from butterfly.identification.parameter import Parameter
+from butterfly.identification.trust import Ending, Parameter
 from tests.identification.simulated import estimate_of
 
 ODD = ("a$b", r"$\frac{$ <b>bold</b>", "<script>alert(1)</script>")

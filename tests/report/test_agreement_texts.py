@@ -3,7 +3,7 @@
 import pytest
 
 from butterfly.identification.agreement import Condition, Contrast
-from butterfly.report.agreement_texts import causes
+from butterfly.report.parameter_table import causes
 
 
 @pytest.mark.parametrize(

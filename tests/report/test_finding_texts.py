@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from butterfly.identification.agreement import Condition, Contrast
-from butterfly.identification.findings import Ending, Finding, FindingKind
+from butterfly.identification.trust import Ending, Finding, FindingKind
 from butterfly.report.finding_texts import (
     estimate_notes,
     estimate_sentences,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from butterfly.report.forest import forest
+from butterfly.report.page import forest
 from tests.report.setting import parameter_row
 
 

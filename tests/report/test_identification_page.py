@@ -9,10 +9,10 @@ import pytest
 
 from butterfly.api.verbs import identify
 from butterfly.identification.estimators import Linear
-from butterfly.identification.findings import Finding, FindingKind
+from butterfly.identification.trust import Finding, FindingKind
 from butterfly.report.finding_texts import estimate_verdict, finding_text
+from butterfly.report.log_figures import residual_sentences, residual_table
 from butterfly.report.parameter_table import parameter_table
-from butterfly.report.residual import residual_sentences, residual_table
 from butterfly.report.summary import summary
 from butterfly.verdict import Level
 from tests.report.browser import needs_chromium, seen_by_chromium

@@ -14,7 +14,7 @@ from butterfly.identification.free_run import Setting
 from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
-from butterfly.report.live_log import Column, LiveLog
+from butterfly.report.live import Column, LiveLog
 from butterfly.twin import c
 from tests.programs import said
 from tests.twin.compiled import GEAR, KINDS, drawn, needs_node

@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from butterfly.report.log_table import RESIDUAL_COLUMNS, about_log, fit_facts, of_logs, residual_row
+from butterfly.report.inspection import (
+    RESIDUAL_COLUMNS,
+    about_log,
+    fit_facts,
+    of_logs,
+    residual_row,
+)
 
 
 def _rows(*fits):

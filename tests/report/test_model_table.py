@@ -6,7 +6,7 @@ import pytest
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.identified import Identified
 from butterfly.logs.model_facts import LinkMasses, ModelFacts, PoseFacts
-from butterfly.report.model_table import model_sentences, model_table
+from butterfly.report.parameter_table import model_sentences, model_table
 
 VALUES = {"p1": 0.05, "p2": 0.1, "p3": 1.5, "coulomb": 0.02}
 ERRORS = {"p1": 0.0005, "p2": 0.01, "p3": 0.0, "coulomb": 0.001}

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from butterfly.experiment.record import AlsoRecord, OrbitRecord
-from butterfly.identification.findings import Ending
+from butterfly.identification.trust import Ending
 from butterfly.report.orbit_page import orbit_document, orbit_headline, orbit_page
 from butterfly.verdict import Level
 from tests.orbit.setting import hanging_study

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from butterfly.orbit.change_detection import Alarm, Cause
-from butterfly.report.orbit_watch import watch_sentences
+from butterfly.orbit.online import Alarm, Cause
+from butterfly.report.orbit_page import watch_sentences
 
 ALARM = {"time": 44.0, "since": (39.5, 41.25), "statistic": 9.0}
 ALONE = Cause(name="p2", before=2.0, after=2.2, lower=2.1, upper=2.3)

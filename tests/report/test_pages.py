@@ -9,18 +9,18 @@ import pytest
 
 from butterfly.api.comparison import comparison_answer
 from butterfly.api.prediction import predict
-from butterfly.api.ranking import ranking_answer
+from butterfly.api.validation import ranking_answer
 from butterfly.api.verbs import identify
-from butterfly.comparison.leaderboard import leaderboard
+from butterfly.comparison.answers import leaderboard
 from butterfly.comparison.three_way import compare_three
 from butterfly.experiment.record import EstimateRecord, Outcome, RunRecord, SweepRecord, SweepRun
 from butterfly.experiment.store import ResultStore
 from butterfly.experiment.sweep_tables import ESTIMATES, RUNS
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import HarmonicBalance, Linear
-from butterfly.identification.findings import Ending
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.residuals import residuals_of
+from butterfly.identification.trust import Ending
 from butterfly.model.prior import Prior
 from butterfly.orbit.loop import study_orbit
 from butterfly.report.orbit_page import orbit_page

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 
 from butterfly.identification.test_functions import ResidualTorque
-from butterfly.report.residual import torque_figure
+from butterfly.report.log_figures import torque_figure
 
 
 def test_times_of_a_residual_are_true_wherever_the_clock_starts(simulated):

@@ -3,7 +3,7 @@
 import numpy as np
 
 from butterfly.report.thesis_page import drawn
-from butterfly.thesis.claims import ThesisFigure
+from butterfly.thesis.tables import ThesisFigure
 
 TIME = np.arange(1.0, 10_001.0)
 

@@ -1,6 +1,12 @@
 """A fit of one sine, as tests want it."""
 
-from butterfly.signals.sine_fit import HARMONICS, SineFit, fit_basis, sine_basis, with_transient
+from butterfly.signals.frequency_response import (
+    HARMONICS,
+    SineFit,
+    fit_basis,
+    sine_basis,
+    with_transient,
+)
 
 
 def fit_sine(time, values, omega, harmonics=HARMONICS, pole=None) -> SineFit:

@@ -17,9 +17,9 @@ from butterfly.signals.frequency_response import (
     measured_response,
     pole_of,
     response_point,
+    sine_basis,
     steady_window,
 )
-from butterfly.signals.sine_fit import sine_basis
 from tests.identification.simulated import simulated
 from tests.signals.sines import fit_sine
 

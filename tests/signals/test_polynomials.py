@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import CubicHermiteSpline
 from scipy.signal import savgol_filter
 
-from butterfly.signals import polynomials
+from butterfly.signals import hold
 
 VALUES = np.cumsum(np.random.default_rng(0).standard_normal(3000))
 
@@ -27,7 +27,7 @@ def _random(seed):
 def test_they_are_the_cubic_hermite_splines_and_go_on_beyond_the_end(seed, slopes):
     grid, angle, velocity, instants, _ = _random(seed)
     expected = CubicHermiteSpline(grid, angle, velocity)(instants, int(slopes))
-    found = polynomials.interpolate(grid, angle, velocity, instants, slopes)
+    found = hold.interpolate(grid, angle, velocity, instants, slopes)
     np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
@@ -35,7 +35,7 @@ def test_they_are_the_cubic_hermite_splines_and_go_on_beyond_the_end(seed, slope
 @given(seed=st.integers(0, 10**6), slopes=st.booleans())
 def test_averages_are_those_over_the_instants_of_each_interval(seed, slopes):
     grid, angle, velocity, instants, values = _random(seed)
-    into, weights, means, counts = polynomials.averages(grid, instants, values, slopes)
+    into, weights, means, counts = hold.averages(grid, instants, values, slopes)
     spline = CubicHermiteSpline(grid, angle, velocity)
     expected, rates = (spline(instants, int(slopes) + more) for more in (0, 1))
     cell = np.clip(np.searchsorted(grid, instants, "right") - 1, 0, grid.size - 2)
@@ -55,7 +55,7 @@ def test_averages_are_those_over_the_instants_of_each_interval(seed, slopes):
 )
 def test_slopes_are_those_of_scipy_s_savitzky_golay_filter_up_to_the_ends(size, reach, order):
     values, step = VALUES[:size], 0.01
-    found = polynomials.slope(values, reach, order, step)
+    found = hold.slope(values, reach, order, step)
     expected = savgol_filter(values, 2 * reach + 1, order, deriv=1, delta=step, mode="interp")
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
 
@@ -63,10 +63,10 @@ def test_slopes_are_those_of_scipy_s_savitzky_golay_filter_up_to_the_ends(size, 
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
 def test_the_slope_of_a_polynomial_is_exact_up_to_the_ends(order):
     time = 0.02 * np.arange(200) - 1
-    found = polynomials.slope(time**order, 10, 4, 0.02)
+    found = hold.slope(time**order, 10, 4, 0.02)
     np.testing.assert_allclose(found, order * time ** (order - 1), rtol=0, atol=1e-11)
 
 
 def test_at_rest_the_slope_is_0_to_the_last_bit():
     """Its sign is the direction of friction."""
-    assert not polynomials.slope(np.full(300, 0.1), 20, 4, 1e-3).any()
+    assert not hold.slope(np.full(300, 0.1), 20, 4, 1e-3).any()

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from butterfly.signals.sine_fit import fit_basis, fit_halves, sine_basis
+from butterfly.signals.frequency_response import fit_basis, fit_halves, sine_basis
 from tests.signals.sines import fit_sine
 
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from butterfly.signals.spectrum import (
+from butterfly.signals.frequency_response import (
     dominant_frequency,
     dominant_period,
     periodogram,

@@ -2,7 +2,7 @@
 
 import pytest
 
-from butterfly.cli.experiments import thesis_robot
+from butterfly.cli.commands import thesis_robot
 from butterfly.thesis.figures import synthetic_figures
 
 

@@ -7,8 +7,7 @@ import pytest
 
 from butterfly.report.page import PageTable
 from butterfly.report.thesis_page import drawn, write_thesis
-from butterfly.thesis.claims import Claim, ThesisFigure, near
-from butterfly.thesis.tables import HEADERS, Row, compared
+from butterfly.thesis.tables import HEADERS, Claim, Row, ThesisFigure, compared, near
 
 
 def test_numbers_agree_within_a_share_or_a_bound():

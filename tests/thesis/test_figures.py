@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from butterfly.cli.experiments import reproduce, thesis_robot
+from butterfly.cli.commands import reproduce, thesis_robot
 from butterfly.thesis.figures import real_figures, synthetic_figures
 from butterfly.thesis.tables import TABLE_4_PRINTED
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from butterfly.thesis.invariant_fit import AMPLITUDE, ClosedLoop, cases_figure, scale_figure
+from butterfly.thesis.figures import AMPLITUDE, ClosedLoop, cases_figure, scale_figure
 from tests.independent.integrator import Joint, motion
 from tests.thesis.test_resonance import THESIS
 

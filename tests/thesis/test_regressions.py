@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import curve_fit, least_squares
 
-from butterfly.cli.experiments import thesis_robot
+from butterfly.cli.commands import thesis_robot
 from butterfly.errors import InputError
 from butterfly.model.parameters import AddedMass
 from butterfly.thesis.figures import regression_figure, resonance_figure

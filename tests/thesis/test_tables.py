@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from butterfly.cli.experiments import thesis_robot
+from butterfly.cli.commands import thesis_robot
 from butterfly.logs import thesis_logs
 from butterfly.logs.log import Sine
 from butterfly.model.parameters import AddedMass

@@ -7,5 +7,5 @@ import pytest
 def _brief():
     """A joint without logs is measured for five seconds, not for a minute."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("butterfly.twin.accuracy._MINUTE", 5.0)
+        patch.setattr("butterfly.twin.twin._MINUTE", 5.0)
         yield

@@ -15,8 +15,8 @@ from butterfly.model.parameters import AddedMass
 from butterfly.model.servo import ServoLoop
 from butterfly.plant.motor import CommandPath
 from butterfly.twin import c
-from butterfly.twin.accuracy import Yardstick
 from butterfly.twin.forms import Options, write_as
+from butterfly.twin.twin import Yardstick
 from tests.programs import said
 from tests.twin.compiled import KINDS, compile_with, drawn, libraries, library, needs_cc
 

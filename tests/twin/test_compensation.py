@@ -16,7 +16,7 @@ from butterfly.errors import InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FreeRun
-from butterfly.identification.parameter import SPREADS
+from butterfly.identification.trust import SPREADS
 from butterfly.logs.log import InputKind, Log, Sine
 from butterfly.model.greybox import constants_of
 from butterfly.model.kernel.equation import friction_level, pull, rates

@@ -6,8 +6,8 @@ import pytest
 
 from butterfly.files import shipped
 from butterfly.logs.model_facts import LinkMasses
-from butterfly.twin.joint_alone import JointAlone
 from butterfly.twin.joint_of_model import JointOfModel
+from butterfly.twin.written_back import JointAlone
 from tests.independent.integrator import Joint, motion
 
 MODELS = {name: shipped(f"models/{name}/{name}.xml") for name in ("arm", "leg", "linkage")}

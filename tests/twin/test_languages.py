@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 
 from butterfly.model.kernel.steps import exceeds_at
 from butterfly.twin.languages import C, JavaScript
-from butterfly.twin.reduced import NUMBER
-from butterfly.twin.translate import Translator
+from butterfly.twin.translate import NUMBER, Translator
 from tests.programs import said
 from tests.twin.compiled import compile_with, needs_cc, needs_node
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.parameter import SPREADS
+from butterfly.identification.trust import SPREADS
 from butterfly.logs.log import InputKind
 from butterfly.logs.model_facts import ActuatorFacts, LinkMasses, ModelFacts, PoseFacts
 from butterfly.model.parameters import JointKind

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from butterfly.errors import InputError
-from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.identified import Identified
+from butterfly.identification.trust import Finding, FindingKind
 from butterfly.logs.log import InputKind
 from butterfly.logs.motors import SharedValue
 from butterfly.model.parameters import JointKind

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from butterfly.twin.joint_of_model import JointOfModel
-from butterfly.twin.neighbours import JointMotion, coupling, smoothness
+from butterfly.twin.joint_of_model import JointMotion, JointOfModel, coupling, smoothness
 
 M1, M2, L1, L2, G = 0.7, 0.4, 0.3, 0.2, 9.81  # kg, kg, m, m, m/s²
 DOUBLE = f"""<mujoco><compiler angle="radian"/><worldbody><body>

@@ -13,7 +13,7 @@ from butterfly.model.parameters import LumpedParameters
 from butterfly.model.prior import Prior
 from butterfly.model.servo import ServoLoop
 from butterfly.twin.forms import Options, write_as
-from butterfly.twin.snippet import inertial
+from butterfly.twin.stand_alone import inertial
 from tests.twin.in_mjlab import needs_mjlab, said_by_mjlab
 from tests.twin.moving import (
     DRIVEN,

@@ -12,9 +12,8 @@ import yaml
 from butterfly.logs.log import InputKind
 from butterfly.model.servo import ServoLoop
 from butterfly.twin.forms import Options, write_as
-from butterfly.twin.randomisation import about_ranges
-from butterfly.twin.ranges import Range, ranges_of
-from butterfly.twin.snippet import inertial
+from butterfly.twin.randomisation import Range, about_ranges, ranges_of
+from butterfly.twin.stand_alone import inertial
 from tests.twin.in_mjlab import needs_mjlab, said_by_mjlab
 from tests.twin.moving import STEP, twin
 from tests.twin.units import estimated, unit_of_product

@@ -10,7 +10,7 @@ import pytest
 from butterfly.errors import InputError
 from butterfly.logs.log import InputKind
 from butterfly.model.servo import ServoLoop
-from butterfly.twin.ranges import Range, ranges_of, tolerance_factor
+from butterfly.twin.randomisation import Range, ranges_of, tolerance_factor
 from tests.twin.moving import twin
 from tests.twin.units import estimated, unit_of_product
 

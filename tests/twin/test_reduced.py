@@ -6,8 +6,7 @@ import pytest
 
 from butterfly.model.kernel.equation import Constants
 from butterfly.twin.languages import C
-from butterfly.twin.reduced import NUMBER, Fields
-from butterfly.twin.translate import Translator
+from butterfly.twin.translate import NUMBER, Fields, Translator
 
 
 def _early(x, on, c):

@@ -9,7 +9,7 @@ import pytest
 
 from butterfly.plant.robot import Clutch
 from butterfly.twin.forms import Options, write_as
-from butterfly.twin.snippet import inertial
+from butterfly.twin.stand_alone import inertial
 from tests.twin.moving import KINDS, STEP, moved, ours, parsed, twin
 
 

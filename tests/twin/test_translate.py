@@ -2,8 +2,7 @@
 
 import pytest
 
-from butterfly.twin.reduced import NUMBER
-from butterfly.twin.translate import Translator
+from butterfly.twin.translate import NUMBER, Translator
 
 
 def _power(x):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.parameter import SPREADS
+from butterfly.identification.trust import SPREADS
 from butterfly.model.parameters import LumpedParameters
 from tests.twin.moving import PARAMETERS, twin
 

@@ -27,16 +27,15 @@ from butterfly.identification.consistency import is_driven
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.start import refitted, residuals_are_white
-from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Fit
 from butterfly.identification.free_run import is_held, own_time
 from butterfly.identification.limits import CELLS, WEIGHED
 from butterfly.identification.loss import Loss
-from butterfly.identification.parameter import FEW, MATERIAL
 from butterfly.identification.problem import Problem, Start
 from butterfly.identification.scatter import Likelihood
 from butterfly.identification.segments import assumes_clock, driven, undriven
 from butterfly.identification.stagewise import PROMISED, as_good
+from butterfly.identification.trust import FEW, MATERIAL, Finding, FindingKind
 from butterfly.identification.weak_regression import reading_of
 from butterfly.logs.log import Intersample, Log
 from butterfly.progress import out_of_time

@@ -32,12 +32,11 @@ from butterfly.identification.consistency import with_scale
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator
-from butterfly.identification.findings import Ending, Finding, FindingKind
 from butterfly.identification.fit import MOST, Fit
 from butterfly.identification.infer import Basis
 from butterfly.identification.linearisation import Regression
-from butterfly.identification.parameter import SHOWS
 from butterfly.identification.stagewise import STRIBECK, stribeck_velocity
+from butterfly.identification.trust import SHOWS, Ending, Finding, FindingKind
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import NO_PRIOR, Penalty, Prior, require_usable
 from butterfly.model.terms import BASE_TERMS, PARAMETERS, TERMS, FrictionTerms, offered

@@ -50,15 +50,14 @@ from butterfly.identification.estimators.start import (
     starts,
     with_zero_at_rest_angle,
 )
-from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Fit, MissingTerms
 from butterfly.identification.free_run import first_horizon
 from butterfly.identification.infer import Basis, infer
 from butterfly.identification.limits import Rival, cells_of
 from butterfly.identification.loss import Loss
-from butterfly.identification.parameter import FEW, SHOWS
 from butterfly.identification.problem import LOCAL, Key, Problem, ProblemOptions, Start
 from butterfly.identification.stagewise import candidates
+from butterfly.identification.trust import FEW, SHOWS, Finding, FindingKind
 from butterfly.logs.log import Log, slow_interval
 from butterfly.model.parameters import AddedMass, require_periods, value_if_absent
 from butterfly.model.prior import NO_PRIOR, Prior, require_usable

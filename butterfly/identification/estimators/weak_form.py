@@ -37,13 +37,13 @@ from butterfly.identification.consistency import is_driven, prior_of_fit
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator
-from butterfly.identification.findings import Finding, FindingKind
 from butterfly.identification.fit import Fit
 from butterfly.identification.free_run import LEAST_FIT, FreeRun, Setting
 from butterfly.identification.infer import Basis
 from butterfly.identification.limits import Conditioning, cells_of
 from butterfly.identification.linearisation import Solution
 from butterfly.identification.test_functions import Averaging
+from butterfly.identification.trust import Finding, FindingKind
 from butterfly.identification.weak_regression import (
     WeakFit,
     averaging_of,

@@ -32,19 +32,10 @@ from butterfly.model.kernel.equation import (
     X,
     Z,
     linearise,
+    linearise_moving,
+    linearise_stuck,
 )
-from butterfly.model.kernel.events import (
-    HELD,
-    LATE,
-    break_loose,
-    come_to_rest,
-    end,
-    reverse,
-    states_of,
-)
-from butterfly.model.kernel.integrate import count_steps, step
-from butterfly.model.kernel.moving_base import linearise_moving, linearise_stuck
-from butterfly.model.kernel.moving_steps import break_free, hold_still
+from butterfly.model.kernel.integrate import break_free, count_steps, hold_still, step
 from butterfly.model.kernel.servo_loop import (
     MEMORY,
     TORQUE,
@@ -58,8 +49,10 @@ from butterfly.model.kernel.steps import (
     COUNT,
     CURRENT,
     FREED,
+    HELD,
     INTERVAL,
     KIND,
+    LATE,
     LOOSE,
     LOST,
     MAX_REVERSALS,
@@ -74,8 +67,13 @@ from butterfly.model.kernel.steps import (
     STEP,
     STUCK,
     TAPE_WIDTH,
+    break_loose,
+    come_to_rest,
+    end,
     part_of,
     piece_of,
+    reverse,
+    states_of,
 )
 
 _ROWS = 128

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from butterfly.comparison.change import LEVEL, change
+from butterfly.comparison.answers import LEVEL, change
 from butterfly.errors import InputError
 from butterfly.identification.limits import (
     Evidence,

@@ -4,7 +4,7 @@ import re
 
 from pydantic import TypeAdapter
 
-from butterfly.identification.findings import Finding, FindingKind
+from butterfly.identification.trust import Finding, FindingKind
 
 FINDINGS = TypeAdapter(tuple[Finding, ...])
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from butterfly.api.identification import Identification
-from butterfly.experiment.perform import perform
-from butterfly.experiment.simulate import planned_logs, simulate, write_logs
+from butterfly.experiment.run import perform, planned_logs, simulate, write_logs
 from butterfly.experiment.source import read_experiment
 from butterfly.files import shipped
 from butterfly.identification.data import DataSet

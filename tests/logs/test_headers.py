@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from butterfly.logs.keyed_text import cells_of, halves, nested_keys, opened, record_in, segments
+from butterfly.logs.headers import cells_of, halves, nested_keys, opened, record_in, segments
 
 BELOW = {"units": {"time": "s", "input": "mV"}}
 
