@@ -38,9 +38,11 @@ profile: $(VENV)/.development
 		-p tests.cpu_profile --profile-to build/profile.json
 
 # The documentation as a site in build/site, which opens from its folder; a broken link fails it. The
-# notebooks run first: minutes, after a change of one of them or of the program.
+# notebooks run first: minutes, after a change of one of them or of the program; NOTEBOOKS=source
+# shows them as they are written.
+NOTEBOOKS ?= run
 docs: $(VENV)/.development
-	$(WITH_KERNELS) $(BIN)/python docs/site/gather.py
+	$(WITH_KERNELS) $(BIN)/python docs/site/gather.py $(NOTEBOOKS)
 	$(BIN)/zensical build --clean --strict
 	$(BIN)/python docs/site/gather.py finish
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from notebooks import NOTEBOOKS, as_page, executed, style
+from notebooks import NOTEBOOKS, as_page, as_written, executed, style
 
 CHECKOUT = Path(__file__).parents[2]
 DOCS, PAGES, SITE = (CHECKOUT / name for name in ("docs", "build/docs", "build/site"))
@@ -34,8 +34,8 @@ NETWORK = "https://unpkg.com/iframe-worker/shim"
 """What Zensical loads from the network where pages are opened as files."""
 
 
-def gather() -> None:
-    """Write build/docs anew."""
+def gather(notebooks: dict[str, Any]) -> None:
+    """Write build/docs anew, with a page for each notebook."""
     shutil.rmtree(PAGES, ignore_errors=True)
     shutil.copytree(DOCS, PAGES, ignore=shutil.ignore_patterns("*.py", "*.json"))
     for page in PAGES.glob("*.md"):
@@ -51,7 +51,7 @@ def gather() -> None:
             shutil.copy(path, name)
     (PAGES / "site/answer.css").write_text(style(), encoding="utf-8")
     folder = PAGES / NOTEBOOKS.relative_to(CHECKOUT)
-    for stem, notebook in executed().items():
+    for stem, notebook in notebooks.items():
         page = folder / f"{stem}.md"
         page.write_text(_within_site(as_page(notebook, stem, folder)), encoding="utf-8")
 
@@ -145,4 +145,10 @@ def finish() -> None:
 
 
 if __name__ == "__main__":
-    finish() if sys.argv[1:] == ["finish"] else gather()
+    match sys.argv[1]:
+        case "finish":
+            finish()
+        case "source":
+            gather(as_written())
+        case _:
+            gather(executed())

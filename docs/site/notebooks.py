@@ -78,6 +78,11 @@ def outputs_of(notebook: Notebook) -> list[Any]:
     return [output for cell in notebook.cells for output in cell.get("outputs", [])]
 
 
+def as_written() -> dict[str, Notebook]:
+    """Return all notebooks without outputs, by name."""
+    return {path.stem: nbformat.read(path, as_version=4) for path in NOTEBOOKS.glob("*.ipynb")}
+
+
 def executed() -> dict[str, Notebook]:
     """Return all notebooks with outputs, by name; those that have changed are run."""
     sources = sorted(NOTEBOOKS.glob("*.ipynb"))
