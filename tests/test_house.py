@@ -53,6 +53,7 @@ CEILINGS = {
     "modules without tests of their name": 0,
     "classes of results": 4,
     "public names": 38,
+    "files of the package": 150,
     "files that a fit executes": 22,
     "functions that a fit executes": 420,
     "depth of calls in a fit": 18,
@@ -60,8 +61,9 @@ CEILINGS = {
     "passes of contrasts in a sound answer": 1,
 }
 NOT_REACHED = {
-    "files of identification": 40,
-    "files that a fit executes": 30,
+    "files of the package": 210,
+    "files of identification": 38,
+    "files that a fit executes": 29,
     "functions that a fit executes": 557,
 }
 """What is asked above and not reached yet: the count that there is, which may only fall."""
@@ -116,6 +118,7 @@ FOUND = {
     "modules without tests of their name": modules_without_tests,
     "classes of results": classes_of_results,
     "public names": public_names,
+    "files of the package": trees,
 }
 IN_A_FIT = {
     "files that a fit executes": lambda fit: fit.files,
