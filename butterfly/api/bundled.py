@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from butterfly.api.saved import read_saved
 from butterfly.api.sources import Named, manifest_of, names_result, require_said
@@ -14,9 +13,7 @@ from butterfly.files import locate
 from butterfly.logs.manifest import Manifest
 from butterfly.outputs import require_endings
 from butterfly.progress import Track, untracked
-from butterfly.report.bundle import bundle_files, write_bundle
-
-_T = TypeVar("_T")
+from butterfly.report.bundle import attempted, bundle_files, write_bundle
 
 
 @checked
@@ -67,8 +64,8 @@ def bundle(
         require_endings(Path(path), (".zip",))
     saved = data if result is None and data is not None and names_result(data) else result
     files = bundle_files(
-        None if data is None else _or_error(partial(_manifest, data, root, description)),
-        None if saved is None else _or_error(partial(read_saved, Path(saved))),
+        None if data is None else attempted(partial(_manifest, data, root, description)),
+        None if saved is None else attempted(partial(read_saved, Path(saved))),
         samples=logs,
         track=track,
     )
@@ -81,11 +78,3 @@ def _manifest(data: Named, root: Named | None, description: dict[str, Any]) -> M
     manifest = manifest_of(data, root=root, massless=True, **description)
     require_said(locate(Path(data)), manifest)
     return manifest
-
-
-def _or_error(reader: Callable[[], _T]) -> _T | Exception:
-    """Return what is read, or the error that the bundle tells of."""
-    try:
-        return reader()
-    except Exception as error:
-        return error

@@ -53,16 +53,12 @@ OF_RESULT = (
 WORDS = frozenset(
     (
         *(*OF_RESULT, "parameters", "findings", *TERMS, *KINDS),
-        *(
-            *map(str, InputKind),
-            *map(str, JointKind),
-            *map(str, Ending),
-            *(str(trust.value[0]) for trust in Trust),
-        ),
+        *map(str, (*InputKind, *JointKind, *Ending)),
+        *(str(trust.value[0]) for trust in Trust),
         *(level.verdict for level in VERDICTS),
         *(word for method in ESTIMATORS for word in (method, method.replace("-", " "))),
-        *("value", "standard_error", "lower", "upper", "claim", "kind", "number", "parameters"),
-        *("name", "names", "matrix", "median", "mean", "worst", "whole", "longest", "horizon"),
+        *("value", "standard_error", "lower", "upper", "claim", "kind", "number"),
+        *("name", "names", "matrix", "median", "mean", "worst", "whole", "longest"),
     )
 )
 """What a result may say in words here; everything else in it is left out."""
@@ -105,7 +101,7 @@ def bundle_files(
         logs = bundled_logs(manifest, track)
         data = manifest_facts(manifest)
         readable = [(part.entry, part.log) for part in logs if part.log is not None]
-        written = _attempted(lambda: manifest_text(anonymous_manifest(manifest, readable)))
+        written = attempted(lambda: manifest_text(anonymous_manifest(manifest, readable)))
         if isinstance(written, str):  # not without logs, and not of masses without an arm
             texts[MANIFEST] = written
         if samples:
@@ -177,7 +173,7 @@ def bundled_logs(manifest: Manifest, track: Track = untracked) -> list[BundledLo
     logs: list[BundledLog] = []
     for entry in track(manifest.logs, "Looking at logs"):
         name = f"log-{len(logs) + 1}"
-        pieces = _attempted(partial(read_pieces, manifest, entry))
+        pieces = attempted(partial(read_pieces, manifest, entry))
         if isinstance(pieces, Exception):
             row = {"log": name, "condition": STATES[Level.WARNING]}
             logs.append(BundledLog(entry, None, row | failure(pieces) | _format(entry)))
@@ -196,7 +192,7 @@ def _format(entry: LogEntry) -> dict[str, str]:
 
 def _health(log: Log, manifest: Manifest) -> dict[str, Any]:
     """Return the health of a log that has no names, or where it is refused."""
-    examined = _attempted(partial(examine, log, manifest.repair))
+    examined = attempted(partial(examine, log, manifest.repair))
     if isinstance(examined, Exception):
         refused = {"log": log.name, "condition": STATES[Level.WARNING]} | failure(examined)
         return refused | ({"message": str(examined)} if isinstance(examined, InputError) else {})
@@ -241,7 +237,7 @@ def _without_texts(value: Any) -> Any:  # noqa: ANN401 - any JSON
     return value if isinstance(value, int | float | None) or value in WORDS else None
 
 
-def _attempted(made: Callable[[], _T]) -> _T | Exception:
+def attempted(made: Callable[[], _T]) -> _T | Exception:
     """Return what is made, or the error: a bug, too, is reported."""
     try:
         return made()
