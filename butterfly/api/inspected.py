@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, fields, replace
 from functools import partial
@@ -47,13 +47,13 @@ from butterfly.report.finding_texts import require_possible
 from butterfly.report.format import field_unit
 from butterfly.report.inspection import (
     FORECAST,
-    LOG_COLUMNS,
     STATES,
     Inspected,
     conditions_text,
     health_rows,
     hints,
     inspect_logs,
+    log_columns,
     log_row,
     shared_sentences,
     shared_texts,
@@ -95,12 +95,7 @@ def inspection_answer(
         for pair in health_rows(inspected.log, inspected.health)
     ]
     shared = shared_texts(seen)
-    columns: dict[str, Callable[[Mapping[str, Any]], object]] = {
-        **LOG_COLUMNS,
-        "findings": lambda row: "; ".join(
-            finding["text"] for finding in row["findings"] if finding["text"] not in shared
-        ),
-    }
+    columns = log_columns(shared)
     doubtful = PageTable.of(source, [r for r in rows if r["condition"] != ok], columns)
     sound = [row for row in rows if row["condition"] == ok]
     forecast = PageTable(FORECAST, FORECAST_HEADERS, forecast_rows(forecasts))
@@ -119,7 +114,7 @@ def inspection_answer(
         summary=(
             conditions_text([inspected.condition for inspected in seen]),
             *forecast_sentences(forecasts),
-            *shared_sentences(seen),
+            *shared_sentences(seen, shared),
             *hints(seen),
             *taken_sentences(seen),
             *more,
@@ -311,7 +306,8 @@ def _holds_results_alone(path: Path) -> bool:
         if is_run(path) or is_sweep(path):
             return True
         if path.is_dir():
-            return bool(results_below(path)) and not holds_logs(path)
+            results = results_below(path)
+            return bool(results) and not holds_logs(path, results)
         return names_result(path) and path.is_file() and kind_of(path) not in {"", "identification"}
     return False
 

@@ -332,7 +332,7 @@ def _entry_of(
 
 
 def _refuse_sweep(folder: Path) -> None:
-    if (folder / SWEEP).exists():
+    if is_sweep(folder):
         logs = sorted(path.parent for path in folder.glob(f"runs/*/*/{MANIFEST_NAME}"))
         which = f"one run's logs, such as {logs[0]}" if logs else "results with keep_signals: true"
         raise InputError(folder, "data", "the results of a sweep", which)
@@ -404,9 +404,8 @@ def _begins_as_result(path: Path) -> bool:
         return False
 
 
-def holds_logs(folder: Path) -> bool:
-    """Whether there are logs in a folder besides those of its results."""
-    results = results_below(folder)
+def holds_logs(folder: Path, results: Sequence[Path]) -> bool:
+    """Whether there are logs in a folder besides those of its ``results``."""
     paths = (path for path in log_files(folder) if not {path, *path.parents} & {*results})
     return (folder / MANIFEST_NAME).exists() or any(
         path.suffix.lower() not in OFTEN_OTHERS or holds_table(path) for path in paths

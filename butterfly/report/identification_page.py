@@ -24,7 +24,7 @@ from butterfly.report.figures import middle
 from butterfly.report.finding_texts import estimate_verdict, grave_notes
 from butterfly.report.format import counted, fit_text
 from butterfly.report.identification_figures import IdentificationPlots
-from butterfly.report.inspection import STATES, conditions_text
+from butterfly.report.inspection import STATES, conditions_text, in_all
 from butterfly.report.live import live_section
 from butterfly.report.log_figures import (
     correlation_figure,
@@ -210,8 +210,7 @@ def corner_sections(identification: Identified) -> list[Section]:
 def _logs_table(identification: Identified) -> PageTable:
     """Tabulate the logs, those that the model follows worst first, and their health."""
     data, rows = identification.data, []
-    every = [health.findings for health in data.health]
-    shared = [text for text in every[0] if all(text in others for others in every)]
+    shared = in_all([health.findings for health in data.health])
     order = np.argsort(identification.fit_of_logs).tolist()
     for number in order:
         point, health = data.points[number], data.health[number]

@@ -95,15 +95,22 @@ STATES = {Level.GOOD: "ok", Level.NOTE: "note", Level.CARE: "care", Level.WARNIN
 FORECAST = "Expected precision"
 """Title of the table of forecasts."""
 
-LOG_COLUMNS: Mapping[str, Callable[[Mapping[str, Any]], object]] = {
-    "log": lambda row: row["log"],
-    "state": lambda row: row["condition"],
-    "samples": lambda row: row.get("samples"),
-    "s": lambda row: f"{row['duration']:.3f}" if "duration" in row else None,
-    "ms": lambda row: f"{1e3 * row['step']:.3f}" if "step" in row else None,
-    "findings": lambda row: "; ".join(finding["text"] for finding in row["findings"]),
-}
-"""Columns of the table of logs, each of a `log_row`."""
+
+def log_columns(shared: Sequence[str]) -> dict[str, Callable[[Mapping[str, Any]], object]]:
+    """Return the columns of the table of logs, each of a `log_row`, without ``shared`` findings."""
+
+    def findings(row: Mapping[str, Any]) -> str:
+        texts = (finding["text"] for finding in row["findings"])
+        return "; ".join(text for text in texts if text not in shared)
+
+    return {
+        "log": lambda row: row["log"],
+        "state": lambda row: row["condition"],
+        "samples": lambda row: row.get("samples"),
+        "s": lambda row: f"{row['duration']:.3f}" if "duration" in row else None,
+        "ms": lambda row: f"{1e3 * row['step']:.3f}" if "step" in row else None,
+        "findings": findings,
+    }
 
 
 _ADVICE = {
@@ -192,14 +199,18 @@ def taken_sentences(seen: Iterable[Inspected]) -> list[str]:
 def shared_texts(seen: Sequence[Inspected]) -> list[str]:
     """Return the remarks that all of several logs have, which are said once."""
     texts = [[remark.text for remark in inspected.remarks] for inspected in seen]
-    return [text for text in texts[0] if all(text in others for others in texts)] * (len(seen) > 1)
+    return in_all(texts) * (len(seen) > 1)
 
 
-def shared_sentences(seen: Sequence[Inspected]) -> list[str]:
-    """Say what is found on all of several logs, but for what `taken_sentences` says."""
+def in_all(texts: Sequence[Sequence[str]]) -> list[str]:
+    """Return the texts of the first list that all the lists have."""
+    return [text for text in texts[0] if all(text in others for others in texts)]
+
+
+def shared_sentences(seen: Sequence[Inspected], shared: Sequence[str]) -> list[str]:
+    """Say what is ``shared`` by several logs, but for what `taken_sentences` says."""
     assumed = {r.text for inspected in seen for r in inspected.remarks if r.condition is Level.GOOD}
-    texts = [text for text in shared_texts(seen) if text not in assumed]
-    return [f"All {len(seen)} logs: {text}." for text in texts]
+    return [f"All {len(seen)} logs: {text}." for text in shared if text not in assumed]
 
 
 def _inspected(manifest: Manifest, entry: LogEntry) -> Inspected:

@@ -44,7 +44,8 @@ def test_what_holds_for_all_logs_is_said_once():
     unit, gap = (Level.GOOD, "input taken in V: the file does not say"), (Level.NOTE, "1 gap")
     odd = (Level.CARE, "no sine")
     seen = [_log("a", unit, gap), _log("b", gap, unit, odd)]
-    assert shared_texts(seen) == [unit[1], gap[1]]
-    assert shared_sentences(seen) == ["All 2 logs: 1 gap."]  # the unit has its own sentence
+    shared = shared_texts(seen)
+    assert shared == [unit[1], gap[1]]
+    assert shared_sentences(seen, shared) == ["All 2 logs: 1 gap."]  # the unit has its own sentence
     assert shared_texts(seen[:1]) == []
     assert shared_texts([*seen, _log("c")]) == []
