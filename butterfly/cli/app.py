@@ -58,7 +58,7 @@ def _verbs() -> dict[str, Function]:
     }
 
 
-def _experiments() -> dict[str, Function]:
+def _beside_verbs() -> dict[str, Function]:
     """Import commands beside the verbs."""
     from butterfly.cli import commands  # noqa: PLC0415 - when one is called
 
@@ -68,14 +68,6 @@ def _experiments() -> dict[str, Function]:
         "schema": commands.schema,
         "reproduce": commands.reproduce,
         "report": commands.report,
-    }
-
-
-def _robot() -> dict[str, Function]:
-    """Import commands of a robot."""
-    from butterfly.cli import commands  # noqa: PLC0415 - when one is called
-
-    return {
         "export": commands.export,
         "show": commands.show,
     }
@@ -112,8 +104,8 @@ class Command(NamedTuple):
 
 COMMANDS = {
     "inspect": Command("Logs", _verbs, "inspection", ("model", "results", "run", "sweep")),
-    "manifest": Command("Logs", _experiments),
-    "fetch": Command("Logs", _experiments),
+    "manifest": Command("Logs", _beside_verbs),
+    "fetch": Command("Logs", _beside_verbs),
     "identify": Command("Identify", _verbs, "identification"),
     "select": Command("Identify", _verbs, "selection"),
     "design": Command("Identify", _verbs, "design"),
@@ -121,14 +113,14 @@ COMMANDS = {
     "residual": Command("Check a result", _verbs, "residual"),
     "predict": Command("Check a result", _verbs, "prediction"),
     "compare": Command("Check a result", _verbs, "comparison", ("change", "runs")),
-    "export": Command("Use a result", _robot),
-    "show": Command("Use a result", _robot),
+    "export": Command("Use a result", _beside_verbs),
+    "show": Command("Use a result", _beside_verbs),
     "run": Command("Simulated experiments", _verbs, "run", ("sweep",)),
     "simulate": Command("Simulated experiments", _verbs),
     "campaign": Command("Use a robot", _verbs, "campaign"),
-    "schema": Command("Simulated experiments", _experiments),
-    "reproduce": Command("Simulated experiments", _experiments, "reproduction"),
-    "report": Command("If it fails", _experiments),
+    "schema": Command("Simulated experiments", _beside_verbs),
+    "reproduce": Command("Simulated experiments", _beside_verbs, "reproduction"),
+    "report": Command("If it fails", _beside_verbs),
     "library list": Command("Commands", _library, "motors"),
     "library show": Command("Commands", _library, "motor"),
     "library draft": Command("Commands", _library),
