@@ -168,9 +168,9 @@ def corner_figure(whole: Corner) -> Figure:
         count, count, specs=specs, horizontal_spacing=0.012, vertical_spacing=0.012
     )
     reaches = [_reach(axis, size) for axis, size in zip(corner.axes, spread, strict=True)]
-    for row, column in combinations(range(count), 2):
-        _pair(figure, corner, column, row, first=(row, column) == (0, 1))
-        _say(figure, count, row, column, float(corner.correlation[row, column]))
+    for column, row in combinations(range(count), 2):
+        _pair(figure, corner, column, row, first=(column, row) == (0, 1))
+        _say(figure, count, column, row, float(corner.correlation[row, column]))
     turned = any(
         len(line) > _LONG for axis in corner.axes for line in axis.mark.split("<br>") if line
     )
@@ -204,7 +204,6 @@ def _reach(axis: CornerAxis, spread: float) -> list[float]:
 
 def _pair(figure: Figure, corner: Corner, column: int, row: int, *, first: bool) -> None:
     """Draw two parameters against each other; the ``first`` pair explains the marks."""
-    row, column = max(row, column), min(row, column)
     both, place = [column, row], {"row": row + 1, "col": column + 1}
     one, other = (corner.axes[k] for k in both)
     if corner.draws is not None:
@@ -242,13 +241,13 @@ def _alone(figure: Figure, corner: Corner, k: int) -> None:
         figure.add_scatter(x=[value, value], y=[0, 1], line=line, **common, **place)
 
 
-def _say(figure: Figure, count: int, row: int, column: int, correlation: float) -> None:
+def _say(figure: Figure, count: int, column: int, row: int, correlation: float) -> None:
     """Write a correlation into the cell above the diagonal that mirrors its panel."""
     strong = abs(correlation) >= STRONG
     text = correlation_text(correlation)
     figure.add_annotation(
-        x=(column + 0.5) / count,
-        y=1 - (row + 0.5) / count,
+        x=(row + 0.5) / count,
+        y=1 - (column + 0.5) / count,
         xref="paper",
         yref="paper",
         text=f"<b>{text}</b>" if strong else text,
