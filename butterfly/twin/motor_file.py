@@ -27,9 +27,10 @@ of Coulomb friction and of viscous friction. Those of BAM's M1 of five Feetech S
 (kscalelabs/sysid f4739df, feetech/sts3215-12v/params)."""
 
 ASSUMED = (
-    "one motor was measured; 12 % of the gain, 35 % of Coulomb and 110 % of viscous friction are "
-    "what five Feetech STS3215 differ by, each with BAM's M1 (kscalelabs/sysid f4739df, "
-    "feetech/sts3215-12v/params)"
+    f"one motor was measured; {100 * SCATTER_OF_GAIN:.0f} % of the gain, "
+    f"{100 * SCATTER_OF_FRICTION:.0f} % of Coulomb and {100 * SCATTER_OF_DAMPING:.0f} % of viscous "
+    "friction are what five Feetech STS3215 differ by, each with BAM's M1 "
+    "(kscalelabs/sysid f4739df, feetech/sts3215-12v/params)"
 )
 """Where that scatter is from, in words."""
 
