@@ -1,4 +1,4 @@
-"""`design` and `campaign`: which run to do next, and runs that choose themselves."""
+"""`design` and `campaign`: which run to do next, and runs, each chosen from those before."""
 
 from __future__ import annotations
 
@@ -356,7 +356,7 @@ def campaign(
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Joint:
+class _JointOfFile:
     """What a robot's model gives a campaign with one of its joints."""
 
     fields: dict[str, Any]  # of the manifest
@@ -380,7 +380,7 @@ class _Joint:
         return f"By {name}: at most {self.angle:.3g} rad from rest{pulled}; the others are clamped."
 
 
-def _joint(asked: Mapping[str, Any], known: Mapping[str, Any]) -> _Joint | None:
+def _joint(asked: Mapping[str, Any], known: Mapping[str, Any]) -> _JointOfFile | None:
     """Return the joint of a model that is asked for, if one is."""
     if asked["model"] is None or asked["of"] is None:
         for name, other in (("model", "of"), ("of", "model"), ("pose", "model")):
@@ -396,7 +396,7 @@ def _joint(asked: Mapping[str, Any], known: Mapping[str, Any]) -> _Joint | None:
     efforts = [facts.effort, *(actuator.effort for actuator in facts.actuators)]
     effort = min((some for some in efforts if some), default=None)
     gain = Prior.of({n: v for n, v in known.items() if n == "p4"}).parameters.get("p4")
-    return _Joint(
+    return _JointOfFile(
         known=fields.pop("known"),
         fields=fields,
         angle=_room(facts, path) / HARD,

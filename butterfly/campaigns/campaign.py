@@ -1,4 +1,4 @@
-"""Experiments on an unknown joint that choose themselves, and who is told of them."""
+"""Experiments on an unknown joint, each chosen from those before, and who is told of them."""
 
 from __future__ import annotations
 

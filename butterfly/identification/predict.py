@@ -2,7 +2,7 @@
 
 The band of the parameters includes the motion of the model with parameters drawn from the
 estimate; that of a new log includes a recording: to each draw are added the errors of a held-out
-log. Both are pointwise, at `parameter.CONFIDENCE`.
+log. Both are pointwise, at `trust.CONFIDENCE`.
 
 Parameters are drawn from a normal distribution about the estimate. Its covariance is that of the
 scatter of the data, widened as the intervals are: along the differences of the leave-one-mass-out

@@ -155,15 +155,19 @@ def tidy(body: list[Statement]) -> list[Statement]:
             for name in (statement.value.names() if statement.value else ())
             if statement.op != "=" or name != statement.target
         }
-        body = _kept(body, read)
+        body = _without_unread(body, read)
         if len([*all_of(body)]) == len(statements):
             return body
 
 
-def _kept(body: list[Statement], read: set[str]) -> list[Statement]:
+def _without_unread(body: list[Statement], read: set[str]) -> list[Statement]:
+    """Return statements without those whose targets nobody reads, and branches left empty."""
     block: list[Statement] = []
     for statement in body:
-        statement.body, statement.other = _kept(statement.body, read), _kept(statement.other, read)
+        statement.body, statement.other = (
+            _without_unread(statement.body, read),
+            _without_unread(statement.other, read),
+        )
         if statement.op == "if" and not statement.body and statement.value:
             statement.value, statement.body, statement.other = (
                 negated(statement.value),

@@ -23,7 +23,7 @@ LOG = Log(
     SWING,
     0.1 * SWING,
     added_mass=AddedMass(mass=0.1, arm=0.2, label="pose wrist 0.5"),
-    source="/home/somebody/run.csv",
+    source="/folder/of/somebody/run.csv",
     name="run.csv",
     reading=FileReading(layout=("comments by somebody",)),
 )
@@ -50,7 +50,7 @@ def test_the_manifest_of_logs_without_names_reads_them_again(tmp_path):
     manifest = Manifest(
         name="of somebody",
         description="in a basement",
-        root="/home/somebody",
+        root="/folder/of/somebody",
         input="torque",
         arm=0.2,
         known={"p4": 1.0},

@@ -40,7 +40,7 @@ def test_an_error_says_where_it_was_raised_and_not_what_was_read():
         failed = bundle.failure(error)
     assert failed["refused"] == "AttributeError"
     assert failed["at"][0].startswith("logs/reading.py:")
-    named = bundle.failure(InputError("/home/somebody/x.csv", "my column", "mine", "theirs"))
+    named = bundle.failure(InputError("/folder/of/somebody/x.csv", "my column", "mine", "theirs"))
     assert named == {"refused": "InputError", "field": None, "at": []}
 
 
