@@ -195,13 +195,12 @@ def forecast(logs: Sequence[Log], known: Prior) -> tuple[Forecast, ...]:
         elif fit is not None and name in fit.names:
             row = _rated(row, fit, fastest)
             if name == "coulomb" and not any(_reverses(log.angle) for log in logs):
-                why = "no log reverses, so it looks like a constant torque"
                 row = replace(
                     row,
                     word=max(row.word, Identifiability.WEAK, key=[*Identifiability].index),
-                    why=why,
+                    why="no log reverses, so it looks like a constant torque",
+                    mend="motion in both directions",
                 )
-                row = replace(row, mend="motion in both directions")
         elif fit is not None:
             row = replace(row, why="the input is always zero", mend="add logs of the driven joint")
         rows.append(row)
@@ -209,13 +208,15 @@ def forecast(logs: Sequence[Log], known: Prior) -> tuple[Forecast, ...]:
 
 
 def expected(data: DataSet) -> Estimate:
-    """Return the estimate of a fit that starts at the weak form's values, with all its terms."""
+    """Return the estimate of a fit that starts at the weak form's values, with all its terms.
+
+    Those that these logs cannot tell from others are left out, as `identify` leaves them out.
+    """
     first, *_ = starts(data, None)
     terms = tuple(name for name in COMMON if getattr(first.parameters, name))
-    estimator = OutputError(terms=terms)
     known = prior_of_fit(data.logs, data.known)
-    problem = estimator.problem(data.logs, first, known)
-    return estimator.infer(problem, problem.descend(most=PASSES, enough=SHOWS))
+    problem = OutputError(terms=terms).problem(data.logs, first, known)
+    return OutputError().infer(problem, problem.descend(most=PASSES, enough=SHOWS))
 
 
 def _reverses(angle: Samples) -> bool:
