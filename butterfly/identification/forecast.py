@@ -35,8 +35,7 @@ from butterfly.identification.consistency import is_driven, prior_of_fit
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import OutputError
-from butterfly.identification.estimators.start import starts
-from butterfly.identification.fit import PASSES
+from butterfly.identification.estimators.start import best_local_minimum, starts
 from butterfly.identification.limits import (
     OTHER_LOGS,
     expected_covariance,
@@ -212,11 +211,12 @@ def expected(data: DataSet) -> Estimate:
 
     Those that these logs cannot tell from others are left out, as `identify` leaves them out.
     """
-    first, *_ = starts(data, None)
-    terms = tuple(name for name in COMMON if getattr(first.parameters, name))
-    known = prior_of_fit(data.logs, data.known)
-    problem = OutputError(terms=terms).problem(data.logs, first, known)
-    return OutputError().infer(problem, problem.descend(most=PASSES, enough=SHOWS))
+    known, problems = prior_of_fit(data.logs, data.known), []
+    for start in starts(data, None):
+        terms = tuple(name for name in COMMON if getattr(start.parameters, name))
+        problems.append(OutputError(terms=terms).problem(data.logs, start, known))
+    place, fit = best_local_minimum(problems, SHOWS)
+    return OutputError().infer(problems[place], fit)
 
 
 def _reverses(angle: Samples) -> bool:
