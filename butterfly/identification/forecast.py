@@ -48,7 +48,6 @@ from butterfly.identification.trust import (
     GOOD_WITHIN,
     MATTERS,
     SHOWS,
-    SPREADS,
     meaning_of,
     or_none,
     unit_of,
@@ -58,6 +57,7 @@ from butterfly.logs.log import Log
 from butterfly.model.prior import Prior
 from butterfly.model.terms import COMMON, PARAMETERS
 from butterfly.progress import counted
+from butterfly.verdict import SPREADS
 
 
 class IntervalForecast:

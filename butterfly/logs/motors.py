@@ -16,7 +16,6 @@ import re
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
-from statistics import NormalDist
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, PositiveInt, model_validator
@@ -28,7 +27,7 @@ from butterfly.model.parameters import JointKind
 from butterfly.model.prior import PHYSICAL, Known, Prior
 from butterfly.model.servo import LAWS
 from butterfly.model.terms import TERMS
-from butterfly.verdict import Level
+from butterfly.verdict import SPREADS, Level
 from butterfly.yaml_files import StrictModel, load_yaml, validate
 
 FROM = "from"
@@ -37,7 +36,6 @@ FROM = "from"
 FOLDER = "models/motors"
 """Shipped folder of the files."""
 
-_SPREADS = NormalDist().inv_cdf(0.975)  # standard errors from a value to a limit of its interval
 _ENDINGS = {".yaml", ".yml"}
 
 Share = Annotated[float, Field(ge=0)]
@@ -87,7 +85,7 @@ class SharedValue(MotorValue):
 
     def known(self, origin: str = "") -> Known:
         """Return the value with its standard uncertainty for another motor of the type."""
-        error = math.hypot(self.farther / _SPREADS, self.scatter * self.value)
+        error = math.hypot(self.farther / SPREADS, self.scatter * self.value)
         return Known(value=self.value, uncertainty=float(f"{error:.2g}"), origin=origin)
 
 
