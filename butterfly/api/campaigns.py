@@ -37,6 +37,7 @@ from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.logs.log import InputKind
 from butterfly.logs.model_facts import ModelFacts
+from butterfly.logs.motors import with_motor
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 from butterfly.model.prior import Prior, plain
 from butterfly.plant.motor import Motor
@@ -288,7 +289,7 @@ def campaign(
     step
         Cycle of the controller in s. Default: that of the experiment, or 0.002.
     known
-        Known values, as in a manifest: ``{"p4": 1.0}``.
+        Known values, as in a manifest: ``{"p4": 1.0}``, or ``{"from": "xl330"}``.
     model
         MJCF or URDF of the robot. It gives the joint's gravity, and bounds command and angle by its
         effort and range. The motor's angles are those of the file.
@@ -319,6 +320,7 @@ def campaign(
     if isinstance(robot, str | PathLike):
         robot, defaults, change, limit = _named(str(robot), defaults, change)
         command = limit if command is None else command
+    known = None if known is None else with_motor(known)
     asked: dict[str, Any] = {"model": model, "of": of, "pose": pose, "clamped": clamped}
     joint = _joint(asked, {**defaults["known"], **(known or {})})
     if joint is not None:

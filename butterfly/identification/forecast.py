@@ -47,7 +47,6 @@ from butterfly.identification.trust import (
     GOOD_WITHIN,
     MATTERS,
     SHOWS,
-    SPREADS,
     meaning_of,
     or_none,
     unit_of,
@@ -57,6 +56,7 @@ from butterfly.logs.log import Log
 from butterfly.model.prior import Prior
 from butterfly.model.terms import COMMON, PARAMETERS
 from butterfly.progress import counted
+from butterfly.verdict import SPREADS
 
 
 class IntervalForecast:

@@ -33,10 +33,11 @@ from butterfly.identification.sensor_errors import (
     off_centre,
 )
 from butterfly.identification.simulation import Averages, StartEffects
-from butterfly.identification.trust import DRAWS, SHOWS, SPREADS, Finding, FindingKind
+from butterfly.identification.trust import DRAWS, SHOWS, Finding, FindingKind
 from butterfly.logs.log import Log
 from butterfly.model.parameters import JointKind
 from butterfly.signals.frequency_response import first_counted
+from butterfly.verdict import SPREADS
 
 _LONGEST_LAG = 2.0  # of the correlations, in s; a quarter of the errors at most
 _BY_CHANCE = 0.25  # share of logs that may be outside
