@@ -448,12 +448,18 @@ def write_page(page: Page, path: Path, *, figures: bool = False) -> None:
     write_file(path, rendered(page), mark)
 
 
-def cell_html(page: Page, figure: Figure | None = None) -> str:
-    """Return verdict, tiles, the leading table and one figure of a page, the first if not given."""
+def cell_html(page: Page, lines: Sequence[str], figure: Figure | None = None) -> str:
+    """Return what a notebook shows of an answer: the first ``lines`` that it prints, then more.
+
+    More are the reasons on the page's badge that the lines lack, tiles, the leading table, and one
+    figure of the page, the first if not given.
+    """
     from butterfly.report.pictures import png_text  # noqa: PLC0415 - slow to import
 
     drawn = figure if figure is not None else next(iter(page.figures.values()), None)
     picture = "" if drawn is None else png_text(drawn)
     tables = next((part.tables for part in page.parts if part.tables), ())
+    reasons = page.headed.reasons if page.headed else ()
+    more = [reason for reason in reasons if not any(reason in line for line in lines)]
     shown = environment().get_template("cell.html.j2")
-    return shown.render(page=page, tables=tables[:1], picture=picture)
+    return shown.render(page=page, lines=[*lines, *more], tables=tables[:1], picture=picture)

@@ -170,7 +170,7 @@ def test_what_is_no_number_is_packed_as_none():
 
 def test_in_a_notebook_a_number_stays_with_its_unit_on_one_line():
     page = Page(name="A", description="", kind="k", lead=Section(title="Lead"))
-    assert ".butterfly-result td { white-space: nowrap; }" in cell_html(page, Figure())
+    assert ".butterfly-result td { white-space: nowrap; }" in cell_html(page, ["A"], Figure())
 
 
 def test_what_was_asked_comes_before_the_verdict_s_reasons():
