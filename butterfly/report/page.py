@@ -22,10 +22,10 @@ from markupsafe import Markup, escape
 from numpy.typing import NDArray
 
 from butterfly.files import write_document, write_file
-from butterfly.identification.trust import Parameter
+from butterfly.identification.trust import Parameter, Trust
 from butterfly.outputs import mark_of, require_endings, require_free
 from butterfly.report.format import cell_text
-from butterfly.verdict import Level, Verdict
+from butterfly.verdict import VERDICTS, Level, Verdict
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -200,10 +200,30 @@ class PageTable(NamedTuple):
         return cls(**{**content, "rows": [tuple(row) for row in content["rows"]]})
 
     def on_page(self) -> PageTable:
-        """Return it with texts alone, and what columns have words."""
-        rows = [(*map(str, row),) for row in self.rows]
-        some = (k for k in range(len(self.headers)) if any(row[k][:1].isalpha() for row in rows))
+        """Return it with texts and the badges of verdicts, and what columns have words."""
+        texts = [[*map(str, row)] for row in self.rows]
+        rated = {k for k, header in enumerate(self.headers) if k and str(header) in _RATED}
+        rows = [
+            tuple(_badged(cell) if k in rated else cell for k, cell in enumerate(row))
+            for row in texts
+        ]
+        some = (k for k in range(len(self.headers)) if any(row[k][:1].isalpha() for row in texts))
         return self._replace(rows=rows, words=tuple(some))
+
+
+_RATED = {"", "verdict"}
+"""Headers of columns that rate a row; that of a parameter needs none."""
+
+_LEVELS = {
+    **{trust.badge: trust.level for trust in Trust},
+    **{level.verdict: level for level in VERDICTS},
+}
+"""Levels of the texts that rate a row."""
+
+
+def _badged(text: str) -> str | Marked:
+    level = _LEVELS.get(text)
+    return text if level is None else Marked(text, level=level)
 
 
 def views(
