@@ -16,10 +16,8 @@ from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
-import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 from markupsafe import Markup, escape
-from numpy.typing import NDArray
 
 from butterfly.files import write_document, write_file
 from butterfly.identification.trust import Parameter, Trust
@@ -29,6 +27,8 @@ from butterfly.verdict import VERDICTS, Level, Verdict
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
+
+    from butterfly.report.figures import Series
 
 MOST = 100.0
 """Per cent of the value at which the axis ends: beyond it a value may be 0."""
@@ -122,7 +122,6 @@ def forest_caption(bars: Sequence[Bar]) -> str:
 
 _PLOTLY = Path(__file__).parent / "plotly_js/plotly-cartesian.min.js.gz"
 _Row = TypeVar("_Row")
-_SEEN = 20_000  # quanta of the whole range of a curve: a pixel is ten or more
 
 
 class Marked(NamedTuple):
@@ -235,74 +234,6 @@ def views(
         "facts": [fact._asdict() for fact in facts],
         "figures": [*figures],
     }
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Series:
-    """A figure for each log, drawn for the chosen one.
-
-    All logs share ``data``, the traces without points, and ``layout``. ``curves`` has for each log
-    and each group of traces with a common x: that x, then the y of each trace (see `packable`).
-    ``stretches`` has for each log the range of x that is drawn first, None for all of it.
-    """
-
-    data: list[dict[str, Any]]
-    layout: dict[str, Any]
-    curves: list[list[list[dict[str, Any]]]]
-    stretches: Sequence[tuple[float, float] | None] = ()
-
-    @classmethod
-    def of(
-        cls,
-        figure: Figure,
-        curves: Sequence[Sequence[Sequence[NDArray[Any]]]],
-        stretches: Sequence[tuple[float, float] | None] = (),
-    ) -> Series:
-        """Take the style from the figure of one log; its axes are all logarithmic or all linear."""
-        common = figure.to_dict()
-        traces = [
-            {k: v for k, v in trace.items() if k not in {"x", "y"}} for trace in common["data"]
-        ]
-        layout = {key: value for key, value in common["layout"].items() if key != "template"}
-        powers = layout.get("xaxis", {}).get("type") == "log"
-        packed = [
-            [[packable(curve, logarithmic=powers) for curve in group] for group in log]
-            for log in curves
-        ]
-        return cls(data=traces, layout=layout, curves=packed, stretches=stretches)
-
-    @classmethod
-    def of_figures(
-        cls, figures: Sequence[Figure], stretches: Sequence[tuple[float, float] | None] = ()
-    ) -> Series:
-        """Take the points from the figure of each log."""
-        curves = [[[*map(np.asarray, (t.x, t.y))] for t in figure.data] for figure in figures]
-        return cls.of(figures[0], curves, stretches)
-
-    @property
-    def parted(self) -> bool:
-        """Whether only a part of some log is drawn first."""
-        return any(stretch is not None for stretch in self.stretches)
-
-
-def packable(values: NDArray[np.floating[Any]], *, logarithmic: bool = False) -> dict[str, Any]:
-    """Return (n,) numbers as integer differences, which pack into about a byte each.
-
-    The first finite number is ``begin``; ``steps`` are the differences from there on in units of
-    ``quantum``, finer than a screen resolves, None where a number is not finite. For a logarithmic
-    axis they are of the numbers' decimal logarithms.
-    """
-    if logarithmic:
-        with np.errstate(divide="ignore", invalid="ignore"):
-            values = np.log10(values)
-    there = np.isfinite(values)
-    finite = np.asarray(values[there], dtype=np.float64)
-    begin = float(finite[0]) if finite.size else 0.0
-    quantum = float(f"{(np.ptp(finite) if finite.size else 0.0) / _SEEN:.3g}") or 1.0
-    steps = np.full(values.size, None, dtype=object)
-    steps[there] = np.diff(np.rint((finite - begin) / quantum), prepend=0.0).astype(np.int64)
-    packed = {"begin": begin, "quantum": quantum, "steps": steps.tolist()}
-    return packed | {"logarithmic": True} if logarithmic else packed
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
