@@ -131,10 +131,16 @@ def design_answer(
         ]
     )
     best, title = rows[0], f"Next runs for {data.name!r}"
-    title += ": standard errors after one run, relative to the present ones"
-    cells = [
-        (str(k), *(f"{v:.2f}" if isinstance(v, float) else cell_text(v) for v in row.values()))
-        for k, row in enumerate(rows, start=1)
+    errors = f"{title}: standard errors after one run, relative to the present ones"
+    named = [
+        {"run": f"{row['input']}, {row['added mass']}"}
+        | {name: row[name] for name in row if name not in {"input", "added mass"}}
+        for row in rows
+    ]
+    costs = [name for name in named[0] if name not in estimate.names]
+    tables = [
+        _numbered(title, named, costs),
+        _numbered(errors, named, estimate.names)._replace(detail=True),
     ]
     reached, current, aim = map(cell_text, (best["reached in %"], 100 * now, 100 * goal))
     facts = [
@@ -153,10 +159,20 @@ def design_answer(
             "goal": goal,
             "half_width": now,
             "rows": rows,
-            **views([PageTable(title, ("", *best), cells)], facts, "ranking"),
+            **views(tables, facts, "ranking"),
         },
         units={f"rows.{name}": "1" for name in estimate.names},
     )
+
+
+def _numbered(title: str, rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> PageTable:
+    """Tabulate some columns of runs, which are numbered from 1."""
+    cells = [
+        (str(k), *(f"{v:.2f}" if isinstance(v, float) else cell_text(v) for v in values))
+        for k, row in enumerate(rows, start=1)
+        for values in [[row[name] for name in columns]]
+    ]
+    return PageTable(title, ("", *columns), cells)
 
 
 def share_of(goal: float | str) -> float:

@@ -25,10 +25,10 @@ from butterfly.identification.sensor_errors import Curve
 from butterfly.identification.test_functions import ResidualTorque
 from butterfly.logs.log import Log
 from butterfly.model.parameters import JointKind
-from butterfly.report.figures import GREY, PALETTE, add, look, panel, panels, seen_samples
+from butterfly.report.figures import GREY, PALETTE, Series, add, look, panel, panels, seen_samples
 from butterfly.report.finding_texts import finding_text
 from butterfly.report.inspection import RESIDUAL_CAPTION, residual_row
-from butterfly.report.page import Page, PageTable, Section, Series
+from butterfly.report.page import Page, PageTable, Section
 from butterfly.signals.frequency_response import periodogram, resample
 from butterfly.verdict import CONFIDENCE
 

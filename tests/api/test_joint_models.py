@@ -14,6 +14,7 @@ from butterfly.identification.identify import identify as identify_data
 from butterfly.identification.trust import FindingKind
 from butterfly.logs.manifest import read_manifest
 from butterfly.model.prior import Known
+from butterfly.twin.joint_of_model import coupling
 from tests.arm_logs import ARM, TRUTH, write_log, write_logs
 
 OTHERS = ("pan", "shoulder", "wrist", "roll")
@@ -237,6 +238,21 @@ def test_intervals_hold_what_heavier_links_would_have_taken_off(moving):
         lower, upper = whole.estimate.limits_of(name, 0.0)
         assert lower <= heavier.named[name] <= upper
         assert upper - lower >= np.ptp(plain.estimate.limits_of(name, 0.0)) * (1 - 1e-9)
+
+
+def test_the_torque_of_other_joints_is_worked_out_once_for_each_log(moving, monkeypatch):
+    worked_out = []
+
+    def counting(robot, driven, others, pose):
+        worked_out.append(others)
+        return coupling(robot, driven, others, pose)
+
+    monkeypatch.setattr("butterfly.twin.joint_of_model.coupling", counting)
+    data = bf.read(moving, **TORQUE, **KNOWN)
+    bf.identify(data, "weak-form")
+    assert len(worked_out) == len(data.logs)
+    for log, recorded in zip(data.logs, data.recorded, strict=True):
+        assert log.input + data.taken_off[log.name] == pytest.approx(recorded.input, abs=1e-12)
 
 
 def test_logs_without_moving_neighbours_have_nothing_else_to_hold(read_still):
