@@ -167,6 +167,19 @@ def test_a_manifest_has_the_model_the_joint_and_a_pose_per_log(still, tmp_path):
     assert read_manifest(path).facts is None
 
 
+def test_manifests_of_a_model_that_differ_are_not_joined_without_it(still, tmp_path):
+    for wrist in (0.4, 0.5):
+        (tmp_path / f"{wrist}.yaml").write_text(
+            f"name: arm\nroot: {still}\ninput: torque\nmodel: {ARM}\nof: elbow\n"
+            f"pose: {{wrist: {wrist}}}\nlogs: [{{file: 0.csv}}]\n"
+        )
+    paths = sorted(tmp_path.glob("*.yaml"))
+    for sources in (paths, [bf.read(path) for path in paths]):
+        with pytest.raises(InputError, match=r"model.*one manifest with all logs.*pose"):
+            bf.read(sources)
+    assert len(bf.read([paths[0], paths[0]]).logs) == 2
+
+
 @pytest.mark.parametrize(
     ("options", "field", "expected"),
     [
