@@ -228,7 +228,7 @@ def _union(parts: Sequence[DataSet | Log], given: Mapping[str, Any]) -> DataSet:
     named = [part.manifest for part in parts if isinstance(part, DataSet) and part.manifest]
     for manifest in named:
         if manifest.model is not None:
-            got = f"of {manifest.name} alone, or not the same in all {len(parts)} sources"
+            got = f"one for {manifest.name}, and other descriptions beside it"
             expected = "one manifest with all logs; what differs, such as pose, is said of each log"
             raise InputError("read", "model", got, expected)
     logs: list[Log] = []
