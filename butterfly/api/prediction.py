@@ -266,10 +266,10 @@ def residual_answer(
     from butterfly.report.log_figures import residual_sentences, with_residual_figures  # noqa: PLC0415 - slow to import
 
     verdict, residuals = estimate_verdict(estimate), residuals_of(data, estimate)
-    worst = max(chosen, key=lambda k: residuals.logs[k].relative)
+    worst = max(chosen, key=lambda k: (residuals.logs[k].counted, residuals.logs[k].relative))
     title = f"Residuals of {estimate.method} on {data.name!r}"
     rows = finite([about_log(data.logs[k]) | residual_row(residuals.logs[k]) for k in chosen])
-    first = max(rows, key=lambda row: math.inf if row[_ERROR] is None else row[_ERROR])
+    first = rows[[*chosen].index(worst)]
     error, times = (cell_text(first[key]) for key in (_ERROR, "error over sensor noise"))
     facts = [
         Fact("largest error", f"{error} %", f"of the motion, {label_of(first)}"),

@@ -209,12 +209,15 @@ def forecast(logs: Sequence[Log], known: Prior) -> tuple[Forecast, ...]:
 
 
 def expected(data: DataSet) -> Estimate:
-    """Return the estimate of a fit that starts at the weak form's values, with all its terms."""
+    """Return the estimate of a fit that starts at the weak form's values, with all its terms.
+
+    As in a fit, logs near the upright are left out where there are enough of others.
+    """
     first, *_ = starts(data, None)
     terms = tuple(name for name in COMMON if getattr(first.parameters, name))
     estimator = OutputError(terms=terms)
     known = prior_of_fit(data.logs, data.known)
-    problem = estimator.problem(data.logs, first, known)
+    problem = estimator.problem(data.calm.logs, first, known)
     return estimator.infer(problem, problem.descend(most=PASSES, enough=SHOWS))
 
 

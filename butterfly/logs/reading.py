@@ -29,7 +29,7 @@ from butterfly.logs.formats import (
     read_log,
     unsaid,
 )
-from butterfly.logs.headers import columns_meant, meaning_of
+from butterfly.logs.headers import columns_by_joint, columns_meant, meaning_of
 from butterfly.logs.health import refuse_separators
 from butterfly.logs.json import logs_in, numbers_in
 from butterfly.logs.log import MIN_SAMPLES, InputKind, Log
@@ -183,6 +183,7 @@ _QUESTIONS = {
     "columns": "which column holds the {}, by name or number from 0? ",
     "logs": "which mass was added in each log (added_mass in kg, arm in m)?",
 }
+_WHICH_JOINT = "which joint of the model moved in each log (of: its name)?"
 _REPAIRED = "Samples that repeat a stamp are dropped and counted; without this they are a fault."
 _FACTS = {
     "mass": "added_mass",
@@ -345,8 +346,13 @@ def open_questions(manifest: Manifest, given: Collection[str], *, named: bool) -
     """Return the questions on a draft, by key not given; names of ``named`` files give masses."""
     questions = {"units": _unit_taken(manifest)} | _QUESTIONS
     settled = {*given, "columns", "logs" * named}
+    if manifest.model is not None:  # whose links weigh what is known of them
+        of_joints = all(entry.of or manifest.of for entry in manifest.logs)
+        questions["logs"] = "" if of_joints else _WHICH_JOINT
     about = {"interval": manifest.interval, "input_kind": manifest.input}
     called = [str((manifest.columns or {}).get("input", ""))]
+    if manifest.model is not None and (joint := manifest.logs[0].of):
+        called = [*columns_by_joint(columns_of_entry(manifest, manifest.logs[0]), [joint])[joint]]
     for entry in manifest.logs:
         columns = manifest.columns if entry.columns is None else entry.columns
         lacking = [] if columns is None else unsaid(columns, about)
@@ -386,6 +392,7 @@ def draft_text(manifest: Manifest, questions: Mapping[str, str]) -> str:
     names = {"added_mass": "kg", "arm": "m"}
     units = {name: manifest.units.get(name.removeprefix("added_"), names[name]) for name in names}
     places = ", ".join(f"{name}: ({unit})" for name, unit in units.items())
+    places = "of: (joint)" if manifest.model is not None else places
     lines = manifest_text(manifest).splitlines(keepends=True)
     if "loop" in questions and not manifest.loop:  # which is not written if empty
         after = next(k for k, line in enumerate(lines, 1) if line.startswith("input:"))
