@@ -23,13 +23,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
 
 from butterfly.arrays import ROUNDING, Samples, unit_diagonal
-from butterfly.errors import ButterflyError, InputError
+from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
 from butterfly.identification.agreement import pace_of
 from butterfly.identification.consistency import is_driven, prior_of_fit
 from butterfly.identification.data import DataSet
@@ -44,6 +45,7 @@ from butterfly.identification.limits import (
     independent_cells_of,
 )
 from butterfly.identification.linearisation import compressed
+from butterfly.identification.problem import Start
 from butterfly.identification.trust import (
     GOOD_WITHIN,
     MATTERS,
@@ -211,10 +213,18 @@ def forecast(logs: Sequence[Log], known: Prior) -> tuple[Forecast, ...]:
 def expected(data: DataSet) -> Estimate:
     """Return the estimate of a fit that starts at the weak form's values, with all its terms.
 
-    As in a fit, logs near the upright are left out where there are enough of others.
+    As in a fit, logs near the upright are left out where there are enough of others, and terms
+    that cannot be identified.
     """
     first, *_ = starts(data, None)
     terms = tuple(name for name in COMMON if getattr(first.parameters, name))
+    with suppress(IdentifiabilityError):
+        return _expected(data, first, terms)
+    return _expected(data, first, ())
+
+
+def _expected(data: DataSet, first: Start, terms: tuple[str, ...]) -> Estimate:
+    """Return the estimate of a fit with some terms."""
     estimator = OutputError(terms=terms)
     known = prior_of_fit(data.logs, data.known)
     problem = estimator.problem(data.calm.logs, first, known)
