@@ -380,9 +380,9 @@ def open_questions(manifest: Manifest, given: Collection[str], *, named: bool) -
     if manifest.input is not InputKind.SETPOINT:
         settled.add("loop")
     elif "law" in manifest.loop:
-        lacking = _lacking_gain(manifest)
-        questions["loop"] = _WHICH_GAIN.format(lacking)
-        settled = settled - {"loop"} if lacking else settled | {"loop"}
+        gain = _lacking_gain(manifest)
+        questions["loop"] = _WHICH_GAIN.format(gain)
+        settled = settled - {"loop"} if gain else settled | {"loop"}
     return {key: text for key, text in questions.items() if text and key not in settled}
 
 
