@@ -55,6 +55,8 @@ _OF_RUNS = {"run", "sweep"}
 
 _GOAL = 2  # first sentences of a campaign: whether its goal is reached, and what to do next
 
+_FEWEST = 3  # sentences that a notebook shows
+
 HEAD = ("schema", "schema_number", "versions", "title", "verdict", "reasons", "summary", "units")
 """Keys that every document has."""
 
@@ -208,6 +210,12 @@ class Answer:
         """The summary below the verdict."""
         return list(self.summary[len(self.headline) + len(self.verdict) :])
 
+    @property
+    def first_lines(self) -> tuple[str, ...]:
+        """The lines that it prints first: title, headline and verdict; a notebook begins so too."""
+        first = max(len(self.headline) + len(self.verdict), _FEWEST)
+        return self.title, *self.summary[:first]
+
     def rows(self) -> list[dict[str, Any]]:
         """Return the rows of its table, with units in the column names."""
         return [dict(row) for row in self.content[_ROWS.get(self.kind, "rows")]]
@@ -311,7 +319,7 @@ class Answer:
     def _repr_html_(self) -> str:
         from butterfly.report.page import cell_html  # noqa: PLC0415 - a view
 
-        return cell_html(self.page())
+        return cell_html(self.page(), self.first_lines)
 
 
 def text(value: object) -> str:

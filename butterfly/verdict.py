@@ -1,11 +1,18 @@
-"""One scale of levels for logs, values and results, and the verdict in words."""
+"""Levels of logs, values and results on one scale, the verdict in words, the level of intervals."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from statistics import NormalDist
 from typing import Any
+
+CONFIDENCE = 0.95
+"""Level of all intervals; tests have a false-alarm rate of 1 less it."""
+
+SPREADS = NormalDist().inv_cdf(0.5 + CONFIDENCE / 2)
+"""Half width of an interval, in standard deviations of a normal distribution."""
 
 
 class Level(StrEnum):

@@ -1,7 +1,7 @@
 """YAML 1.2 files, read safely and written the same for every reader.
 
-Any mistake is one InputError with file, line and field. No tag builds an object, a date is text,
-and the expansion of a small file is bounded.
+Any mistake is one InputError with file, line and field; `refusal` words those of other files and of
+options too. No tag builds an object, a date is text, and the expansion of a small file is bounded.
 """
 
 from __future__ import annotations
@@ -82,39 +82,71 @@ def validate(
     try:
         return schema.model_validate(content)
     except ValidationError as error:
-        slips = error.errors()
+        known: dict[str, Any] = {"content": content, "documents": documents, "schema": schema}
+        raise refusal(error, source, **known) from None
     except ArithmeticError as error:
         problem = f"numbers out of range ({error.args[-1]})"
         raise InputError(
             place_of(documents, [], source), "content", problem, "usual numbers"
         ) from None
+
+
+def refusal(
+    error: ValidationError,
+    source: object,
+    *,
+    whole: str = "",
+    content: object = None,
+    documents: Sequence[Document] = (),
+    schema: type[object] | None = None,
+) -> InputError:
+    """Return what pydantic refuses first, an unknown key before all else.
+
+    Parameters
+    ----------
+    error
+        What validating raised.
+    source
+        What is named where no document has the field.
+    whole
+        What all of the content should be, which is added to what the field should be.
+    content
+        The plain values that were validated: a field is named as it is in them.
+    documents
+        Files of the content, whose lines are named.
+    schema
+        Model whose keys are named in place of an unknown one.
+    """
+    slips = error.errors()
     unknown = [slip for slip in slips if slip["type"] in _UNKNOWN_KEY]
     first = (unknown or slips)[0]  # a slip in a key is also a missing key, which says less
-    location = [str(part) for part in first["loc"]]
-    field = _field(content, location, lacking=first["type"] == "missing")
-    where = place_of(documents, location, source)
+    location, missing = [str(part) for part in first["loc"]], first["type"] == "missing"
+    field, cause = _field(content, location, lacking=missing), first.get("ctx", {}).get("error")
+    where, suffix = place_of(documents, location, source), f", in {whole}" if whole else ""
     if unknown:
-        names = _fields_at(schema, location[:-1])
-        raise InputError(where, field, "an unknown key", nearest(location[-1], names))
-    if first["type"] == "missing":
-        raise InputError(where, field, "nothing", "a value (this key is required)")
-    cause = first.get("ctx", {}).get("error")
+        names = [] if schema is None else _fields_at(schema, location[:-1])
+        expected = nearest(location[-1], names) if names else "no such key"
+        return InputError(where, field, "an unknown key", expected + suffix)
+    if missing:
+        return InputError(where, field, "nothing", f"a value (this key is required){suffix}")
     if isinstance(cause, InputError):
         named = cause.field
         if not location:  # of the whole file, by a rule that names the field
             where = place_of(documents, [named], source)
-        else:
+        elif field != "content":
             named = f"{field}.{named.removeprefix(field.rpartition('.')[2] + '.')}"
-        raise InputError(where, named, cause.value, cause.expected)
+        return InputError(where, named, cause.value, cause.expected + suffix)
     message = first["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
     value = repr(first["input"])
     if len(value) > _LONGEST:
         value = value[:_LONGEST] + " ..."
-    raise InputError(where, field, value, _PLAINER.get(message, message))
+    return InputError(where, field, value, _PLAINER.get(message, message) + suffix)
 
 
 def _field(content: Any, location: Sequence[str], *, lacking: bool) -> str:  # noqa: ANN401 - whatever a file may say
     """Return pydantic's location of an error without the kinds that unions add."""
+    if content is None:
+        return ".".join(location) or "content"
     keys = []
     for part in location:
         below = _value(content, part)

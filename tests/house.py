@@ -38,9 +38,9 @@ _COMPREHENSIONS = ("<listcomp>", "<setcomp>", "<dictcomp>", "<genexpr>")
 TABLE = ROOT / "docs/tuned-numbers.md"
 _HEAD = """# Tuned numbers of identification
 
-Every number that a module of `butterfly/identification` assigns at its top, and what it means. A
-rule that needs one more needs a reason; where no source is named, the number was chosen by trying.
-`python -m tests.house` writes this page, and a test keeps it up to date.
+Every number that a module of `butterfly/identification`, or `butterfly/verdict.py`, assigns at its
+top, and what it means. A rule that needs one more needs a reason; where no source is named, the
+number was chosen by trying. `python -m tests.house` writes this page; a test keeps it up to date.
 """
 
 
@@ -259,10 +259,10 @@ def _fields_of(node: ast.ClassDef) -> set[str]:
 
 
 @cache
-def tuned_numbers(package: str = "butterfly/identification") -> list[Number]:
-    """Return the numbers that modules of a package assign at their top, by file."""
+def tuned_numbers() -> list[Number]:
+    """Return the numbers that modules of identification and the verdict's assign, by file."""
     found: list[Number] = []
-    for path in sorted((ROOT / package).rglob("*.py")):
+    for path in (*sorted((PACKAGE / "identification").rglob("*.py")), PACKAGE / "verdict.py"):
         found += _of_module(path)
     return found
 

@@ -1,7 +1,8 @@
 """The motors of the library made again from their logs, and compared with their files.
 
-``python -m tests.motor_logs [NAMES] [--logs FOLDER]`` reads the logs of each motor in FOLDER/NAME,
-or else takes them from the repository that its file names, at its commit, with git.
+``python -m tests.motor_logs [NAMES] [--logs FOLDER]`` takes the logs of each motor of a type from
+the repository that its file names, at its commit, with git; or reads them in FOLDER/NAME, and of
+several motors in FOLDER/NAME/1, FOLDER/NAME/2, ...
 """
 
 import argparse
@@ -19,12 +20,10 @@ NEAR = 0.02
 """Share of the distance to a limit within which values and limits are the same."""
 
 
-def fetched(name, folder):
-    """Return the folder of a motor's logs: in a folder of such, or fetched from their source."""
-    if folder is not None:
-        return folder / name
-    source, target = motor_of(name).source, FETCHED / name
-    if not target.is_dir():
+def fetched(source):
+    """Return the folder of a motor's logs, fetched from their source."""
+    target = FETCHED / f"{Path(source.repository).name}-{source.commit[:12]}"
+    if not (target / source.folder).is_dir():
         _git("init", "--quiet", str(target))
         _git("-C", str(target), "fetch", "--quiet", "--depth=1", source.repository, source.commit)
         _git("-C", str(target), "checkout", "--quiet", source.commit, "--", source.folder)
@@ -35,15 +34,26 @@ def _git(*words):
     subprocess.run(["git", *words], check=True)  # noqa: S603, S607 - the user's git
 
 
-def differences(name, logs):
-    """Return where a motor's file differs from what its logs say now, in sentences."""
-    motor = motor_of(name)
+def differences(name, folder):
+    """Return where a type's file differs from what the logs of its motors say now, in sentences."""
+    motors = motor_of(name).motors
+    told = []
+    for number, motor in enumerate(motors, 1):
+        place = Path(str(number)) if len(motors) > 1 else Path()
+        logs = fetched(motor.source) if folder is None else folder / name / place
+        which = f"{name}, motor {number}" if len(motors) > 1 else name
+        told += [f"{which}: {text}" for text in _differences(motor, logs)]
+    return told
+
+
+def _differences(motor, logs):
+    """Return where a motor's part of a file differs from what its logs say now."""
     data = Manifest.model_validate({**motor.made.manifest, "root": str(logs.absolute())})
     missing = [entry.file for entry in data.logs if not (logs / entry.file).is_file()]
     if missing:
-        return [f"{name}: no {logs / missing[0]}"]
-    estimate = bf.identify(bf.read(written(data, FETCHED / f"{name}.yaml"))).estimate
-    told = [] if estimate.level is motor.level else [f"verdict {estimate.level.verdict}"]
+        return [f"no {logs / missing[0]}"]
+    estimate = bf.identify(bf.read(written(data, FETCHED / f"{data.name}.yaml"))).estimate
+    told = [] if estimate.level.verdict == motor.verdict else [f"verdict {estimate.level.verdict}"]
     for place, now in zip(("known", "rig"), measured_values(estimate), strict=True):
         before = getattr(motor, place)
         if now.keys() != before.keys():
@@ -54,7 +64,7 @@ def differences(name, logs):
             far = max(abs(now[key][part] - getattr(was, part)) for part in parts)
             if far > NEAR * was.farther:
                 told.append(f"{place}.{key}: {now[key]}; in the file {was}")
-    return [f"{name}: {text}" for text in told]
+    return told
 
 
 def written(manifest, path):
@@ -72,7 +82,7 @@ def main():
     given = parser.parse_args()
     told = []
     for name in given.names or motor_names():
-        parts = differences(name, fetched(name, given.logs))
+        parts = differences(name, given.logs)
         print("\n".join(parts) if parts else f"{name}: as in its file", flush=True)
         told += parts
     sys.exit(bool(told))

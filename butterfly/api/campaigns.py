@@ -37,6 +37,7 @@ from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.logs.log import InputKind
 from butterfly.logs.model_facts import ModelFacts
+from butterfly.logs.motors import with_motor
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 from butterfly.model.prior import Prior, plain
 from butterfly.plant.motor import Motor
@@ -130,10 +131,16 @@ def design_answer(
         ]
     )
     best, title = rows[0], f"Next runs for {data.name!r}"
-    title += ": standard errors after one run, relative to the present ones"
-    cells = [
-        (str(k), *(f"{v:.2f}" if isinstance(v, float) else cell_text(v) for v in row.values()))
-        for k, row in enumerate(rows, start=1)
+    errors = f"{title}: standard errors after one run, relative to the present ones"
+    named = [
+        {"run": f"{row['input']}, {row['added mass']}"}
+        | {name: row[name] for name in row if name not in {"input", "added mass"}}
+        for row in rows
+    ]
+    costs = [name for name in named[0] if name not in estimate.names]
+    tables = [
+        _numbered(title, named, costs),
+        _numbered(errors, named, estimate.names)._replace(detail=True),
     ]
     reached, current, aim = map(cell_text, (best["reached in %"], 100 * now, 100 * goal))
     facts = [
@@ -152,10 +159,20 @@ def design_answer(
             "goal": goal,
             "half_width": now,
             "rows": rows,
-            **views([PageTable(title, ("", *best), cells)], facts, "ranking"),
+            **views(tables, facts, "ranking"),
         },
         units={f"rows.{name}": "1" for name in estimate.names},
     )
+
+
+def _numbered(title: str, rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> PageTable:
+    """Tabulate some columns of runs, which are numbered from 1."""
+    cells = [
+        (str(k), *(f"{v:.2f}" if isinstance(v, float) else cell_text(v) for v in values))
+        for k, row in enumerate(rows, start=1)
+        for values in [[row[name] for name in columns]]
+    ]
+    return PageTable(title, ("", *columns), cells)
 
 
 def share_of(goal: float | str) -> float:
@@ -288,7 +305,7 @@ def campaign(
     step
         Cycle of the controller in s. Default: that of the experiment, or 0.002.
     known
-        Known values, as in a manifest: ``{"p4": 1.0}``.
+        Known values, as in a manifest: ``{"p4": 1.0}``, or ``{"from": "xl330"}``.
     model
         MJCF or URDF of the robot. It gives the joint's gravity, and bounds command and angle by its
         effort and range. The motor's angles are those of the file.
@@ -319,6 +336,7 @@ def campaign(
     if isinstance(robot, str | PathLike):
         robot, defaults, change, limit = _named(str(robot), defaults, change)
         command = limit if command is None else command
+    known = None if known is None else with_motor(known)
     asked: dict[str, Any] = {"model": model, "of": of, "pose": pose, "clamped": clamped}
     joint = _joint(asked, {**defaults["known"], **(known or {})})
     if joint is not None:

@@ -312,7 +312,8 @@ class Identification(Identified, Answer):
         from butterfly.report.page import cell_html  # noqa: PLC0415 - slow to import
 
         screen = first_screen(self, self.facts())
-        return cell_html(screen, None if self.logs is None else self.plot.time())
+        figure = None if self.logs is None else self.plot.time()
+        return cell_html(screen, self.first_lines, figure)
 
     @checked
     def report(self, path: str | PathLike[str], *, figures: bool = False) -> None:

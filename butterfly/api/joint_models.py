@@ -155,10 +155,10 @@ def _moves(manifest: Manifest, entry: LogEntry, joint: str, alike: Mapping[str, 
     if entry.of is not None or not (rivals and drives(manifest, entry, joint, names)):
         return True
     of_joint = manifest.model_copy(update={"of": joint})
-    own = _with_columns(of_joint, entry, dict.fromkeys(alike, 0))
-    angles = {n: c for n, c in (own.neighbours or {}).items() if n in rivals}
-    column = (own.columns or manifest.columns or DEFAULT_COLUMNS)["angle"]
-    seen = own.model_copy(update={"neighbours": {**angles, joint: column}})
+    described = _with_columns(of_joint, entry, dict.fromkeys(alike, 0))
+    angles = {n: c for n, c in (described.neighbours or {}).items() if n in rivals}
+    column = (described.columns or manifest.columns or DEFAULT_COLUMNS)["angle"]
+    seen = described.model_copy(update={"neighbours": {**angles, joint: column}})
     reach = {n: float(np.ptp(log.angle)) for n, log in neighbours(of_joint, seen).items()}
     return reach[joint] >= _MOVED * max(reach.values())
 
@@ -271,7 +271,7 @@ def with_neighbours(data: DataSet) -> DataSet:
     manifest = data.manifest
     if manifest is None or manifest.facts is None or manifest.model is None:
         return data
-    taken, moved = _taken_off(data)
+    taken, moved = _to_take_off(data)
     shares = [
         float(np.std(taken[log.name])) / max(float(np.std(log.input)), _TINY)
         for log in data.logs
@@ -279,7 +279,8 @@ def with_neighbours(data: DataSet) -> DataSet:
     ]
     remarks = _remarks(manifest.facts, manifest, moved, shares)
     held = data.test_logs and with_neighbours(data.test_logs)
-    return replace(_less(data, taken, 1.0), test_logs=held, remarks=remarks)
+    corrected = _less(data, taken, 1.0)
+    return replace(corrected, test_logs=held, remarks=remarks, taken_off=taken)
 
 
 def with_heavier_neighbours(data: DataSet) -> DataSet | None:
@@ -291,8 +292,7 @@ def with_heavier_neighbours(data: DataSet) -> DataSet | None:
     manifest = data.manifest
     if FindingKind.NEIGHBOURS_CORRECTED not in kinds or manifest is None or manifest.facts is None:
         return None
-    taken, _ = _taken_off(data)
-    return _less(data, taken, 2 * manifest.facts.links.uncertainty)
+    return _less(data, data.taken_off, 2 * manifest.facts.links.uncertainty)
 
 
 def _less(data: DataSet, taken: Mapping[str, Samples], share: float) -> DataSet:
@@ -306,7 +306,7 @@ def _less(data: DataSet, taken: Mapping[str, Samples], share: float) -> DataSet:
     return replace(data, test_logs=None).corrected(less)
 
 
-def _taken_off(data: DataSet) -> tuple[dict[str, Samples], dict[str, float]]:
+def _to_take_off(data: DataSet) -> tuple[dict[str, Samples], dict[str, float]]:
     """Return (n,) inputs that the others' motion asks for, by log; and how far each moves.
 
     The first are of logs whose input is a torque alone.

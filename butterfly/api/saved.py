@@ -36,6 +36,7 @@ from butterfly.report.numbers import estimate_numbers, write_columns
 from butterfly.report.page import Fact, PageTable, views
 from butterfly.result import ANSWERS, Answer
 from butterfly.twin.forms import DEFAULTS, Options
+from butterfly.yaml_files import refusal
 
 if TYPE_CHECKING:
     import control
@@ -328,14 +329,14 @@ def load(path: str | PathLike[str], *, root: str | PathLike[str] | None = None) 
             answer = answer_of(content)
             answer.tables(), answer.facts(), answer.printed()
     except ValidationError as error:
-        first, expected = error.errors()[0], "an undamaged saved result"
-        given, place = first["input"], ".".join(map(str, first["loc"])) or "content"
-        number = given if isinstance(given, str | int | float | None) else type(given).__name__
-        raise InputError(file, place, number, f"{expected} ({first['msg']})") from None
+        raise refusal(error, file, whole=_UNDAMAGED) from None
     except (LookupError, TypeError, ValueError, AttributeError, StopIteration) as error:
-        expected = "an undamaged saved result"
-        raise InputError(file, "content", f"{type(error).__name__}: {error}", expected) from None
+        problem = f"{type(error).__name__}: {error}"
+        raise InputError(file, "content", problem, _UNDAMAGED) from None
     return answer
+
+
+_UNDAMAGED = "an undamaged saved result"
 
 
 def answer_of(content: dict[str, Any], **more: Any) -> Answer:  # noqa: ANN401 - other fields
@@ -367,5 +368,5 @@ def read_saved(file: Path) -> dict[str, Any]:
         content = json.loads(text)
     if not isinstance(content, dict):
         raise InputError(file, "content", type(content).__name__, "a saved result")
-    require_as_signed(file, text, content, "an undamaged saved result")
+    require_as_signed(file, text, content, _UNDAMAGED)
     return content

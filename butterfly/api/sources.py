@@ -221,7 +221,16 @@ def _of_files(
 
 
 def _union(parts: Sequence[DataSet | Log], given: Mapping[str, Any]) -> DataSet:
-    """Return one data set of all logs, with every source's repairs."""
+    """Return one data set of all logs, with every source's repairs.
+
+    InputError if one is of a robot's model, whose facts and corrections stand in its manifest.
+    """
+    named = [part.manifest for part in parts if isinstance(part, DataSet) and part.manifest]
+    for manifest in named:
+        if manifest.model is not None:
+            got = f"one for {manifest.name}, and other descriptions beside it"
+            expected = "one manifest with all logs; what differs, such as pose, is said of each log"
+            raise InputError("read", "model", got, expected)
     logs: list[Log] = []
     test_logs: list[Log] = []
     known = NO_PRIOR

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from operator import itemgetter
 from statistics import mean, median
 from typing import Any
@@ -56,8 +56,7 @@ def ranking_answer(entries: Sequence[Entry]) -> Answer:
         }
     )
     winners = {name: [entry.method for entry in equals(ranked)] for name, ranked in sets.items()}
-    title, rows = "Ranking of methods: " + ", ".join(sets), finite([*map(_entry, entries)])
-    facts = []
+    rows, facts = finite([*map(_entry, entries)]), []
     for name, methods in winners.items():
         if (fit := sets[name][0].held_out) is not None:
             label = "predict best, no clear winner" if len(methods) > 1 else "predicts best"
@@ -67,13 +66,13 @@ def ranking_answer(entries: Sequence[Entry]) -> Answer:
     facts.append(Fact("data sets", str(len(sets))))
     return Answer(
         kind="leaderboard",
-        title=title,
+        title=_ranking_title(sets),
         summary=verdict.after(*map(_best_sentence, sets.values())),
         judged=verdict,
         content={
             "entries": rows,
             "winners": winners,
-            **views([PageTable.of(title, rows, _RANKED)], facts, "leaderboard"),
+            **views(_ranked_tables([*sets], rows), facts, "leaderboard"),
         },
         units={"entries.held_out": "%", "entries.in_sample": "%", "entries.seconds": "s"},
     )
@@ -95,19 +94,39 @@ def _value(name: str) -> Callable[[Row], str]:
 
 
 _RANKED: dict[str, Callable[[Row], object]] = {
-    "estimator": itemgetter("method"),
-    "data": itemgetter("data"),
-    "verdict": itemgetter("verdict"),
+    "verdict": lambda row: row["verdict"] or "no estimate",
     **{
-        f"FIT {name.replace('_', ' ')}, {which} in %": _median_or_worst(name, which)
-        for name in ("held_out", "in_sample")
+        f"FIT held out, {which} in %": _median_or_worst("held_out", which)
+        for which in ("median", "worst")
+    },
+}
+"""Columns of a ranking, each of an entry."""
+
+_RANKED_IN_DETAIL: dict[str, Callable[[Row], object]] = {
+    **{
+        f"FIT in sample, {which} in %": _median_or_worst("in_sample", which)
         for which in ("median", "worst")
     },
     "time in s": lambda row: f"{row['seconds']:.2f}",
     **{name: _value(name) for name in PARAMETERS[:5]},
     "remark": itemgetter("error"),
 }
-"""Columns of a ranking, each of an entry."""
+"""Columns of what each method fitted, each of an entry."""
+
+
+def _ranking_title(sets: Iterable[str]) -> str:
+    return f"Ranking of methods: {', '.join(sets)}"
+
+
+def _ranked_tables(sets: Collection[str], rows: Sequence[Row]) -> list[PageTable]:
+    """Tabulate what predicts best, then what each method fitted to all logs."""
+    names: dict[str, Callable[[Row], object]] = {"estimator": itemgetter("method")}
+    names |= {"data": itemgetter("data")} if len(sets) > 1 else {}
+    fits = f"Fits to all logs: {', '.join(sets)}"
+    return [
+        PageTable.of(_ranking_title(sets), rows, names | _RANKED),
+        PageTable.of(fits, rows, names | _RANKED_IN_DETAIL, detail=True),
+    ]
 
 
 def _best_sentence(entries: Sequence[Entry]) -> str:

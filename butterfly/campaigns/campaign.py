@@ -35,7 +35,8 @@ from butterfly.identification.physical import judge_fit
 from butterfly.identification.repeatability import Repeatability, contradicting_runs
 from butterfly.identification.trust import FindingKind
 from butterfly.logs.log import InputKind
-from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
+from butterfly.logs.motors import require_drive
+from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, JointKind
 from butterfly.model.prior import Prior
 from butterfly.plant.motor import Motor, Reading
 from butterfly.verdict import Level
@@ -225,6 +226,7 @@ class _Campaign:
         before = self._folder.journal if self._folder.is_begun else None
         self._require_mass_at_hand(before)
         wish, kind = self._wish, self._bench.input_kind
+        require_drive(Prior.of(wish.known), kind, JointKind.HINGE, "campaign")
         masses, place = wish.masses, self._folder.path
         lines = announcement(wish.limits, kind, before, goal=wish.goal, masses=masses, folder=place)
         self._callbacks.begin(lines)

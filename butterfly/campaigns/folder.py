@@ -44,6 +44,7 @@ from butterfly.logs.parquet import parquet_bytes
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Prior, plain
 from butterfly.outputs import mark_of, mark_of_document, require_free
+from butterfly.yaml_files import refusal
 
 JOURNAL = "campaign.json"
 """File of the journal."""
@@ -350,9 +351,7 @@ def _read_journal(file: Path) -> Journal:
     try:
         journal = _JOURNAL.validate_json(text)
     except ValidationError as error:
-        slip = error.errors()[0]
-        field = ".".join(map(str, slip["loc"]))
-        raise InputError(file, field, slip["msg"], expected) from None
+        raise refusal(error, file, whole=expected, content=content) from None
     Prior.of(journal.known, file)
     if len(journal.logs) != len(journal.steps):
         counts = f"{len(journal.logs)} for {len(journal.steps)} runs"

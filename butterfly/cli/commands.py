@@ -29,7 +29,7 @@ from butterfly.cli.output import (
 from butterfly.errors import InputError
 from butterfly.files import shipped, write_file
 from butterfly.twin.forms import DEFAULTS, FORMS, INTEGRATORS, WITH_A_BODY, Options
-from butterfly.verdict import Verdict
+from butterfly.verdict import Level, Verdict
 
 if TYPE_CHECKING:
     from butterfly.experiment.schema import Experiment
@@ -424,8 +424,9 @@ def export(
 ) -> ExitCode:
     """Export the identified joint (its twin) to MuJoCo, URDF, C and others, or into your own model.
 
-    Also prints what the format cannot represent, and how far the twin's motion is from our own
-    simulation at the given time step; of a compensation, how far its command may be off.
+    Says whether the file can be used, what the format cannot represent, and how far the twin's
+    motion is from our own simulation at the given time step; of a compensation, how far its command
+    may be off.
 
     Parameters
     ----------
@@ -471,8 +472,6 @@ def export(
         if robot.judged is not None
     }
     verdict = Verdict.of_several(verdicts) if len(verdicts) > 1 else named.judged
-    if verdict is not None:
-        say_verdict(verdict)
     options = Options(
         timestep=timestep,
         integrator=integrator,
@@ -481,7 +480,9 @@ def export(
     )
     made = write_twin(to, named.twin, options, out)
     load = f", with {named.twin.added}" if added_mass and to != "bam" else ""
-    say(f"{made.title}: {out}, {made.about}{load}.")
+    say(f"{made.title}: {out}, {made.about}{load}. {_use(verdict, made.left_out)}")
+    if verdict is not None:
+        say_verdict(verdict)
     accuracy = (made.accuracy.sentence,) if made.accuracy else ()
     for sentence in (*made.notes, *made.left_out, *accuracy):
         say(sentence)
@@ -490,6 +491,13 @@ def export(
     if not asked.silent and not more and is_data(locate(source)):
         put(f"Next: butterfly compare {shlex.quote(str(source))}")
     return ExitCode.of(verdict)
+
+
+def _use(verdict: Verdict | None, limits: Sequence[str]) -> str:
+    """Say whether a written model can be used; ``limits``: what it lacks, which is said below."""
+    if verdict is not None and verdict.level is not Level.GOOD:
+        return f"{verdict.level.verdict.capitalize()}."
+    return "Ready to use, within the limits below." if limits else "Ready to use."
 
 
 def _export_into(sources: Sequence[Path], into: Path, out: Path) -> ExitCode:
@@ -508,10 +516,10 @@ def _export_into(sources: Sequence[Path], into: Path, out: Path) -> ExitCode:
     first, *others = results
     verdicts = {str(result.origin["manifest"]["of"]): result.judged for result in results}
     verdict = Verdict.of_several(verdicts) if others else first.judged
-    say_verdict(verdict)
     written = first.write_back(into, out, others=others)
-    count = len(written.changes)
-    say(f"{out}: {counted(count, 'attribute')} of {into} changed, nothing else.")
+    count, use = len(written.changes), _use(verdict, written.not_found)
+    say(f"{out}: {counted(count, 'attribute')} of {into} changed, nothing else. {use}")
+    say_verdict(verdict)
     for sentence in written.sentences:
         say(sentence)
     return ExitCode.of(verdict)

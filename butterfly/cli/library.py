@@ -14,7 +14,7 @@ from butterfly.errors import InputError
 from butterfly.files import locate, write_file
 
 if TYPE_CHECKING:
-    from butterfly.logs.motors import MeasuredMotor, SharedValue
+    from butterfly.logs.motors import MeasuredMotor, MotorType, SharedValue
 
 _HEADERS = ("name", "motor", "drive", "verdict", "measured", "values")
 
@@ -52,21 +52,28 @@ def show_motor(
         [_row(name, value) for name, value in motor.known.items()],
     )
     say(f"Scatter between motors: {motor.scatter}.")
+    for number, measured in enumerate(motor.motors, 1):
+        _show_measured(measured, f" {number}" if len(motor.motors) > 1 else "")
+    say(f"File: {motor_path(name)}")
+    write_json(document("motor", titled, _numbers(motor)))
+
+
+def _show_measured(motor: MeasuredMotor, number: str) -> None:
+    """Show under which conditions a motor was measured, and where that is from."""
+    source = motor.source
+    pairs = [
+        ("verdict", motor.verdict),
+        *motor.conditions.items(),
+        ("source", f"{source.repository} {source.commit[:12]}, {source.folder}"),
+        ("licence", f"{source.licence}, {source.holder}"),
+        ("made by", f"{motor.made.command} (butterfly {motor.made.version})"),
+    ]
+    show_table(f"Motor{number}", (), pairs)
     if motor.rig:
         values = (f"{name} = {x.value:g} {x.unit.strip('–')}" for name, x in motor.rig.items())
         say(f"Of the joint it was measured in, not used: {', '.join(map(str.strip, values))}.")
     for note in motor.notes:
         say(note)
-    source = motor.source
-    pairs = [
-        *motor.conditions.items(),
-        ("source", f"{source.repository} {source.commit[:12]}, {source.folder}"),
-        ("licence", f"{source.licence}, {source.holder}"),
-        ("made by", f"{motor.made.command} (butterfly {motor.made.version})"),
-        ("file", str(motor_path(name))),
-    ]
-    show_table("Where this is from", (), pairs)
-    write_json(document("motor", titled, _numbers(motor)))
 
 
 def draft_motor(
@@ -102,13 +109,20 @@ def draft_motor(
 
 def _row(name: str, value: SharedValue) -> tuple[str, ...]:
     """Tabulate a value."""
-    measured = f"{value.lower:g} to {value.upper:g}"
+    measured = ", ".join(f"{motor.lower:g} to {motor.upper:g}" for motor in value.motors)
     return name, str(value.known()), measured, f"± {100 * value.scatter:.3g} %", value.unit
 
 
-def _numbers(motor: MeasuredMotor) -> dict[str, object]:
+def _numbers(motor: MotorType) -> dict[str, object]:
     """Return a motor for programs, with the uncertainty of each value in another joint."""
+    known = {
+        name: {
+            "value": value.value,
+            "uncertainty": value.known().uncertainty,
+            "scatter": value.scatter,
+            "unit": value.unit,
+        }
+        for name, value in motor.known.items()
+    }
     content = motor.model_dump(mode="json", exclude={"name"})
-    for name, value in motor.known.items():
-        content["known"][name]["uncertainty"] = value.known().uncertainty
-    return {"motor": motor.name, **content}
+    return {"motor": motor.name, "verdict": motor.verdict, "known": known, **content}

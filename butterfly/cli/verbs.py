@@ -317,6 +317,7 @@ def compare(
     return show(bf.changed(data, other), **vars(page))
 
 
+_KNOWN = "Known value: NAME=VALUE; or of a motor of the library: from=MOTOR. Repeatable."
 _POSE = "Positions of the other joints of --model: NAME=VALUE, by commas. Default: its keyframe."
 
 
@@ -325,7 +326,7 @@ def campaign(
     /,
     *,
     options: OptionsOfCampaign = CAMPAIGN,
-    known: Annotated[tuple[str, ...], Parameter(help="Known value: NAME=VALUE. Repeatable.")] = (),
+    known: Annotated[tuple[str, ...], Parameter(help=_KNOWN)] = (),
     pose: Annotated[str | None, Parameter(metavar="PAIRS", help=_POSE)] = None,
     yes: Annotated[
         bool,

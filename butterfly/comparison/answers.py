@@ -19,10 +19,10 @@ from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identify import judged
 from butterfly.identification.limits import widened
-from butterfly.identification.trust import CONFIDENCE
 from butterfly.identification.validate import Gain, Split, cross_validate
 from butterfly.model.terms import GROWING, PARAMETERS, TERMS
 from butterfly.progress import Track, out_of_time, untracked
+from butterfly.verdict import CONFIDENCE
 
 LEVEL = 1 - CONFIDENCE
 """Level of significance: largest rate of false alarms."""

@@ -13,6 +13,7 @@ from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError
 from butterfly.errors import InputError, nearest
 from butterfly.identification.estimators import DEFAULT_ESTIMATOR, DEFAULT_METHOD, Estimator
 from butterfly.thesis.method import Thesis  # noqa: F401 - its being read makes it one of them
+from butterfly.yaml_files import refusal
 
 ESTIMATORS: dict[str, type[Estimator]] = {kind.method: kind for kind in Estimator.__subclasses__()}
 """All estimators by the name of their method."""
@@ -76,13 +77,9 @@ def make_estimator(method: str | Estimator, options: Mapping[str, Any]) -> Estim
         return method
     if not isinstance(method, str):
         raise InputError("estimator", "method", method, nearest(str(method), METHODS))
+    content = {"method": method, **options}
     try:
-        made: Estimator = _ADAPTER.validate_python({"method": method, **options})
+        made: Estimator = _ADAPTER.validate_python(content)
     except ValidationError as error:
-        first = error.errors()[0]
-        cause = first.get("ctx", {}).get("error")
-        if isinstance(cause, InputError):
-            raise cause from None
-        field = next((str(part) for part in first["loc"] if part in options), "options")
-        raise InputError(method, field, repr(first["input"]), first["msg"]) from None
+        raise refusal(error, method, content=content) from None
     return made

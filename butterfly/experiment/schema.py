@@ -18,7 +18,8 @@ from butterfly.identification.estimators import DEFAULT_METHOD, Estimator
 from butterfly.identification.segments import drive_kind
 from butterfly.identification.validate import Split
 from butterfly.logs.log import MIN_SAMPLES, InputKind, Sine
-from butterfly.logs.manifest import LoopFacts, Uncertain
+from butterfly.logs.manifest import KnownValues, LoopFacts
+from butterfly.logs.motors import require_drive
 from butterfly.model.energy import Orbit
 from butterfly.model.linear import LARGEST_SWING, predicted_swing
 from butterfly.model.parameters import (
@@ -26,6 +27,7 @@ from butterfly.model.parameters import (
     Base,
     Friction,
     Hand,
+    JointKind,
     LumpedParameters,
     TorqueDrive,
     VoltageDrive,
@@ -282,7 +284,7 @@ class Experiment(StrictModel):
     """Terms besides p1..p4, coulomb and delay; default: chosen by the method."""
     estimators: tuple[AnyEstimator, ...] = ()
     """Several estimators with options, instead of method and terms."""
-    known: dict[str, Uncertain] = Field(default_factory=dict)
+    known: KnownValues = Field(default_factory=dict)
     """Known values of the robot for the estimators, as in a manifest."""
     holdout: tuple[str, ...] = ()
     """Names or glob patterns of logs held out from fits for testing."""
@@ -312,7 +314,7 @@ class Experiment(StrictModel):
             raise ValueError("needs at least one of excitations, signals and control.believed")
         if self.control is not None and self.plant.loop is not None:
             raise ValueError("control commands the drive directly: remove plant.loop")
-        Prior.of(self.known)
+        require_drive(Prior.of(self.known), self.input_kind, JointKind.HINGE, "experiment")
         self.plant.clock.count(self.duration)
         for number, added in enumerate(self.added_masses):
             self.plant.robot.loaded(added)

@@ -31,19 +31,12 @@ from scipy.special import fdtrc, stdtr
 from butterfly.arrays import ROUNDING, Samples, unit_diagonal
 from butterfly.identification.limits import Rival, cluster_covariance, half_widths
 from butterfly.identification.linearisation import Linearisation
-from butterfly.identification.trust import (
-    ACCUSED,
-    CLEARLY,
-    CONFIDENCE,
-    FEW,
-    MATERIAL,
-    MATTERS,
-    SHOWS,
-)
+from butterfly.identification.trust import ACCUSED, CLEARLY, FEW, MATERIAL, MATTERS, SHOWS
 from butterfly.logs.log import Log, slow_interval
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import CHANGING, DISSIPATIVE, OF_SCALE, PARAMETERS
 from butterfly.signals.frequency_response import white_variance
+from butterfly.verdict import CONFIDENCE
 
 
 class Condition(StrEnum):

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from butterfly.arrays import Samples
 from butterfly.errors import InputError
 from butterfly.identification.consistency import is_driven
 from butterfly.identification.derived_quantities import implied, relaxed_for_masses
@@ -76,6 +77,8 @@ class DataSet:
         Correction of ``logs`` in addition to repairs, if any.
     remarks
         Findings on the logs that every answer from them repeats.
+    taken_off
+        (n,) input that the motion of other joints took, which ``logs`` are without, by log.
     """
 
     name: str
@@ -91,6 +94,7 @@ class DataSet:
     test_logs: DataSet | None = None
     correction: Finding | None = None
     remarks: tuple[Finding, ...] = ()
+    taken_off: Mapping[str, Samples] = field(default_factory=dict)
 
     @classmethod
     def of(

@@ -25,7 +25,6 @@ from butterfly.identification.fit import MissingTerms
 from butterfly.identification.limits import Evidence, Rival, half_widths
 from butterfly.identification.trust import (
     KINDS,
-    SPREADS,
     Ending,
     Finding,
     FindingKind,
@@ -42,7 +41,7 @@ from butterfly.logs.units import taken_text
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import OF_INPUT, OF_SCALE, PARAMETERS, TERMS, lower_bounds
-from butterfly.verdict import Level
+from butterfly.verdict import SPREADS, Level
 
 _OF_UNIT = {FindingKind.UNIT_ASSUMED, FindingKind.UNIT_UNREAD}
 _LARGEST = float(np.finfo(float).max) ** 0.25  # of any number: squares of such are numbers too

@@ -23,21 +23,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
 
 from butterfly.arrays import ROUNDING, Samples, unit_diagonal
-from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
+from butterfly.errors import ButterflyError, InputError
 from butterfly.identification.agreement import pace_of
 from butterfly.identification.consistency import is_driven, prior_of_fit
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import OutputError
-from butterfly.identification.estimators.start import starts
-from butterfly.identification.fit import PASSES
+from butterfly.identification.estimators.start import best_local_minimum, starts
 from butterfly.identification.limits import (
     OTHER_LOGS,
     expected_covariance,
@@ -45,12 +43,10 @@ from butterfly.identification.limits import (
     independent_cells_of,
 )
 from butterfly.identification.linearisation import compressed
-from butterfly.identification.problem import Start
 from butterfly.identification.trust import (
     GOOD_WITHIN,
     MATTERS,
     SHOWS,
-    SPREADS,
     meaning_of,
     or_none,
     unit_of,
@@ -60,6 +56,7 @@ from butterfly.logs.log import Log
 from butterfly.model.prior import Prior
 from butterfly.model.terms import COMMON, PARAMETERS
 from butterfly.progress import counted
+from butterfly.verdict import SPREADS
 
 
 class IntervalForecast:
@@ -197,13 +194,12 @@ def forecast(logs: Sequence[Log], known: Prior) -> tuple[Forecast, ...]:
         elif fit is not None and name in fit.names:
             row = _rated(row, fit, fastest)
             if name == "coulomb" and not any(_reverses(log.angle) for log in logs):
-                why = "no log reverses, so it looks like a constant torque"
                 row = replace(
                     row,
                     word=max(row.word, Identifiability.WEAK, key=[*Identifiability].index),
-                    why=why,
+                    why="no log reverses, so it looks like a constant torque",
+                    mend="motion in both directions",
                 )
-                row = replace(row, mend="motion in both directions")
         elif fit is not None:
             row = replace(row, why="the input is always zero", mend="add logs of the driven joint")
         rows.append(row)
@@ -213,22 +209,15 @@ def forecast(logs: Sequence[Log], known: Prior) -> tuple[Forecast, ...]:
 def expected(data: DataSet) -> Estimate:
     """Return the estimate of a fit that starts at the weak form's values, with all its terms.
 
-    As in a fit, logs near the upright are left out where there are enough of others, and terms
-    that cannot be identified.
+    Those that these logs cannot tell from others are left out, as `identify` leaves them out, and
+    so are logs near the upright, where there are enough of others.
     """
-    first, *_ = starts(data, None)
-    terms = tuple(name for name in COMMON if getattr(first.parameters, name))
-    with suppress(IdentifiabilityError):
-        return _expected(data, first, terms)
-    return _expected(data, first, ())
-
-
-def _expected(data: DataSet, first: Start, terms: tuple[str, ...]) -> Estimate:
-    """Return the estimate of a fit with some terms."""
-    estimator = OutputError(terms=terms)
-    known = prior_of_fit(data.logs, data.known)
-    problem = estimator.problem(data.calm.logs, first, known)
-    return estimator.infer(problem, problem.descend(most=PASSES, enough=SHOWS))
+    known, problems = prior_of_fit(data.logs, data.known), []
+    for start in starts(data, None):
+        terms = tuple(name for name in COMMON if getattr(start.parameters, name))
+        problems.append(OutputError(terms=terms).problem(data.calm.logs, start, known))
+    place, fit = best_local_minimum(problems, SHOWS)
+    return OutputError().infer(problems[place], fit)
 
 
 def _reverses(angle: Samples) -> bool:

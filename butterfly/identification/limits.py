@@ -29,10 +29,11 @@ from scipy.special import stdtrit
 
 from butterfly.arrays import ROUNDING, Samples, SavedSamples, unit_columns, unit_diagonal
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.trust import CONFIDENCE, FEW, SPREADS, Finding, FindingKind
+from butterfly.identification.trust import FEW, Finding, FindingKind
 from butterfly.logs.log import MIN_SAMPLES, Log
 from butterfly.model.prior import Penalty
 from butterfly.model.terms import TERMS
+from butterfly.verdict import CONFIDENCE, SPREADS
 
 CELLS = 10
 """Blocks into which a log is cut: enough to estimate their scatter within a quarter."""

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from butterfly.arrays import Samples
-from butterfly.identification.trust import SPREADS
+from butterfly.verdict import SPREADS
 
 _NORMAL = 1 / float(ndtri(0.75))  # standard deviation over median absolute deviation
 

@@ -32,18 +32,12 @@ from butterfly.identification.derived_quantities import (
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import LEAST_FIT
 from butterfly.identification.segments import assumes_clock
-from butterfly.identification.trust import (
-    CLEARLY,
-    CONFIDENCE,
-    MATTERS,
-    SPREADS,
-    Finding,
-    FindingKind,
-)
+from butterfly.identification.trust import CLEARLY, MATTERS, Finding, FindingKind
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.model.prior import LAG, Known, Prior
 from butterfly.model.terms import LEVEL, OF_INPUT, TERMS
+from butterfly.verdict import CONFIDENCE, SPREADS
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,7 +2,7 @@
 
 The band of the parameters includes the motion of the model with parameters drawn from the
 estimate; that of a new log includes a recording: to each draw are added the errors of a held-out
-log. Both are pointwise, at `trust.CONFIDENCE`.
+log. Both are pointwise, at `CONFIDENCE`.
 
 Parameters are drawn from a normal distribution about the estimate. Its covariance is that of the
 scatter of the data, widened as the intervals are: along the differences of the leave-one-mass-out
@@ -35,11 +35,12 @@ from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.limits import length_of, widened
 from butterfly.identification.sensor_errors import SensorErrors
-from butterfly.identification.trust import CONFIDENCE, DRAWS, SPREADS
+from butterfly.identification.trust import DRAWS
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.terms import lower_bounds
 from butterfly.progress import Track, in_threads, out_of_time, untracked
+from butterfly.verdict import CONFIDENCE, SPREADS
 
 OF_PARAMETERS = "parameters"
 OF_NEW_LOG = "new log"

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -33,10 +34,11 @@ from butterfly.identification.sensor_errors import (
     off_centre,
 )
 from butterfly.identification.simulation import Averages, StartEffects
-from butterfly.identification.trust import DRAWS, SHOWS, SPREADS, Finding, FindingKind
+from butterfly.identification.trust import DRAWS, SHOWS, Finding, FindingKind
 from butterfly.logs.log import Log
 from butterfly.model.parameters import JointKind
 from butterfly.signals.frequency_response import first_counted
+from butterfly.verdict import SPREADS
 
 _LONGEST_LAG = 2.0  # of the correlations, in s; a quarter of the errors at most
 _BY_CHANCE = 0.25  # share of logs that may be outside
@@ -127,7 +129,7 @@ class Residuals:
     @property
     def counted(self) -> tuple[LogResiduals, ...]:
         """The logs that judge the model."""
-        return tuple(log for log in self.logs if log.counted)
+        return tuple(filter(attrgetter("counted"), self.logs))
 
     @property
     def outside(self) -> int:
@@ -197,18 +199,18 @@ def residuals_of(data: DataSet, estimate: Estimate, runs: Sequence[FreeRun] = ()
     """Return the residuals of an estimate's free runs, compared with sensors and missing terms."""
     unknowns, counted = _Unknowns.of(data, estimate), {*data.simulations.judging(estimate)}
     every, parts = list[_RunErrors | None](), list[tuple[Samples, Samples]]()
-    lost = dict[int, LogResiduals]()
+    bare = list[LogResiduals]()  # of logs that are not judged
     for k in range(len(data.logs)):
         run = runs[k] if runs else data.simulations.run(k, estimate)
+        bare.append(_bare(data.logs[k]))
         if k not in counted:
             every.append(None)
-            lost[k] = replace(_bare(run.log), error=run.rms, counted=False)
+            bare[k] = replace(bare[k], error=run.rms, counted=False)
             continue
         expanded = unknowns.expanded(run, data.simulations.setting(k, estimate))
         every.append(expanded and expanded[0])
         parts += [expanded[1]] if expanded else []
     run_errors = [errors for errors in every if errors is not None]
-    bare = [lost.get(k) or _bare(log) for k, log in enumerate(data.logs)]
     if not run_errors:
         return Residuals(logs=tuple(bare))
     at, random = unknowns.equations(parts), np.random.default_rng(0)

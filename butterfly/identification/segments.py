@@ -332,7 +332,8 @@ class Segments:
         if len(begins) < len(pieces):
             mask = self.errors_of(chosen, joint)
             numbers = np.append(np.where(mask, np.cumsum(mask) - 1, -1), -1)
-            readings = Readings(into=numbers[readings.into], weights=readings.weights[:, mask])
+            weights = np.compress(mask, readings.weights, axis=1)  # in C's order, as compiled for
+            readings = Readings(into=numbers[readings.into], weights=weights)
             pieces, measured, roots = pieces[np.asarray(chosen)], measured[mask], roots[mask]
         values, rows, steps, later = differentiate(
             self.grid, inputs, starts, readings, columns, pieces=pieces, loop=loop, most=self._most

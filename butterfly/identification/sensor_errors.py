@@ -36,10 +36,11 @@ from butterfly.identification.limits import (
 )
 from butterfly.identification.linearisation import Linearisation
 from butterfly.identification.scatter import submodels_of
-from butterfly.identification.trust import CONFIDENCE, Finding, FindingKind
+from butterfly.identification.trust import Finding, FindingKind
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import lower_bounds
 from butterfly.signals.frequency_response import roughness
+from butterfly.verdict import CONFIDENCE
 
 _WHOLE = 0.1  # of a step, within which gaps of readings are whole steps
 

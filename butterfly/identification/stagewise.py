@@ -22,11 +22,12 @@ from numpy.typing import NDArray
 from butterfly.arrays import Samples, standard_error
 from butterfly.identification.agreement import score_of
 from butterfly.identification.scatter import Submodels
-from butterfly.identification.trust import CONFIDENCE, FEW, MATERIAL, Finding, FindingKind
+from butterfly.identification.trust import FEW, MATERIAL, Finding, FindingKind
 from butterfly.model.parameters import AddedMass, friction_brakes, value_if_absent
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import GEAR, OF_MASS, companions, is_simulated_with
 from butterfly.progress import out_of_time
+from butterfly.verdict import CONFIDENCE
 
 PROMISED = 0.5
 """Share of a promised gain that a simulation keeps, if it is believed."""

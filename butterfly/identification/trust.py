@@ -11,7 +11,7 @@ from typing import Any
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import JointKind, LumpedParameters
 from butterfly.model.terms import PARAMETERS, TERMS
-from butterfly.verdict import Level
+from butterfly.verdict import CONFIDENCE, Level
 
 
 class Ending(StrEnum):
@@ -144,12 +144,6 @@ class Finding:
         """Its place among all kinds, the gravest first."""
         return _GRAVITY[self.kind]
 
-
-CONFIDENCE = 0.95
-"""Level of all intervals; tests have a false-alarm rate of 1 less it."""
-
-SPREADS = NormalDist().inv_cdf(0.5 + CONFIDENCE / 2)
-"""Half width of an interval, in standard deviations of a normal distribution."""
 
 ACCUSED = 1e-3
 """False-alarm rate of tests of given values, and of the homogeneity of logs."""

@@ -17,11 +17,12 @@ from scipy.special import stdtrit
 from butterfly.arrays import Samples
 from butterfly.errors import ButterflyError, InputError, listed
 from butterfly.identification.segments import driven
-from butterfly.identification.trust import CONFIDENCE, MATTERS, SHOWS, Finding, FindingKind
+from butterfly.identification.trust import MATTERS, SHOWS, Finding, FindingKind
 from butterfly.logs.log import InputKind, Log
 from butterfly.logs.units import UNITS
 from butterfly.model.parameters import AddedMass
 from butterfly.signals.frequency_response import ResponsePoint, dominant_frequency
+from butterfly.verdict import CONFIDENCE
 
 SAME_FACTOR = 0.1
 """Relative distance within which two factors are taken for one."""

@@ -21,10 +21,11 @@ from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary, FreeRun, fit_of
 from butterfly.identification.limits import edges_of
-from butterfly.identification.trust import CONFIDENCE, DRAWS, FEW
+from butterfly.identification.trust import DRAWS, FEW
 from butterfly.logs.log import MIN_SAMPLES, Log
 from butterfly.progress import Track, counted, out_of_time, untracked
 from butterfly.signals.frequency_response import MIN_PERIODS
+from butterfly.verdict import CONFIDENCE
 
 FOLDS = 5
 """Parts into which frequencies, logs or time are divided, where there are enough of them."""

@@ -44,7 +44,7 @@ from butterfly.identification.test_functions import (
     Averaging,
     half_width_of,
 )
-from butterfly.identification.trust import CLEARLY, CONFIDENCE, SHOWS, SPREADS, Ending
+from butterfly.identification.trust import CLEARLY, SHOWS, Ending
 from butterfly.logs.log import Log
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.model.prior import Known, Penalty, Prior
@@ -61,6 +61,7 @@ from butterfly.model.terms import (
     FrictionTerms,
 )
 from butterfly.signals.frequency_response import ResponsePoint
+from butterfly.verdict import CONFIDENCE, SPREADS
 
 _RESTING = 0.5  # share of the windows in motion, below which a joint rests between its moves
 

@@ -79,6 +79,9 @@ Uncertain = float | _Known
 Size = Annotated[float, Field(ge=0)] | _Known
 """The same, not negative."""
 
+KnownValues = Annotated[dict[str, Uncertain], BeforeValidator(_read_values)]
+"""Known values of a robot by name; ``from`` names a motor whose values are taken."""
+
 
 class Recordings(StrEnum):
     """Where a file is split into several logs."""
@@ -229,9 +232,7 @@ class Manifest(StrictModel):
     encoder: Literal["joint", "motor"] = "joint"
     """``motor`` if angle, velocity, setpoint and the loop's gains are on the motor side of a gear,
     whose ``gear_ratio`` must be ``known``."""
-    known: Annotated[dict[str, Uncertain], BeforeValidator(_read_values), _Rule.ADDS] = Field(
-        default={}
-    )
+    known: Annotated[KnownValues, _Rule.ADDS] = Field(default={})
     """Known values of the robot, with standard uncertainties. ``from`` names a motor whose values
     are taken (`butterfly.logs.motors`). See `butterfly.model.prior`."""
     zero: Uncertain | None = None

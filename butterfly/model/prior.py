@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 import re
+import sys
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -48,6 +49,8 @@ LAG = "lag"
 """Of the recorded angle behind the input in s, by a filter of the logger: 0 ± an uncertainty."""
 
 _USUAL_DELAY = 5.0  # steps of the clock, the scale of an unknown delay
+
+_LARGEST = sys.float_info.max
 
 _EXPECTED = "a number, or {value: ..., uncertainty: ...}"
 _TEXT = re.compile(r"(?P<value>[^±]+?)\s*(?:(?:±|\+-|\+/-)\s*(?P<uncertainty>.+))?")
@@ -233,9 +236,9 @@ def known_of(value: Any, source: object = "known", field: str = "value") -> Know
     for part in (number, uncertainty):
         if isinstance(part, bool) or not isinstance(part, Real):
             raise InputError(str(source), field, value, _EXPECTED)
-    if not abs(number) < math.inf:
+    if not abs(number) <= _LARGEST:
         raise InputError(str(source), field, number, "a finite number")
-    if not 0 <= uncertainty < math.inf:
+    if not 0 <= uncertainty <= _LARGEST:
         raise InputError(str(source), f"{field}.uncertainty", uncertainty, "0 or a positive number")
     return Known(value=float(number), uncertainty=float(uncertainty), origin=str(origin))
 

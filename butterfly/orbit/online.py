@@ -17,7 +17,7 @@ from butterfly.errors import IdentifiabilityError, InputError, require_number
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.linearisation import Regression
 from butterfly.identification.test_functions import HALF_WIDTH, SPACING
-from butterfly.identification.trust import CONFIDENCE, FindingKind
+from butterfly.identification.trust import FindingKind
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.model.energy import Orbit
 from butterfly.model.parameters import LumpedParameters
@@ -32,6 +32,7 @@ from butterfly.orbit.recalibration import (
 )
 from butterfly.plant.motor import CommandPath, ControlLaw, Reading
 from butterfly.plant.robot import RobotChange
+from butterfly.verdict import CONFIDENCE
 
 _FEWEST_TO_DETECT = 20  # stretches of a reference
 _LIKELY = 3.84  # drop of a squared statistic within which an instant is as likely, at 95 %

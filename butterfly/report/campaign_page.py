@@ -296,7 +296,7 @@ def campaign_page(plain: Page) -> Page:
             Section(title=runs.title, figures=drawn, tables=(runs,)),
         ]
     if tables:
-        named = _with_meanings(tables[0])._replace(name="parameters")
+        named = _with_meanings(tables[0].on_page())._replace(name="parameters")
         lead = Section(title=named.title, tables=(named,))
     goal, summary = numbers["summary"][:2], numbers["summary"][2:]
     return replace(plain, badge=_badge(plain, goal), summary=summary, lead=lead, sections=sections)

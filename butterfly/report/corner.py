@@ -22,9 +22,10 @@ from butterfly.arrays import Samples, unit_diagonal
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.identified import Identified
 from butterfly.identification.predict import honest_covariance
-from butterfly.identification.trust import CONFIDENCE, SPREADS, or_nan
+from butterfly.identification.trust import or_nan
 from butterfly.report.figures import PALETTE
 from butterfly.report.format import upwards
+from butterfly.verdict import CONFIDENCE, SPREADS
 
 MOST = 6
 """Parameters against each other; of more, those that are most correlated."""

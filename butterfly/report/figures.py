@@ -1,8 +1,9 @@
-"""What the figures of all pages share: colours, axes, the samples that are drawn."""
+"""What the figures of all pages share: colours, axes, a figure of each log and its samples."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from html import escape
 from itertools import pairwise
 from typing import Any
@@ -24,6 +25,7 @@ GREY = "#888888"
 SYMBOLS = ("circle", "square", "diamond", "triangle-up", "triangle-down", "star", "pentagon")
 """As many as colours, in the same order."""
 
+_SEEN = 20_000  # quanta of the whole range of a curve: a pixel is ten or more
 _ROW, _HIGHEST = 18, 900  # pixels of a row, and of all at most
 
 
@@ -116,3 +118,71 @@ def seen_samples(columns: Sequence[Samples], most: int, *, every: int = 1) -> ND
             part = values[first:last]
             numbers.append(first + np.array([part.argmin(), part.argmax()]))
     return np.unique(np.concatenate(numbers))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Series:
+    """A figure for each log, drawn for the chosen one.
+
+    All logs share ``data``, the traces without points, and ``layout``. ``curves`` has for each log
+    and each group of traces with a common x: that x, then the y of each trace (see `packable`).
+    ``stretches`` has for each log the range of x that is drawn first, None for all of it.
+    """
+
+    data: list[dict[str, Any]]
+    layout: dict[str, Any]
+    curves: list[list[list[dict[str, Any]]]]
+    stretches: Sequence[tuple[float, float] | None] = ()
+
+    @classmethod
+    def of(
+        cls,
+        figure: Figure,
+        curves: Sequence[Sequence[Sequence[NDArray[Any]]]],
+        stretches: Sequence[tuple[float, float] | None] = (),
+    ) -> Series:
+        """Take the style from the figure of one log; its axes are all logarithmic or all linear."""
+        common = figure.to_dict()
+        traces = [
+            {k: v for k, v in trace.items() if k not in {"x", "y"}} for trace in common["data"]
+        ]
+        layout = {key: value for key, value in common["layout"].items() if key != "template"}
+        powers = layout.get("xaxis", {}).get("type") == "log"
+        packed = [
+            [[packable(curve, logarithmic=powers) for curve in group] for group in log]
+            for log in curves
+        ]
+        return cls(data=traces, layout=layout, curves=packed, stretches=stretches)
+
+    @classmethod
+    def of_figures(
+        cls, figures: Sequence[Figure], stretches: Sequence[tuple[float, float] | None] = ()
+    ) -> Series:
+        """Take the points from the figure of each log."""
+        curves = [[[*map(np.asarray, (t.x, t.y))] for t in figure.data] for figure in figures]
+        return cls.of(figures[0], curves, stretches)
+
+    @property
+    def parted(self) -> bool:
+        """Whether only a part of some log is drawn first."""
+        return any(stretch is not None for stretch in self.stretches)
+
+
+def packable(values: NDArray[np.floating[Any]], *, logarithmic: bool = False) -> dict[str, Any]:
+    """Return (n,) numbers as integer differences, which pack into about a byte each.
+
+    The first finite number is ``begin``; ``steps`` are the differences from there on in units of
+    ``quantum``, finer than a screen resolves, None where a number is not finite. For a logarithmic
+    axis they are of the numbers' decimal logarithms.
+    """
+    if logarithmic:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            values = np.log10(values)
+    there = np.isfinite(values)
+    finite = np.asarray(values[there], dtype=np.float64)
+    begin = float(finite[0]) if finite.size else 0.0
+    quantum = float(f"{(np.ptp(finite) if finite.size else 0.0) / _SEEN:.3g}") or 1.0
+    steps = np.full(values.size, None, dtype=object)
+    steps[there] = np.diff(np.rint((finite - begin) / quantum), prepend=0.0).astype(np.int64)
+    packed = {"begin": begin, "quantum": quantum, "steps": steps.tolist()}
+    return packed | {"logarithmic": True} if logarithmic else packed

@@ -190,7 +190,8 @@ ROOM = 300_000
 
 _TITLE = "Move it and watch"
 _TEXT = (
-    "Move a parameter: the page simulates the log again from the recorded input, and FIT follows."
+    "Move a slider to change a parameter. The page simulates the log again from its recorded "
+    "input, and the FIT says how well the simulation still follows the measurement."
 )
 _WORST = 6  # logs of the lowest FIT
 _SHARE = 0.5  # of its value that a slider reaches, either way: the motion parts; or, if these
@@ -246,7 +247,7 @@ def live_section(identification: Identified) -> Section:
         return Section(title=_TITLE, text=f"No sliders: {reason}")
     logs, which = _carried(data, estimate, identification.fit_of_logs, sliders)
     if not logs:
-        return Section(title=_TITLE, text="No sliders: the simulation follows none of the logs.")
+        return Section(title=_TITLE, text="No sliders: the simulation of every log diverges.")
     markup = _rendered(twin, program, sliders, logs, which)
     return Section(title=_TITLE, text=_TEXT, markup=markup)
 
@@ -259,9 +260,9 @@ def _not_here(data: DataSet, estimate: Estimate) -> str:
     if any(finding.impossible for finding in estimate.findings):
         return "no joint has these values."
     if any(map(needs_loop, data.logs)):
-        return "these logs are simulated in the servo's loop, which the page does not have."
+        return "these logs need the servo's control loop, which the page cannot simulate."
     if p.slow_delay or not {"slow_delay", *LOOP_TERMS}.isdisjoint(estimate.names):
-        return "the clock has two sampling regimes with a delay each; the page has one delay."
+        return "the clock has two sampling regimes with a delay each; the page can only use one."
     return ""
 
 
@@ -285,7 +286,7 @@ def _carried(
         logs[k] = LiveLog.of(simulation, setting, float(fits[k]), max(delays, default=0.0))
     every = counted(len(fits), "log")
     if sum(log.size for log in logs.values()) <= ROOM:
-        lost = f" ({len(fits) - len(logs)} diverge)" if len(logs) < len(fits) else ""
+        lost = f" but {len(fits) - len(logs)}, which diverge" if len(logs) < len(fits) else ""
         return [logs[k] for k in sorted(logs)], f"all {every}{lost}"
     chosen = order[:_WORST]
     for mass in data.masses:
@@ -296,8 +297,8 @@ def _carried(
     for number in dict.fromkeys(chosen):
         room -= logs[number].size
         picks += [logs[number]] if room >= 0 or not picks else []
-    which = f"{len(picks)} of {every}, the {_WORST} with the lowest FIT and the median one of each "
-    return picks, f"{which}added mass: {'; '.join(log.label for log in picks)}"
+    which = f"{len(picks)} of {every}, those {_WORST} with the lowest FIT and, of each added mass, "
+    return picks, f"{which}the one with the median FIT: {'; '.join(log.label for log in picks)}"
 
 
 def _rendered(
@@ -332,8 +333,9 @@ def _note(logs: Sequence[LiveLog], which: str, differences: Sequence[float]) -> 
     steps = sorted({f"{1e3 * log.step:.3g}" for log in logs}, key=float)
     grid = steps[0] if len(steps) == 1 else f"{steps[0]} to {steps[-1]}"
     return (
-        f"On this page: {which}. Grid: {grid} ms; FIT on it differs from FIT of the raw log by at "
-        f"most {max(map(abs, differences)):.2f} points. Each log starts from the state that its "
-        f"free run starts from. Sliders reach {100 * _SHARE:.0f} % of the value, or {_INTERVALS} "
-        "times the ± beside them, the half-width of the 95 % interval, if that is more or chosen."
+        f"On this page: {which}. It simulates in steps of {grid} ms; its FIT differs from that of "
+        f"the recorded samples by at most {max(map(abs, differences)):.2f} points. Each simulation "
+        "starts with the angle and velocity with which the identification starts it. A slider "
+        f"moves a value by up to {100 * _SHARE:.0f} %, or by {_INTERVALS} times the ± below it "
+        "(the half-width of its 95 % interval) if that is more or is chosen as the range."
     )

@@ -23,14 +23,14 @@ from butterfly.identification.predict import OF_NEW_LOG, OF_PARAMETERS, Predicti
 from butterfly.identification.residuals import ErrorBand, LogResiduals, Residuals
 from butterfly.identification.sensor_errors import Curve
 from butterfly.identification.test_functions import ResidualTorque
-from butterfly.identification.trust import CONFIDENCE
 from butterfly.logs.log import Log
 from butterfly.model.parameters import JointKind
-from butterfly.report.figures import GREY, PALETTE, add, look, panel, panels, seen_samples
+from butterfly.report.figures import GREY, PALETTE, Series, add, look, panel, panels, seen_samples
 from butterfly.report.finding_texts import finding_text
 from butterfly.report.inspection import RESIDUAL_CAPTION, residual_row
-from butterfly.report.page import Page, PageTable, Section, Series
+from butterfly.report.page import Page, PageTable, Section
 from butterfly.signals.frequency_response import periodogram, resample
+from butterfly.verdict import CONFIDENCE
 
 _STEP = 0.02  # s between drawn points
 _MOST, _LEAST = 150_000, 600  # points of all the logs of a page, and of each

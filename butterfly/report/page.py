@@ -16,19 +16,19 @@ from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
-import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 from markupsafe import Markup, escape
-from numpy.typing import NDArray
 
 from butterfly.files import write_document, write_file
-from butterfly.identification.trust import Parameter
+from butterfly.identification.trust import Parameter, Trust
 from butterfly.outputs import mark_of, require_endings, require_free
 from butterfly.report.format import cell_text
-from butterfly.verdict import Level, Verdict
+from butterfly.verdict import VERDICTS, Level, Verdict
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
+
+    from butterfly.report.figures import Series
 
 MOST = 100.0
 """Per cent of the value at which the axis ends: beyond it a value may be 0."""
@@ -122,7 +122,6 @@ def forest_caption(bars: Sequence[Bar]) -> str:
 
 _PLOTLY = Path(__file__).parent / "plotly_js/plotly-cartesian.min.js.gz"
 _Row = TypeVar("_Row")
-_SEEN = 20_000  # quanta of the whole range of a curve: a pixel is ten or more
 
 
 class Marked(NamedTuple):
@@ -200,10 +199,30 @@ class PageTable(NamedTuple):
         return cls(**{**content, "rows": [tuple(row) for row in content["rows"]]})
 
     def on_page(self) -> PageTable:
-        """Return it with texts alone, and what columns have words."""
-        rows = [(*map(str, row),) for row in self.rows]
-        some = (k for k in range(len(self.headers)) if any(row[k][:1].isalpha() for row in rows))
+        """Return it with texts and the badges of verdicts, and what columns have words."""
+        texts = [[*map(str, row)] for row in self.rows]
+        rated = {k for k, header in enumerate(self.headers) if k and str(header) in _RATED}
+        rows = [
+            tuple(_badged(cell) if k in rated else cell for k, cell in enumerate(row))
+            for row in texts
+        ]
+        some = (k for k in range(len(self.headers)) if any(row[k][:1].isalpha() for row in texts))
         return self._replace(rows=rows, words=tuple(some))
+
+
+_RATED = {"", "verdict"}
+"""Headers of columns that rate a row; that of a parameter needs none."""
+
+_LEVELS = {
+    **{trust.badge: trust.level for trust in Trust},
+    **{level.verdict: level for level in VERDICTS},
+}
+"""Levels of the texts that rate a row."""
+
+
+def _badged(text: str) -> str | Marked:
+    level = _LEVELS.get(text)
+    return text if level is None else Marked(text, level=level)
 
 
 def views(
@@ -215,74 +234,6 @@ def views(
         "facts": [fact._asdict() for fact in facts],
         "figures": [*figures],
     }
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Series:
-    """A figure for each log, drawn for the chosen one.
-
-    All logs share ``data``, the traces without points, and ``layout``. ``curves`` has for each log
-    and each group of traces with a common x: that x, then the y of each trace (see `packable`).
-    ``stretches`` has for each log the range of x that is drawn first, None for all of it.
-    """
-
-    data: list[dict[str, Any]]
-    layout: dict[str, Any]
-    curves: list[list[list[dict[str, Any]]]]
-    stretches: Sequence[tuple[float, float] | None] = ()
-
-    @classmethod
-    def of(
-        cls,
-        figure: Figure,
-        curves: Sequence[Sequence[Sequence[NDArray[Any]]]],
-        stretches: Sequence[tuple[float, float] | None] = (),
-    ) -> Series:
-        """Take the style from the figure of one log; its axes are all logarithmic or all linear."""
-        common = figure.to_dict()
-        traces = [
-            {k: v for k, v in trace.items() if k not in {"x", "y"}} for trace in common["data"]
-        ]
-        layout = {key: value for key, value in common["layout"].items() if key != "template"}
-        powers = layout.get("xaxis", {}).get("type") == "log"
-        packed = [
-            [[packable(curve, logarithmic=powers) for curve in group] for group in log]
-            for log in curves
-        ]
-        return cls(data=traces, layout=layout, curves=packed, stretches=stretches)
-
-    @classmethod
-    def of_figures(
-        cls, figures: Sequence[Figure], stretches: Sequence[tuple[float, float] | None] = ()
-    ) -> Series:
-        """Take the points from the figure of each log."""
-        curves = [[[*map(np.asarray, (t.x, t.y))] for t in figure.data] for figure in figures]
-        return cls.of(figures[0], curves, stretches)
-
-    @property
-    def parted(self) -> bool:
-        """Whether only a part of some log is drawn first."""
-        return any(stretch is not None for stretch in self.stretches)
-
-
-def packable(values: NDArray[np.floating[Any]], *, logarithmic: bool = False) -> dict[str, Any]:
-    """Return (n,) numbers as integer differences, which pack into about a byte each.
-
-    The first finite number is ``begin``; ``steps`` are the differences from there on in units of
-    ``quantum``, finer than a screen resolves, None where a number is not finite. For a logarithmic
-    axis they are of the numbers' decimal logarithms.
-    """
-    if logarithmic:
-        with np.errstate(divide="ignore", invalid="ignore"):
-            values = np.log10(values)
-    there = np.isfinite(values)
-    finite = np.asarray(values[there], dtype=np.float64)
-    begin = float(finite[0]) if finite.size else 0.0
-    quantum = float(f"{(np.ptp(finite) if finite.size else 0.0) / _SEEN:.3g}") or 1.0
-    steps = np.full(values.size, None, dtype=object)
-    steps[there] = np.diff(np.rint((finite - begin) / quantum), prepend=0.0).astype(np.int64)
-    packed = {"begin": begin, "quantum": quantum, "steps": steps.tolist()}
-    return packed | {"logarithmic": True} if logarithmic else packed
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -448,12 +399,18 @@ def write_page(page: Page, path: Path, *, figures: bool = False) -> None:
     write_file(path, rendered(page), mark)
 
 
-def cell_html(page: Page, figure: Figure | None = None) -> str:
-    """Return verdict, tiles, the leading table and one figure of a page, the first if not given."""
+def cell_html(page: Page, lines: Sequence[str], figure: Figure | None = None) -> str:
+    """Return what a notebook shows of an answer: the first ``lines`` that it prints, then more.
+
+    More are the reasons on the page's badge that the lines lack, tiles, the leading table, and one
+    figure of the page, the first if not given.
+    """
     from butterfly.report.pictures import png_text  # noqa: PLC0415 - slow to import
 
     drawn = figure if figure is not None else next(iter(page.figures.values()), None)
     picture = "" if drawn is None else png_text(drawn)
     tables = next((part.tables for part in page.parts if part.tables), ())
+    reasons = page.headed.reasons if page.headed else ()
+    more = [reason for reason in reasons if not any(reason in line for line in lines)]
     shown = environment().get_template("cell.html.j2")
-    return shown.render(page=page, tables=tables[:1], picture=picture)
+    return shown.render(page=page, lines=[*lines, *more], tables=tables[:1], picture=picture)

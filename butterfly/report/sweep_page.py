@@ -59,13 +59,14 @@ def sweep_page(sweep: SweepRecord, runs: pa.Table, estimates: pa.Table) -> Page:
         *tabulated(
             "Verdicts",
             _verdicts_table(table),
-            "Number of estimates with each verdict, from their own logs, without the truth.",
+            "How many estimates got which verdict. A verdict comes from the logs alone; it does "
+            "not know the true values.",
         ),
         Section(
             title="Recovery of the parameters",
-            text="Deviation of the estimates from the truth over all runs, where the true value is "
-            "not 0: median, middle half and 95 % of the runs, on one axis. Coverage: the share of "
-            "95 % intervals that contain the truth.",
+            text="How far the estimates of all runs are from the true values, for parameters whose "
+            "true value is not 0. Dot: median; thick line: the middle half of the runs; thin line: "
+            "95 % of them. Coverage: the share of 95 % intervals that contain the true value.",
             figures={} if drawn is None else {"recovery": drawn},
             tables=(_recovery_table(recovered),),
         ),
@@ -96,7 +97,11 @@ def _against_fields(deviating: Estimates, fields: Sequence[str]) -> list[Section
     """Show how estimates deviate by what was varied: all at once, one by one, in pairs."""
     sections = []
     if (together := parallel_figure(deviating, fields)) is not None:
-        text = "One line per estimate: the varied fields on the left, the results on the right."
+        text = (
+            "Each line is an estimate. It crosses the varied fields on the left at their values in "
+            "that run, then its largest deviation from the truth and its FIT on the right; its "
+            "colour ranks that deviation."
+        )
         figures = {"together": together}
         sections.append(Section(title="All fields at once", text=text, figures=figures))
     for number, field in enumerate(fields):
@@ -105,14 +110,16 @@ def _against_fields(deviating: Estimates, fields: Sequence[str]) -> list[Section
         names = affected(deviating, field)
         flat = [name for name in deviating.distinct("parameter") if name not in names]
         figure = axis_figure(deviating, field, [*names])
-        text = "Median deviation, with the middle half of the runs." * (figure is not None)
+        drawn = "Median deviation from the truth; the error bars hold the middle half of the runs."
+        text = drawn * (figure is not None)
         text += f"\nNo visible effect on {', '.join(flat)}." * bool(flat)
         figures = {} if figure is None else {f"axis-{number}": figure}
         title = f"Against {field_name(field)}"
         sections.append(Section(title=title, text=text.strip(), figures=figures))
     if maps := heat_maps(deviating, fields):
         text = (
-            "Deviation in % of each estimate's worst parameter, the median over the other fields."
+            "A cell has the runs with these two values: the median, over these runs, of the "
+            "largest deviation of a parameter from the truth, in %."
         )
         sections.append(Section(title="Two fields at a time", text=text, figures=maps))
     return sections
@@ -186,7 +193,8 @@ def _ranking_table(table: Estimates) -> PageTable:
             )
             for size, method, fit, share in sorted(rows, key=lambda row: row[:2])
         ],
-        caption="FIT is in sample. Deviations are over all parameters that are not 0.",
+        caption="FIT: of the logs that were fitted. Deviations: of all parameters whose true value "
+        "is not 0.",
     )
 
 
@@ -210,8 +218,8 @@ def worst_table(table: Estimates, fields: Sequence[str], count: int) -> PageTabl
         *(first, second, "parameter", "deviation", *others),
         more=of_run,
         words=(1, 2),
-        caption="The number links to the run's record (JSON); butterfly inspect FOLDER/NUMBER "
-        "prints it.",
+        caption="The number of a run links to its record (JSON), which butterfly inspect "
+        "FOLDER/NUMBER prints.",
     )
 
 
@@ -256,7 +264,7 @@ def _failures_table(runs: pa.Table) -> PageTable:
         (_link(row["number"], row["key"]), row["status"], row["error"])
         for row in bad.slice(0, _LISTED).to_pylist()
     ]
-    caption = f"{bad.num_rows} in all."
+    caption = f"{counted(bad.num_rows, 'run')} without a result in all."
     return PageTable(headers=("run", "status", "error"), rows=rows, words=(1, 2), caption=caption)
 
 
@@ -271,7 +279,14 @@ def _orbits_table(runs: pa.Table) -> PageTable:
         errors = ("error_generic", "error_recalibrated")
         texts += [degrees_said(row[f"orbit_{name}"]) for name in errors]
         rows.append((str(row["number"]), *texts, str(row["orbit_rounds"])))
-    headers = ("run", "target", "reached", "generic, rms in °", "re-calibrated", "rounds")
+    headers = (
+        "run",
+        "target",
+        "reached",
+        "rms error of the first model in °",
+        "re-calibrated in °",
+        "rounds",
+    )
     return PageTable(headers=headers, rows=rows)
 
 

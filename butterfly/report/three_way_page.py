@@ -12,14 +12,14 @@ from plotly.graph_objects import Figure
 from butterfly.arrays import Samples
 from butterfly.comparison.three_way import ThreeWay
 from butterfly.identification.residuals import LogResiduals
-from butterfly.report.figures import PALETTE, add, middle, panel, panels, seen_samples
+from butterfly.report.figures import PALETTE, Series, add, middle, panel, panels, seen_samples
 from butterfly.report.log_figures import (
     correlation_figure,
     correlation_series,
     first_stretch,
     torque_figure,
 )
-from butterfly.report.page import Page, Section, Series
+from butterfly.report.page import Page, Section
 
 _LINES = {  # the later ones above, and thinner, so that all are seen
     "MuJoCo": {"color": PALETTE[1], "width": 8},

@@ -25,7 +25,7 @@ from butterfly.errors import InputError
 from butterfly.files import json_text
 from butterfly.identification.free_run import FreeRun
 from butterfly.identification.sensor_errors import SensorErrors
-from butterfly.identification.trust import FEW, SPREADS, unit_of
+from butterfly.identification.trust import FEW, unit_of
 from butterfly.logs.log import InputKind
 from butterfly.model.kernel.equation import friction_level, pull
 from butterfly.model.parameters import JointKind, LumpedParameters
@@ -36,6 +36,7 @@ from butterfly.twin.languages import C, Python
 from butterfly.twin.plain import left_out
 from butterfly.twin.translate import NUMBER, Fields, Translator
 from butterfly.twin.twin import Twin, Written, unheard
+from butterfly.verdict import SPREADS
 
 _ANGLES, _SPEEDS = 13, 5  # at which errors are computed
 _CREEPS = 0.05  # rad/s, the smoothing speed where no log tells it

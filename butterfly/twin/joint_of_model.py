@@ -318,8 +318,8 @@ def moving_joints(model: mujoco.MjModel) -> dict[str, int]:
 def alike_joints(model: mujoco.MjModel, name: str) -> dict[str, bool]:
     """Return a model's hinges and slides besides one, and whether each is of its kind."""
     joints = moving_joints(model)
-    own = model.jnt_type[joints.pop(name)]
-    return {other: bool(model.jnt_type[k] == own) for other, k in joints.items()}
+    kind = model.jnt_type[joints.pop(name)]
+    return {other: bool(model.jnt_type[k] == kind) for other, k in joints.items()}
 
 
 def is_urdf(path: Path) -> bool:

@@ -21,10 +21,11 @@ import numpy as np
 from butterfly.identification.derived_quantities import Formula, Quantities
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.identified import Identified
-from butterfly.identification.trust import SPREADS, unit_of
+from butterfly.identification.trust import unit_of
 from butterfly.logs.log import InputKind
 from butterfly.logs.model_facts import ActuatorFacts, ModelFacts
 from butterfly.model.prior import Known
+from butterfly.verdict import SPREADS
 
 _SCALE = "scale of the links' masses"
 

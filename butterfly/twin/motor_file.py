@@ -18,21 +18,8 @@ from butterfly.logs.log import InputKind
 from butterfly.logs.manifest import Manifest
 from butterfly.logs.motors import MotorSource
 from butterfly.model.parameters import JointKind
-from butterfly.model.terms import GROWING, TERMS
+from butterfly.model.terms import TERMS
 from butterfly.yaml_files import yaml_text
-
-SCATTER_OF_GAIN, SCATTER_OF_FRICTION, SCATTER_OF_DAMPING = 0.12, 0.35, 1.1
-"""Standard deviations between motors of one type, over the value, where one was measured: of p4,
-of Coulomb friction and of viscous friction. Those of BAM's M1 of five Feetech STS3215
-(kscalelabs/sysid f4739df, feetech/sts3215-12v/params)."""
-
-ASSUMED = (
-    f"one motor was measured; {100 * SCATTER_OF_GAIN:.0f} % of the gain, "
-    f"{100 * SCATTER_OF_FRICTION:.0f} % of Coulomb and {100 * SCATTER_OF_DAMPING:.0f} % of viscous "
-    "friction are what five Feetech STS3215 differ by, each with BAM's M1 "
-    "(kscalelabs/sysid f4739df, feetech/sts3215-12v/params)"
-)
-"""Where that scatter is from, in words."""
 
 _FIT = "butterfly identify manifest.yaml"
 _DIGITS = 4
@@ -40,7 +27,7 @@ _ASKED = ("supply", "temperature", "load", "sampling")
 
 
 def motor_draft(identified: Identified) -> str:
-    """Return the file of the motor of an identified joint, as measured once.
+    """Return the file of a type of motor, of which that of an identified joint was measured.
 
     InputError if the result is not to be used, or says nothing that a motor takes along.
     """
@@ -65,15 +52,17 @@ def motor_draft(identified: Identified) -> str:
             "maker": "",
             "drive": str(kind),
             **({} if law is None else {"law": law}),
-            "measured": 1,
-            "verdict": estimate.level.verdict,
-            "known": known,
-            "scatter": ASSUMED,
-            "conditions": dict.fromkeys(_ASKED, ""),
-            "notes": [],
-            "rig": rig,
-            "source": dict.fromkeys(MotorSource.model_fields, ""),
-            "made": {"command": _FIT, "version": __version__, "manifest": manifest},
+            "motors": [
+                {
+                    "verdict": estimate.level.verdict,
+                    "conditions": dict.fromkeys(_ASKED, ""),
+                    "known": known,
+                    "rig": rig,
+                    "notes": [],
+                    "source": dict.fromkeys(MotorSource.model_fields, ""),
+                    "made": {"command": _FIT, "version": __version__, "manifest": manifest},
+                }
+            ],
         }
     )
 
@@ -87,20 +76,9 @@ def measured_values(estimate: Estimate) -> tuple[dict[str, Any], dict[str, Any]]
             continue  # somebody's own knowledge is no measurement
         if row.value is None or row.lower is None or row.upper is None:
             continue
-        value = _numbers(row, row.value, row.lower, row.upper)
-        if TERMS[row.name].of_motor and row.trust.sized:
-            known[row.name] = {**value, "scatter": scatter_of(row.name)}
-        else:
-            rig[row.name] = value
+        of_motor = TERMS[row.name].of_motor and row.trust.sized
+        (known if of_motor else rig)[row.name] = _numbers(row, row.value, row.lower, row.upper)
     return known, rig
-
-
-def scatter_of(name: str) -> float:
-    """Return how far motors of a type differ in a parameter, if one was measured."""
-    row = TERMS[name]
-    if row.dry:
-        return SCATTER_OF_FRICTION
-    return SCATTER_OF_DAMPING if row.derivative and name in GROWING else SCATTER_OF_GAIN
 
 
 def _numbers(row: Parameter, value: float, lower: float, upper: float) -> dict[str, Any]:

@@ -13,12 +13,13 @@ from typing import Any, NamedTuple
 from scipy.special import chdtri
 
 from butterfly.errors import InputError, visible
-from butterfly.identification.trust import CONFIDENCE, SPREADS, unit_of
+from butterfly.identification.trust import unit_of
 from butterfly.model.terms import LOOP_TERMS
 from butterfly.twin.forms import Options
 from butterfly.twin.model_rows import ModelRow, facts_of, model_rows
 from butterfly.twin.plain import HELD, OF_MJLAB, drive_at_joint, joint_name
 from butterfly.twin.twin import NO_DELAY, Twin, Written, beyond, listed
+from butterfly.verdict import CONFIDENCE, SPREADS
 from butterfly.yaml_files import yaml_text
 
 _ANY_SIGN = ("gear", "gainprm", "gain")

@@ -1,6 +1,8 @@
 """Results show, tabulate, save and report themselves; verbs take whatever holds data."""
 
+import re
 from dataclasses import replace
+from html import unescape
 
 import numpy as np
 import pandas as pd
@@ -10,6 +12,7 @@ import yaml
 import butterfly as bf
 from butterfly.files import write_document
 from butterfly.logs.mat import write_mat
+from butterfly.verdict import Level
 from tests.api.conftest import OF_ESTIMATE, OTHERS, results_of
 from tests.verdicts import follow_nothing
 
@@ -45,6 +48,27 @@ def shown(result):
     )
 
 
+def assert_begins_alike(answer):
+    """A notebook's cell begins with the lines that `print` begins with, the whole verdict in it."""
+    paragraphs = re.findall(r"<p>(.*?)</p>", answer._repr_html_(), re.DOTALL)
+    lines = [unescape(re.sub(r"<[^>]+>", "", text)) for text in paragraphs]
+    first = [line.replace("`", "") for line in answer.first_lines]
+    assert {*answer.headline, *answer.verdict} <= {*answer.first_lines}
+    assert str(answer).splitlines()[: len(first)] == [*answer.first_lines]
+    assert lines[: len(first)] == first
+
+
+def test_a_notebook_says_first_whether_an_orbit_is_held_then_the_verdict(results):
+    found = results["planned"]
+    held = "Held: an orbit of 60°."
+    for level in (Level.GOOD, Level.WARNING):
+        judged = replace(found.judged, level=level)
+        said = (held, *judged.lines) if level.usable else (*judged.lines, held)
+        answer = replace(found, summary=said, judged=judged)
+        assert_begins_alike(answer)
+        assert held in answer._repr_html_()
+
+
 ANSWERS = {"validation", "design", "comparison", "prediction", "selection", "planned"}
 """Results that say what was asked before the verdict that it rests on."""
 
@@ -63,7 +87,9 @@ def test_a_result_says_its_verdict_first_shows_saves_and_reports_itself(results,
     assert len(repr(each).splitlines()) == 1
     assert "good" not in repr(each)
     assert len(each.to_dataframe()) == len(each.rows()) > 0
-    assert "<table" in each._repr_html_()
+    cell = each._repr_html_()
+    assert "<table" in cell
+    assert_begins_alike(each)
     each.save(tmp_path / "r.json")
     again = bf.load(tmp_path / "r.json")
     assert again.to_dict() == each.to_dict()

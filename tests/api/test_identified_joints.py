@@ -46,6 +46,7 @@ def test_the_answer_begins_with_how_many_are_known_and_has_a_row_each(answer):
     first, *_ = answer.tables()
     assert first.headers[:3] == ["joint", "verdict", "armature"]
     assert [row[1] for row in first.rows] == ["good", "good"]
+    assert answer._repr_html_().count('<span class="chip good">good</span>') == 2
 
 
 def test_a_saved_answer_is_loaded_with_its_table(answer, tmp_path):

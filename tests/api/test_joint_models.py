@@ -14,6 +14,7 @@ from butterfly.identification.identify import identify as identify_data
 from butterfly.identification.trust import FindingKind
 from butterfly.logs.manifest import read_manifest
 from butterfly.model.prior import Known
+from butterfly.twin.joint_of_model import coupling
 from tests.arm_logs import ARM, TRUTH, write_log, write_logs
 
 OTHERS = ("pan", "shoulder", "wrist", "roll")
@@ -166,6 +167,19 @@ def test_a_manifest_has_the_model_the_joint_and_a_pose_per_log(still, tmp_path):
     assert read_manifest(path).facts is None
 
 
+def test_manifests_of_a_model_that_differ_are_not_joined_without_it(still, tmp_path):
+    for wrist in (0.4, 0.5):
+        (tmp_path / f"{wrist}.yaml").write_text(
+            f"name: arm\nroot: {still}\ninput: torque\nmodel: {ARM}\nof: elbow\n"
+            f"pose: {{wrist: {wrist}}}\nlogs: [{{file: 0.csv}}]\n"
+        )
+    paths = sorted(tmp_path.glob("*.yaml"))
+    for sources in (paths, [bf.read(path) for path in paths]):
+        with pytest.raises(InputError, match=r"model.*one manifest with all logs.*pose"):
+            bf.read(sources)
+    assert len(bf.read([paths[0], paths[0]]).logs) == 2
+
+
 @pytest.mark.parametrize(
     ("options", "field", "expected"),
     [
@@ -237,6 +251,21 @@ def test_intervals_hold_what_heavier_links_would_have_taken_off(moving):
         lower, upper = whole.estimate.limits_of(name, 0.0)
         assert lower <= heavier.named[name] <= upper
         assert upper - lower >= np.ptp(plain.estimate.limits_of(name, 0.0)) * (1 - 1e-9)
+
+
+def test_the_torque_of_other_joints_is_worked_out_once_for_each_log(moving, monkeypatch):
+    worked_out = []
+
+    def counting(robot, driven, others, pose):
+        worked_out.append(others)
+        return coupling(robot, driven, others, pose)
+
+    monkeypatch.setattr("butterfly.twin.joint_of_model.coupling", counting)
+    data = bf.read(moving, **TORQUE, **KNOWN)
+    bf.identify(data, "weak-form")
+    assert len(worked_out) == len(data.logs)
+    for log, recorded in zip(data.logs, data.recorded, strict=True):
+        assert log.input + data.taken_off[log.name] == pytest.approx(recorded.input, abs=1e-12)
 
 
 def test_logs_without_moving_neighbours_have_nothing_else_to_hold(read_still):

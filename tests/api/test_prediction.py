@@ -8,9 +8,9 @@ import pytest
 import butterfly as bf
 from butterfly.api.prediction import BAND_DRAWS
 from butterfly.identification.data import DataSet
-from butterfly.identification.trust import CONFIDENCE
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.prior import Known
+from butterfly.verdict import CONFIDENCE
 
 
 def test_of_the_draws_of_a_band_five_are_expected_beyond_either_edge():

@@ -8,6 +8,7 @@ import pytest
 from butterfly.api.validation import ranking_answer
 from butterfly.comparison.answers import leaderboard
 from butterfly.identification.estimators import Linear, WeakForm
+from tests.cli.one_line import assert_one_block
 from tests.comparison.bench import bench, ranked
 
 
@@ -48,3 +49,17 @@ def test_no_winner_is_named_within_noise(entries, behind, named):
     fact = page.facts[0]
     assert fact.label == ("predicts best" if clear else "predict best, no clear winner")
     assert fact.value == ", ".join([best.method, "other"][:named])
+
+
+@pytest.mark.parametrize("sets", [1, 2])
+def test_who_predicts_best_is_one_table_within_80_columns_and_the_fits_are_detail(entries, sets):
+    some = [entry for entry in entries if sets > 1 or entry.data == "bench"]
+    best, fits = ranking_answer(some).tables()
+    assert_one_block(best)
+    assert ("data" in best.headers) == (sets > 1)
+    assert {"estimator", "verdict", "FIT held out, median in %"} < {*best.headers}
+    for entry, row, of_fit in zip(some, best.rows, fits.rows, strict=True):
+        assert ("no estimate" in row) == (entry.estimate is None)
+        assert of_fit[-1] == entry.error
+    assert fits.detail
+    assert {"time in s", "p1", "coulomb"} < {*fits.headers}

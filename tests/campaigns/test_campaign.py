@@ -9,8 +9,10 @@ from butterfly.campaigns import folder
 from butterfly.campaigns.bench import Bench, Relay, Signal
 from butterfly.campaigns.drive import SafetyStop
 from butterfly.errors import InputError
+from butterfly.files import shipped
 from butterfly.identification.design import OF_GOAL
 from butterfly.plant.rig import Simulator
+from butterfly.yaml_files import load_yaml, yaml_text
 from tests.campaigns.robots import TRUE, Faulty, rig, run
 
 
@@ -47,6 +49,22 @@ def test_a_known_gain_needs_no_change_of_mass(tmp_path):
     found = run(Faulty(""), tmp_path / "a", known={"p4": TRUE.p4})
     assert found.content["reached"]
     assert found.content["changes"] == 0
+
+
+def test_a_motor_of_the_library_sets_the_scale_and_the_folder_says_whose_values_it_used(tmp_path):
+    file = tmp_path / "mine.yaml"
+    content = load_yaml(shipped("models/motors/ak80-6.yaml")).content
+    gain = {"value": TRUE.p4, "lower": 0.95 * TRUE.p4, "upper": 1.05 * TRUE.p4, "unit": "N m/unit"}
+    motor = content["motors"][0] | {"known": {"p4": gain}}
+    file.write_text(yaml_text(content | {"motors": [motor]}))
+    asked = {"known": {"from": str(file)}, "masses": (0.0,), "seconds": 30.0}
+    found = run(Faulty(""), tmp_path / "a", **asked)
+    estimate = found.identification.estimate
+    assert str(file) in (tmp_path / "a" / "manifest.yaml").read_text()
+    (whose,) = estimate.known.parameters.values()
+    assert abs(estimate.named["p4"] - TRUE.p4) < 3 * whose.uncertainty < 0.6 * TRUE.p4
+    assert any(text.startswith(f"Known from {file} (") for text in found.identification.summary)
+    assert run(Faulty(""), tmp_path / "a", **asked).content["robot_time"] > 0
 
 
 def test_without_a_mass_ratios_are_all_that_is_claimed(tmp_path):
@@ -147,6 +165,8 @@ def test_where_friction_holds_the_joint_anywhere_it_stays_within_a_tenth_of_its_
         ({"arm": 0.0}, "arm"),
         ({"command": 0.0}, "command"),
         ({"known": {"p9": 1.0}}, "p9"),
+        ({"known": {"from": "xl33"}}, r"from: got xl33; expected 'xl330' \(did you mean that"),
+        ({"known": {"from": "xl330"}}, "got xl330 with input: torque; .* is a voltage, as"),
         ({"angle": 0.0}, "angle"),
     ],
 )

@@ -137,7 +137,10 @@ DAMAGED = {
     "a list": (written("campaign.json", b"[1]"), "campaign.json: content"),
     "another version": (replaced('number": 2', 'number": 1'), "schema_number: got 1; expected 2"),
     "no parameter": (replaced('"known": {}', '"known": {"p9": 1}'), "campaign.json: known.p9"),
-    "no masses": (replaced('"added_mass"', '"mass"'), "campaign.json: steps.0.added_mass"),
+    "no masses": (
+        replaced('"added_mass"', '"mass"'),
+        "campaign.json: steps.0.added_mass: got nothing; expected a value",
+    ),
     "another limit": (replaced('"seconds": 1.0', '"seconds": 9.0'), "campaign.json: digest: got"),
     "no digest": (replaced('"digest"', '"dagest"'), "campaign.json: digest: got"),
     "no digests": (replaced('"logs"', '"lags"'), "campaign.json: logs: got 0 for 2 runs"),

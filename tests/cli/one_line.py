@@ -1,7 +1,13 @@
 """A command as a program of its own; that its input is bad, that it is done, that tables fit."""
 
+import contextlib
+import io
 import subprocess
 import sys
+
+import pytest
+
+from butterfly.cli.output import show_table
 
 
 def program(*call, stdout=subprocess.PIPE, **how):
@@ -36,3 +42,20 @@ def assert_tables_fit(out):
     assert tables
     assert [line for line in tables if len(line) > 80] == []
     assert not any(line.endswith(" ") for line in lines)
+
+
+def printed_table(width, *table, **how):
+    """Lines of a table on a terminal of this width."""
+    out = io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(out):
+        patch.setenv("COLUMNS", str(width))
+        show_table(*table, **how)
+    return out.getvalue().splitlines()
+
+
+def assert_one_block(table):
+    """A table of an answer stands side by side within 80 columns, under its title."""
+    lines = printed_table(80, table.title, table.headers, table.rows)
+    title, block = [part for part in "\n".join(lines).split("\n\n") if part.strip()]
+    assert title.strip() == table.title
+    assert all(len(line) <= 80 for line in block.splitlines())

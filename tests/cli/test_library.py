@@ -22,8 +22,10 @@ def test_every_motor_is_listed_with_its_verdict_and_what_it_knows(answer):
 def test_a_motor_is_shown_with_values_conditions_source_and_licence(answer, name):
     motor, out = motor_of(name), done(answer("library", "show", name))
     assert out.startswith(f"{motor.verdict.capitalize()}: {motor.maker} {motor.name}")
-    for word in (*motor.known, *motor.rig, motor.source.licence, motor.source.commit[:12]):
-        assert word in out
+    for measured in motor.motors:
+        source = measured.source
+        for word in (*motor.known, *measured.rig, source.licence, source.commit[:12]):
+            assert word in out
     shown = json.loads(done(answer("library", "show", name, "--json", "-")))
     assert shown["known"].keys() == motor.known.keys()
     assert all(value["uncertainty"] > 0 for value in shown["known"].values())
@@ -40,8 +42,8 @@ def test_a_saved_result_becomes_a_file_that_asks_for_what_no_log_says(answer, sa
     assert_one_line_error(answer("library", "show", path), "mine.yaml:1: name: got ''", "not empty")
     content = load_yaml(path).content
     content |= {"name": "M1", "maker": "Somebody"}
-    content["conditions"] = {"supply": "12 V"}
-    content["source"] = load_motor("xl330")["source"]
+    content["motors"][0]["conditions"] = {"supply": "12 V"}
+    content["motors"][0]["source"] = load_motor("xl330")["motors"][0]["source"]
     path = tmp_path / "whole.yaml"
     path.write_text(yaml_text(content))
     assert "Somebody M1, driven by voltage" in done(answer("library", "show", path))

@@ -1,7 +1,5 @@
 """Tables and sentences fit the width they are given, and long work tells how far it is."""
 
-import contextlib
-import io
 import re
 
 import pytest
@@ -10,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from butterfly.cli import output
-from butterfly.cli.output import show_progress, show_table
+from butterfly.cli.output import show_progress
 from butterfly.experiment.sweep import run_sweep
-from tests.cli.one_line import assert_tables_fit, done
+from tests.cli.one_line import assert_tables_fit, done, printed_table
 from tests.experiment.setting import HereEngine, small_plan, written
 
 NUMBERS = st.floats(-1e6, 1e6).map(lambda value: f"{value:.6g}")
@@ -27,30 +25,22 @@ NAMES = st.text("abcdefgh", min_size=1, max_size=12)
 )
 def test_no_number_is_folded_cut_or_lost_and_no_line_is_too_long(numbers, headers, width):
     rows = [(f"row{k}", *row) for k, row in enumerate(numbers)]
-    lines = _printed(width, "", headers, rows)
+    lines = printed_table(width, "", headers, rows)
     assert all(len(line) <= width for line in lines)
     for row in rows:
         told = [word for line in lines if row[0] in line for word in line.split()]
         assert [word for word in told if word != row[0]] == list(row[1:])
 
 
-def _printed(width, *table, **how):
-    out = io.StringIO()
-    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(out):
-        patch.setenv("COLUMNS", str(width))
-        show_table(*table, **how)
-    return out.getvalue().splitlines()
-
-
 def test_a_table_that_fits_stands_as_it_is_without_columns_that_say_nothing():
-    lines = _printed(80, "", ("", "true", "no"), [("p1", "0.00325", "–"), ("p2", "1", "")])
+    lines = printed_table(80, "", ("", "true", "no"), [("p1", "0.00325", "–"), ("p2", "1", "")])
     assert [line for line in lines if line] == ["         true", "  p1  0.00325", "  p2        1"]
 
 
 def test_a_table_too_wide_stands_in_blocks_that_each_name_their_rows():
     headers = ("run", "method", *(f"value{k}" for k in range(12)))
     rows = [(f"{run}", "weak-form", *["0.123456"] * 12) for run in range(3)]
-    second = [line for line in _printed(80, "t", headers, rows, lead=2) if line[2:3] == "1"]
+    second = [line for line in printed_table(80, "t", headers, rows, lead=2) if line[2:3] == "1"]
     assert len(second) > 1
     assert all(line.split()[:2] == ["1", "weak-form"] for line in second)
 

@@ -101,7 +101,8 @@ def test_the_robot_of_an_experiment_is_told_and_exported(answer, quick, tmp_path
     changed(quick, plant=plant, duration=4.0, excitations=[{"omega": 3.0, "amplitude": 0.2}])
     out = done(answer("export", quick, "--out", tmp_path / "q.xml"))
     twin = rf"Twin: {tmp_path / 'q.xml'}, the butterfly's hand in steps of \S+ ms by RK4\."
-    assert re.search(twin, " ".join(out.split()))
+    said = " ".join(out.split())
+    assert re.match(rf"{twin} Ready to use, within the limits below\.", said)
     assert "Largest error against our own simulation: " in out
     assert "MuJoCo does not round commands" in out
     assert "Next: " not in out
@@ -122,6 +123,19 @@ def test_a_servo_is_exported_for_bam(answer, tmp_path):
     assert_one_line_error(
         answer("export", "servo", "--actuator", "mx64", "--out", tmp_path / "t.xml"), "--to bam"
     )
+
+
+@pytest.mark.usefixtures("brief_twins")
+def test_export_says_first_what_was_written_and_whether_to_use_it_then_how_good_it_is(
+    butterfly, saved, tmp_path
+):
+    first, second, third, *_ = done(
+        butterfly("export", saved, "--out", tmp_path / "t.xml")
+    ).splitlines()
+    assert first.startswith(f"Twin: {tmp_path / 't.xml'}, ")
+    assert first.endswith(" Ready to use.")
+    assert second.startswith("Good: p1 ±")
+    assert third.startswith("Model: ")
 
 
 def test_what_cancels_a_joint_is_exported_with_its_error(butterfly, answer, saved, quick, tmp_path):
@@ -174,7 +188,9 @@ def test_ranges_of_a_unit_that_is_not_to_be_used_end_with_its_verdict(
         asked = ("--to", "randomisation", "--out", tmp_path / f"{number}.yaml")
         code, out, _ = butterfly("export", unfit, *others, *asked)
         assert code == ExitCode.NOT_TO_BE_USED
-        assert out.startswith("Do not use: ")
+        first, second, *_ = out.splitlines()
+        assert re.fullmatch(r"Ranges: .*\. Do not use\.", first)
+        assert second.startswith("Do not use: ")
 
 
 @pytest.mark.usefixtures("brief_twins")

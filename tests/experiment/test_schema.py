@@ -11,6 +11,8 @@ from butterfly.experiment.schema import Experiment
 from butterfly.experiment.source import read_experiment
 from butterfly.experiment.sweep_spec import SweepSpec
 from butterfly.files import is_name, shipped, shipped_experiments
+from butterfly.logs.motors import motor_of
+from butterfly.model.prior import Known, Prior
 from tests.experiment.setting import QUICKSTART, SINGLE, planned, written
 
 
@@ -49,6 +51,9 @@ SLIPS = [
     (_plant("clock", step=1e5), "plant.clock.step: got 100000.0; expected at most 0.9375 s"),
     ({"duration": 1e155}, r"duration: got 1e\+155 s; expected less: it needs 6.4e"),
     ({"known": {"p4": 10**400}}, "known.p4: got 1000"),
+    ({"known": {"p44": 1}}, r"known\.p44: got an unknown name; expected 'p4'"),
+    ({"known": {"from": "xl33"}}, r"s\.yaml:4: known\.from: got xl33; expected 'xl330'"),
+    ({"known": {"from": "ak80-6"}}, r"known\.from: got ak80-6 with input: voltage; expected"),
     (_plant("hand", mass=-0.1), r"s\.yaml:5: plant\.hand\.mass: got -0\.1; expected a finite pos"),
     (_plant("hand", mas=0.1), r"s\.yaml:6: plant\.hand\.mas: got an unknown key; expected 'mass'"),
     (_plant("hand", tilt=2.0), r"plant\.hand\.tilt: got 2\.0; expected an angle between -pi/2"),
@@ -140,6 +145,17 @@ def test_a_slip_is_one_error_with_file_and_field(tmp_path, changes, message):
     with pytest.raises(InputError, match=message) as caught:
         planned(path)
     assert str(tmp_path) in str(caught.value) or {"sweep", "extends"} & set(changes)
+
+
+def test_known_values_may_be_those_of_a_motor_of_the_library(tmp_path):
+    known = {"from": "xl330", "p4": 9.0}
+    experiment = read_experiment(written(tmp_path / "s.yaml", **QUICKSTART | {"known": known}))
+    values = Prior.of(experiment.known).values
+    assert values["p4"] == Known(value=9.0)
+    assert values["p2"] == motor_of("xl330").known["p2"].known("xl330")
+    plain = experiment.model_dump(mode="json", exclude_unset=True)["known"]
+    again = read_experiment(written(tmp_path / "again.yaml", **QUICKSTART | {"known": plain}))
+    assert again.known == experiment.known
 
 
 LUMPED = {"p1": 3e-3, "p2": 1, "p3": 0.05, "p4": 1}

@@ -224,3 +224,7 @@ def test_of_sines_that_settle_and_of_other_inputs_nothing_is_said(calm):
 @pytest.mark.parametrize("method", [PLAIN, Linear()])
 def test_a_fast_look_is_to_be_used_with_care_at_best(calm, method):
     assert identify(DataSet.of(calm), method).standing == "use with care"
+
+
+def test_the_linear_fit_is_called_in_tables_what_its_help_calls_it(calm):
+    assert Linear.summary.startswith(identify(DataSet.of(calm), Linear()).estimate.method)

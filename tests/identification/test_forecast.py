@@ -10,7 +10,7 @@ from butterfly.logs.log import InputKind
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import PARAMETERS
 from butterfly.report.parameter_table import forecast_rows
-from tests.benchmarks.before_fit import Row, report, scored
+from tests.benchmarks.before_fit import SETS, Row, report, scored
 from tests.independent.defects import draw
 
 
@@ -93,6 +93,21 @@ def test_friction_needs_motion_both_ways(robot):
     assert _words(drawn) == dict.fromkeys(_words(drawn), Identifiability.IDENTIFIABLE) | {
         "coulomb": Identifiability.WEAK
     }
+
+
+@pytest.mark.parametrize(
+    ("kind", "number", "known"),
+    [("no reversal", 0, ["p3"]), ("free decays, drive known", 1, ["p4", "delay"])],
+)
+def test_a_term_that_these_logs_cannot_tell_hides_no_parameter(kind, number, known):
+    rng = np.random.default_rng([68, [*SETS].index(kind), number])
+    data, _ = SETS[kind](rng)
+    rows = forecast(data.recorded, data.given)
+    words = dict.fromkeys(PARAMETERS, Identifiability.IDENTIFIABLE)
+    words |= {"coulomb": Identifiability.WEAK}
+    words |= dict.fromkeys(known, Identifiability.KNOWN)
+    assert _words(rows) == words
+    assert {each.name for each in rows if each.why} == {"coulomb"}
 
 
 def test_the_count_of_forecasts_that_came_true_scores_a_set_and_lists_what_was_wrong():

@@ -13,10 +13,8 @@ from butterfly.identification.derived_quantities import WAYS
 from butterfly.identification.trust import (
     ACCUSED,
     CLEARLY,
-    CONFIDENCE,
     DRAWS,
     GOOD_WITHIN,
-    SPREADS,
     Finding,
     FindingKind,
     Parameter,
@@ -24,7 +22,7 @@ from butterfly.identification.trust import (
     trust_of,
 )
 from butterfly.report.parameter_table import badge_of
-from butterfly.verdict import Level
+from butterfly.verdict import CONFIDENCE, SPREADS, Level
 from tests.identification.simulated import estimate_of
 
 WIDTHS = {

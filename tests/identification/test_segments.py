@@ -17,6 +17,8 @@ from butterfly.identification.problem import Start
 from butterfly.identification.residuals import residuals_of
 from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import Log
+from butterfly.model.greybox import Columns
+from butterfly.model.kernel.differentiate import differentiate
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, JointKind, LumpedParameters
 from butterfly.model.prior import Prior
 from butterfly.report.summary import summary
@@ -105,6 +107,19 @@ def test_what_is_simulated_does_not_depend_on_what_was_asked_before(exact):
     np.testing.assert_array_equal(mine, own)
     for mine, own in zip(*(s.linearised(["p1"], ROBOT, 0.0) for s in (used, fresh)), strict=True):
         np.testing.assert_array_equal(mine, own)
+
+
+def test_some_segments_are_simulated_as_all_are_and_nothing_is_compiled_for_them(exact):
+    simulation = Simulation(exact[0], ROBOT, horizon=0.8)
+    segments, begins = simulation.segments, simulation.begins
+    columns = Columns.of(("p1",), ROBOT, exact[0].added_mass)
+    errors, rows = segments.linearised(columns, 0.0, begins)
+    compiled = len(differentiate.nopython_signatures)
+    some = segments.linearised(columns, 0.0, begins[[1, 3]], [1, 3])
+    mask = segments.errors_of([1, 3], columns.joint)
+    np.testing.assert_array_equal(some[0], errors[mask])
+    np.testing.assert_array_equal(some[1], rows[mask])
+    assert len(differentiate.nopython_signatures) == compiled
 
 
 def test_a_joint_that_sticks_has_a_start_that_only_its_angle_moves():

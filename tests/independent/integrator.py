@@ -75,7 +75,7 @@ def motion(joint, stamps, inputs, angle=0.0, velocity=0.0, *, late=0.0, step=STE
     """
     start, stamps = (angle, velocity, 0.0, 0.0), np.asarray(stamps)
     arrivals = np.maximum.accumulate(stamps + joint.delay + late)
-    return _motion(joint, (stamps, np.asarray(inputs), arrivals), start, step)
+    return _motion(_floats(joint), (stamps, np.asarray(inputs), arrivals), start, step)
 
 
 def tracking(joint, law, plan, angle=0.0, velocity=0.0, *, step=STEP):
@@ -85,12 +85,17 @@ def tracking(joint, law, plan, angle=0.0, velocity=0.0, *, step=STEP):
     of input that act along the readings' slope, and what the encoder adds to the angle in rad.
     """
     columns = tuple(np.asarray(column, dtype=np.float64) for column in plan)
-    return _tracking(joint, law, columns, (angle, velocity, 0.0, 0.0), step)
+    return _tracking(_floats(joint), law, columns, (angle, velocity, 0.0, 0.0), step)
+
+
+def _floats(joint):
+    """Return a joint of floats alone, so that all are of one compilation."""
+    return Joint(*map(float, joint))
 
 
 @numba.njit(cache=True)
 def _motion(joint, columns, start, step):
-    (stamps, inputs, arrivals), state, latest = columns, start, -1
+    (stamps, inputs, arrivals), state, latest = columns, start, np.int64(-1)
     angles, velocities = np.empty(stamps.size), np.empty(stamps.size)
     angles[0], velocities[0] = state[:2]
     for k in range(stamps.size - 1):

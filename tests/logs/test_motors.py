@@ -16,9 +16,18 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.trust import FindingKind
 from butterfly.logs.log import Log
 from butterfly.logs.manifest import Manifest
-from butterfly.logs.motors import FOLDER, MeasuredMotor, motor_names, motor_of, with_motor
+from butterfly.logs.motors import (
+    FOLDER,
+    MotorType,
+    MotorValue,
+    SharedValue,
+    assumed_scatter,
+    motor_names,
+    motor_of,
+    with_motor,
+)
 from butterfly.model.prior import Known, Prior
-from butterfly.model.terms import TORQUES
+from butterfly.model.terms import TERMS, TORQUES
 from butterfly.yaml_files import load_yaml, validate, yaml_text
 from tests.independent.integrator import Joint, motion
 
@@ -41,14 +50,14 @@ def test_there_are_motors_and_each_has_a_plain_name():
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_motor_s_manifest_and_command_are_such_as_the_program_reads(name):
-    made = motor_of(name).made
-    manifest = Manifest.model_validate(made.manifest)
-    assert manifest.root == "."
-    assert not [path for path in map(str, made.manifest.values()) if str(Path.home()) in path]
-    tokens = shlex.split(made.command)[1:]
-    command, bound, _ = program(tokens).parse_args(tokens)
-    assert command.__name__ == "identify"
-    assert str(bound.arguments["data"]) == "manifest.yaml"
+    for made in (motor.made for motor in motor_of(name).motors):
+        manifest = Manifest.model_validate(made.manifest)
+        assert manifest.root == "."
+        assert not [path for path in map(str, made.manifest.values()) if str(Path.home()) in path]
+        tokens = shlex.split(made.command)[1:]
+        command, bound, _ = program(tokens).parse_args(tokens)
+        assert command.__name__ == "identify"
+        assert str(bound.arguments["data"]) == "manifest.yaml"
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -114,7 +123,7 @@ def test_another_motor_of_the_type_with_another_load_is_identified_truly(name):
         if row in true:
             assert estimate.lower[k] <= true[row] <= estimate.upper[k], row
     (line,) = (text for text in found.summary if text.startswith("Known from "))
-    assert line.startswith(f"Known from {name} ({motor.verdict}, one motor measured): ")
+    assert line.startswith(f"Known from {name} ({motor.verdict}, {motor.count} measured): ")
     assert FindingKind.MOTOR_CONFLICT not in {each.kind for each in estimate.findings}
 
 
@@ -130,13 +139,52 @@ def test_logs_that_contradict_a_motor_s_value_say_whose_it_is():
     assert found.standing != "good"
 
 
-def test_an_uncertainty_is_that_of_the_measurement_and_what_motors_differ_by():
-    value = motor_of("xl330").known["p4"]
-    share = max(value.upper - value.value, value.value - value.lower) / 1.96 / value.value
-    assert value.known().uncertainty / value.value == pytest.approx(
-        math.hypot(share, value.scatter), rel=0.05
-    )
-    assert value.known("xl330").origin == "xl330"
+def shared(*values, half=0.0, assumed=0.12):
+    ends = ((x, x - half, x + half) for x in values)
+    motors = (MotorValue(value=x, lower=low, upper=up, unit="N m") for x, low, up in ends)
+    return SharedValue(tuple(motors), assumed)
+
+
+def test_one_motor_s_uncertainty_is_that_of_the_measurement_and_of_two_motors_that_differ():
+    value = shared(2.0, half=1.96 * 0.3)
+    assert value.known("x").origin == "x"
+    assert value.known().uncertainty == pytest.approx(math.hypot(0.3, 2**0.5 * 0.24), rel=0.03)
+
+
+def test_the_value_of_several_motors_is_their_mean_and_their_scatter_is_pooled():
+    value = shared(1.0, 1.2, 1.1, 1.5, half=0.2)
+    spread = np.std([1.0, 1.2, 1.1, 1.5], ddof=1) / 1.2
+    assert value.value == pytest.approx(1.2)
+    assert value.scatter == pytest.approx(math.sqrt((4 * 0.12**2 + 3 * spread**2) / 7))
+    assert shared(1.0, 1.0).scatter < shared(1.0).scatter == pytest.approx(0.12)
+
+
+def test_the_uncertainty_holds_for_another_motor_of_a_type_whose_scatter_is_the_assumed_one():
+    rng, inside = np.random.default_rng(2), []
+    for _ in range(2000):
+        *true, other = 5 * (1 + 0.12 * rng.standard_normal(4))
+        measured = true + 0.4 * rng.standard_normal(3)
+        known = shared(*measured, half=1.96 * 0.4).known()
+        inside.append(abs(other - known.value) < 1.96 * known.uncertainty)
+    assert 0.94 < np.mean(inside) < 0.98
+
+
+def test_friction_differs_more_between_motors_than_the_gain():
+    scatter = {name: assumed_scatter(name) for name, row in TERMS.items() if row.of_motor}
+    assert scatter["p4"] < scatter["coulomb"] < scatter["p2"]
+    assert all(share >= scatter["p4"] for share in scatter.values())
+
+
+def test_a_type_knows_what_is_known_of_each_of_its_motors(tmp_path):
+    content = content_of("xl330")
+    other = content_of("xl330")["motors"][0]
+    other["known"] = {"p4": other["known"]["p4"] | {"value": 0.13}}
+    path = tmp_path / "mine.yaml"
+    path.write_text(yaml_text(content | {"motors": [*content["motors"], other]}))
+    motor = motor_of(str(path))
+    assert [*motor.known] == ["p4"]
+    assert motor.known["p4"].value == pytest.approx((0.1216 + 0.13) / 2)
+    assert (motor.count, motor.verdict) == ("2 motors", "use with care")
 
 
 def test_own_values_take_precedence_over_a_motor_s():
@@ -158,7 +206,7 @@ def test_a_motor_is_named_in_a_manifest_or_its_file_is(tmp_path, way):
     head = {"name": "a", "input": "torque", "logs": [{"file": "a.csv"}]}
     manifest = Manifest.model_validate(head | {"known": {"from": whose, "p4": 1}})
     assert Prior.of(manifest.known).values["coulomb"] == Known(
-        value=0.1976, uncertainty=0.083, origin=whose
+        value=0.2049, uncertainty=0.083, origin=whose
     )
 
 
@@ -196,8 +244,26 @@ def test_a_motor_s_values_are_refused_for_another_drive_and_for_a_slide():
     assert DataSet.of(logs, known=Prior.of(told)).known.values["coulomb"].uncertainty == 0.1
 
 
+P4 = {"value": 0.1, "lower": 0.08, "upper": 0.12, "unit": "N m/V"}
+P2 = P4 | {"unit": "N m s/rad"}
+OHM = P4 | {"unit": "Ohm"}
+NEGATIVE = {"value": -0.1, "lower": -0.12, "upper": -0.08, "unit": "N m/V"}
+
+
+@pytest.mark.parametrize(
+    ("known", "message"),
+    [({"p2": P2}, "motors: got no such value; expected"), ({"p4": NEGATIVE}, "p4: got two signs")],
+)
+def test_motors_that_share_nothing_are_no_type(known, message):
+    content = content_of("xl330")
+    other = content["motors"][0] | {"known": known}
+    content["motors"] = [content["motors"][0] | {"known": {"p4": P4}}, other]
+    with pytest.raises(InputError, match=message):
+        validate([], content, MotorType)
+
+
 def changed(content, place, value):
-    *above, last = place.split(".")
+    *above, last = (int(key) if key.isdecimal() else key for key in place.split("."))
     node = content
     for key in above:
         node = node[key]
@@ -205,31 +271,29 @@ def changed(content, place, value):
     return content
 
 
-P4 = {"value": 0.1, "lower": 0.08, "upper": 0.12, "unit": "N m/V", "scatter": 0.1}
-OHM = {"value": 0.1, "lower": 0.08, "upper": 0.12, "unit": "Ohm"}
+ONE = "motors.0"
 
 
 @pytest.mark.parametrize(
     ("place", "value", "message"),
     [
-        ("known.p4.unit", "N m/A", "known.p4.unit: got N m/A; expected N m/V"),
-        ("known.p4.lower", 0.2, "known.p4: got .*expected lower, value and upper in this order"),
-        ("known.p4.scatter", 0.0, "known.p4.scatter: got 0; expected above 0: one motor"),
-        ("known.p4.lower", -0.1, "known.p4: got 0.1216; expected an interval without 0"),
-        ("known.p1", P4, "known: got p1; expected one of 'p2', 'p4', 'coulomb'"),
-        ("known.p44", P4, "known: got p44; expected 'p4'"),
-        ("rig.p9", {**P4, "scatter": 1}, "rig.p9.scatter: got an unknown key"),
-        ("rig.resistance", OHM, "rig: got resistance; expected one of 'p1'"),
+        (f"{ONE}.known.p4.unit", "N m/A", "0.known.p4.unit: got N m/A; expected N m/V"),
+        (f"{ONE}.known.p4.lower", 0.2, "known.p4: got .*expected lower, value and upper in this"),
+        (f"{ONE}.known.p4.lower", -0.1, "p4: got 0.1216; expected an interval without 0"),
+        (f"{ONE}.known.p4.scatter", 0.1, "known.p4.scatter: got an unknown key"),
+        (f"{ONE}.known.p1", P4, "known: got p1; expected one of 'p2', 'p4', 'coulomb'"),
+        (f"{ONE}.known.p44", P4, "known: got p44; expected 'p4'"),
+        (f"{ONE}.rig.resistance", OHM, "rig: got resistance; expected one of 'p1'"),
         ("law", "dynamixel-xl3300", "law: got dynamixel-xl3300; expected 'dynamixel-xl330'"),
-        ("source.commit", "af22604", "source.commit: got 'af22604'; expected the 40 hexadecimal"),
-        ("source.licence", "GPL-3.0", "source.licence: got 'GPL-3.0'; expected 'Apache-2.0'"),
-        ("source.repository", "", "source.repository: got ''; expected an address"),
-        ("made.command", "make it", "made.command: got 'make it'; expected butterfly identify"),
-        ("verdict", "do not use", "verdict: got 'do not use'; expected 'good' or 'use with care'"),
+        (f"{ONE}.source.commit", "af22604", "commit: got 'af22604'; expected the 40 hexadecimal"),
+        (f"{ONE}.source.licence", "GPL-3.0", "licence: got 'GPL-3.0'; expected 'Apache-2.0'"),
+        (f"{ONE}.source.repository", "", "source.repository: got ''; expected an address"),
+        (f"{ONE}.made.command", "make it", "command: got 'make it'; expected butterfly identify"),
+        (f"{ONE}.verdict", "do not use", "verdict: got 'do not use'; expected 'good' or 'use with"),
         ("name", " ", "name: got ' '; expected a text that is not empty"),
-        ("conditions", {}, "conditions: got {}"),
-        ("conditions.supply", "", "conditions.supply: got ''; expected a text"),
-        ("measured", 0, "measured: got 0"),
+        (f"{ONE}.conditions", {}, "conditions: got {}"),
+        (f"{ONE}.conditions.supply", "", "conditions.supply: got ''; expected a text"),
+        ("motors", [], "motors: got \\[\\]"),
         ("colour", "red", "colour: got an unknown key"),
     ],
 )
@@ -238,5 +302,5 @@ def test_a_file_that_says_too_little_or_too_much_is_one_line(tmp_path, place, va
     path.write_text(yaml_text(changed(content_of("xl330"), place, value)))
     document = load_yaml(path)
     with pytest.raises(InputError, match=message) as error:
-        validate([document], document.content, MeasuredMotor)
+        validate([document], document.content, MotorType)
     assert str(path) in str(error.value)

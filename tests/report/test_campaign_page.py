@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 
+from butterfly.verdict import Level
 from tests.campaigns.ended import shares_of, within_goal
 
 
@@ -38,3 +39,14 @@ def test_the_page_has_the_goal_on_top_then_the_parameters(reached, tmp_path):
     ]
     assert places == sorted(places)
     assert text.index('id="parameters"') < text.index("Good: p1 ±") < text.index(">Runs<")
+
+
+def test_verdicts_of_runs_and_parameters_are_badges_and_what_is_no_verdict_is_text(reached):
+    lead, *sections = reached.page().parts
+    chips = [cell for row in lead.tables[0].rows for cell in row if getattr(cell, "level", None)]
+    assert {(cell.text, cell.level) for cell in chips} >= {("good", Level.GOOD)}
+    (runs,) = (table for section in sections for table in section.tables if section.title == "Runs")
+    verdicts = [row[runs.headers.index("verdict")] for row in runs.rows]
+    levels = {str(cell): getattr(cell, "level", None) for cell in verdicts}
+    assert levels["good"] is Level.GOOD
+    assert levels.get("ratios only") is None

@@ -1,8 +1,11 @@
 """What all figures share: the samples that are drawn, and a colour for each mass."""
 
+import json
+
 import numpy as np
 
-from butterfly.report.figures import grams, mass_looks, seen_samples
+from butterfly.report.figures import grams, mass_looks, packable, seen_samples
+from tests.report.setting import assert_seen, unpacked
 
 
 def test_a_long_curve_keeps_its_peaks_when_it_is_thinned():
@@ -24,3 +27,10 @@ def test_one_added_mass_has_one_colour_in_all_figures_of_a_page(simulated):
         for mass, (colour, _) in looks.items():
             own = [t for t in figure.data if (t.name or "").split(",")[0] == grams(mass)]
             assert {t.line.color or t.marker.color for t in own} == {colour}
+
+
+def test_what_is_no_number_is_packed_as_none():
+    for values in ([0.5, np.nan, -0.25, np.inf], [np.nan], [], [0.0, 0.0]):
+        array = np.array(values, dtype=np.float32)
+        packed = json.loads(json.dumps(packable(array)))
+        assert_seen(unpacked(packed), np.where(np.isfinite(array), array, np.nan))

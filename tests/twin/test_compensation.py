@@ -16,7 +16,6 @@ from butterfly.errors import InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FreeRun
-from butterfly.identification.trust import SPREADS
 from butterfly.logs.log import InputKind, Log, Sine
 from butterfly.model.greybox import constants_of
 from butterfly.model.kernel.equation import friction_level, pull, rates
@@ -27,6 +26,7 @@ from butterfly.plant.sensors import Clock, Encoder
 from butterfly.twin.compensation import Compensation, limited, steady_torque, unlimited
 from butterfly.twin.forms import Options, write_as
 from butterfly.twin.twin import Twin
+from butterfly.verdict import SPREADS
 from tests.plant.setting import simulated
 from tests.programs import said
 from tests.twin.compiled import KINDS, compile_with, drawn, needs_cc

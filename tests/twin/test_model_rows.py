@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.trust import SPREADS
 from butterfly.logs.log import InputKind
 from butterfly.logs.model_facts import ActuatorFacts, LinkMasses, ModelFacts, PoseFacts
 from butterfly.model.parameters import JointKind
 from butterfly.twin.model_rows import facts_of, model_rows
+from butterfly.verdict import SPREADS
 
 LINKS, MOMENT, ROTORS = 0.05, 1.5, 0.004
 VALUES = {"p1": 0.08, "p2": 0.11, "p3": 1.56, "p4": 0.9, "coulomb": 0.2}

@@ -9,11 +9,10 @@ from butterfly.errors import InputError
 from butterfly.identification.identified import Identified
 from butterfly.identification.trust import Finding, FindingKind
 from butterfly.logs.log import InputKind
-from butterfly.logs.motors import SharedValue
+from butterfly.logs.motors import MotorValue
 from butterfly.model.parameters import JointKind
 from butterfly.model.prior import Prior
-from butterfly.model.terms import TERMS
-from butterfly.twin.motor_file import measured_values, motor_draft, scatter_of
+from butterfly.twin.motor_file import measured_values, motor_draft
 from butterfly.yaml_files import _parsed as parsed
 from tests.identification.simulated import estimate_of
 
@@ -36,19 +35,11 @@ def test_a_motor_takes_gain_and_friction_along_if_they_are_not_0_and_no_load():
     known, rig = measured_values(estimate())
     assert [*known] == ["p2", "p4", "coulomb"]
     assert [*rig] == ["p1", "p3", "bias", "compression"]
-    assert known["p4"] == {
-        "value": 0.5, "lower": 0.496, "upper": 0.504, "unit": "N m/V", "scatter": 0.12
-    }  # fmt: skip
+    assert known["p4"] == {"value": 0.5, "lower": 0.496, "upper": 0.504, "unit": "N m/V"}
     for name, values in known.items():
-        assert SharedValue(**values).known().uncertainty > ERRORS[NAMES.index(name)]
+        assert MotorValue(**values).farther > ERRORS[NAMES.index(name)]
     told = estimate(known=Prior.of({"p4": (0.5, 0.1)}))
     assert "p4" not in {*measured_values(told)[0], *measured_values(told)[1]}
-
-
-def test_friction_differs_more_between_motors_than_the_gain():
-    scatter = {name: scatter_of(name) for name, row in TERMS.items() if row.of_motor}
-    assert scatter["p4"] < scatter["coulomb"] < scatter["p2"]
-    assert all(share >= scatter["p4"] for share in scatter.values())
 
 
 def test_a_draft_has_the_manifest_without_its_place(tmp_path):
@@ -57,9 +48,10 @@ def test_a_draft_has_the_manifest_without_its_place(tmp_path):
     manifest["loop"] = {"law": "dynamixel-x"}
     content, _ = parsed(motor_draft(identified(estimate(), manifest=manifest)))
     assert str(tmp_path) not in str(content)
-    assert content["made"]["manifest"] == {k: v for k, v in manifest.items() if k != "root"}
+    (motor,) = content["motors"]
+    assert motor["made"]["manifest"] == {k: v for k, v in manifest.items() if k != "root"}
     assert content["law"] == "dynamixel-x"
-    assert content["source"]["commit"] == ""
+    assert motor["source"]["commit"] == ""
 
 
 _BAD = Finding(FindingKind.POOR_FIT, number=-3.0)

@@ -1,6 +1,7 @@
 """What was identified, written into the arm's own file: its text, its fields, its motion."""
 
 import json
+import re
 from dataclasses import replace
 
 import mujoco
@@ -130,7 +131,7 @@ def test_the_command_writes_what_the_method_does(answer, tmp_path, butterfly):
     out = tmp_path / "arm_identified.xml"
     code, printed, _ = butterfly("export", tmp_path / "elbow.json", "--into", ARM, "--out", out)
     assert code == 0
-    assert "5 attributes" in printed
+    assert re.match(rf"{out}: 5 attributes .*\. Ready to use\.\nGood: ", printed)
     assert "the written model has a median FIT of 99" in " ".join(printed.split())
     assert mujoco.MjModel.from_xml_path(str(out)).joint("elbow").armature[0] > 0.025
     assert json.loads((tmp_path / "elbow.json").read_text())["data"]["manifest"]["of"] == "elbow"

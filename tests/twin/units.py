@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.trust import SPREADS
 from butterfly.model.parameters import LumpedParameters
+from butterfly.verdict import SPREADS
 from tests.twin.moving import PARAMETERS, twin
 
 

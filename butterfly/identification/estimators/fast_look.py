@@ -120,7 +120,7 @@ class Linear(Estimator):
     def _of_points(self, points: Sequence[ResponsePoint], known: Prior) -> tuple[Basis, Fit]:
         """Fit steady responses."""
         require_usable(HarmonicBalance.method, known, LINEAR)
-        return _fitted(points, known, LINEAR, "joint linear complex fit", small=True)
+        return _fitted(points, known, LINEAR, "linear fit of the steady responses", small=True)
 
 
 def _fitted(

@@ -179,7 +179,7 @@ function simulateAgain() {
   const {fit, rms} = fitOf(log.q, view.simulated);
   view.fit = fit;
   at("fit").textContent = Number.isFinite(fit) ? `${fit > -1000 ? fit.toFixed(2) : "less than −1000"} %` : "none: the simulation diverges";
-  at("identified").textContent = `as identified ${log.own.toFixed(2)} %, raw log ${log.raw.toFixed(2)} %`;
+  at("identified").textContent = `with the identified values ${log.own.toFixed(2)} %, on the recorded samples ${log.raw.toFixed(2)} %`;
   at("residual").textContent = Number.isFinite(rms) ? `rms residual ${rms.toPrecision(3)} ${log.unit}` : "";
   live.sliders.forEach(label);
   draw();
