@@ -153,7 +153,9 @@ class Residuals:
 
     def _over_motion(self, length: str) -> float:
         """Return the rms over the logs that move, and count, of a length over the motion."""
-        shares = [getattr(log, length) / log.motion for log in self.counted if log.motion]
+        shares = [
+            getattr(log, length) / log.motion for log in self.logs if log.motion and log.counted
+        ]
         return float(np.sqrt(np.mean(np.square(shares)))) if shares else np.inf
 
     @property
@@ -164,7 +166,7 @@ class Residuals:
     @property
     def beyond_sensors(self) -> bool:
         """Whether more logs are outside than by chance, logs of one robot being correlated."""
-        return self.outside > _BY_CHANCE * len(self.counted)
+        return self.outside > _BY_CHANCE * sum(map(attrgetter("counted"), self.logs))
 
     @property
     def findings(self) -> list[Finding]:

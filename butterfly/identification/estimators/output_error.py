@@ -147,7 +147,8 @@ class OutputError(Estimator):
         """
         asked = {*(self.terms or ()), *self.per_mass, *self.per_log}
         data.require_angles(*asked & {*OF_ANGLE, "zero"})
-        first, calm = first or starts(data, self.terms), data.calm
+        first = first or starts(data, self.terms)
+        calm = data.calm if len(data.counted) < len(data.logs) else data
         if len(calm.logs) == len(data.logs):
             return self.fit_of(data.logs, first, data.known, offered)
         lost = {log.name for log in data.logs} - {log.name for log in calm.logs}
