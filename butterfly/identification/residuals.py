@@ -166,7 +166,7 @@ class Residuals:
     @property
     def beyond_sensors(self) -> bool:
         """Whether more logs are outside than by chance, logs of one robot being correlated."""
-        return self.outside > _BY_CHANCE * sum(map(attrgetter("counted"), self.logs))
+        return self.outside > _BY_CHANCE * len(self.counted)
 
     @property
     def findings(self) -> list[Finding]:
