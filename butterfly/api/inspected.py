@@ -10,6 +10,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+from butterfly.api.joint_models import with_model
 from butterfly.api.saved import kind_of
 from butterfly.api.sources import (
     Named,
@@ -23,7 +24,7 @@ from butterfly.api.sources import (
     require_said,
     results_below,
 )
-from butterfly.api.verbs import identify, numbers_of_logs, options_text, saved_identification
+from butterfly.api.verbs import ALL, identify, numbers_of_logs, options_text, saved_identification
 from butterfly.arguments import checked
 from butterfly.errors import IdentifiabilityError, InputError, listed
 from butterfly.experiment.run import planned_logs
@@ -278,7 +279,7 @@ def inspect(
         return model_answer(robot_of(path, hand_mass=hand_mass, added_mass=added_mass, arm=arm))
     described = manifest_of(path, massless=True, **description)
     require_said(path, described)
-    manifest = with_parts(described)
+    manifest = with_parts(_of_one_joint(described))
     numbers = numbers_of_logs("inspect", logs, len(manifest.logs))
     part = manifest.model_copy(update={"logs": [manifest.logs[k] for k in numbers]})
     seen = inspect_logs(part, track)
@@ -298,6 +299,15 @@ def inspect(
         names = listed([result.name for result in results])
         return replace(answer, note=f"Results are in this folder too, to inspect by name: {names}.")
     return answer
+
+
+def _of_one_joint(manifest: Manifest) -> Manifest:
+    """Return a manifest with the columns and facts of its model's joint; of several, refuse."""
+    several = sorted({entry.of for entry in manifest.logs if entry.of})
+    if manifest.model is not None and (manifest.of == ALL or (not manifest.of and several[1:])):
+        expected = "one joint at a time, such as --of " + (several or ["elbow"])[0]
+        raise InputError(manifest.name, "of", manifest.of or ", ".join(several), expected)
+    return with_model(manifest)
 
 
 def _holds_results_alone(path: Path) -> bool:

@@ -21,7 +21,13 @@ from butterfly.errors import InputError, listed, nearest
 from butterfly.identification.data import DataSet
 from butterfly.identification.trust import Finding, FindingKind
 from butterfly.logs.formats import DEFAULT_COLUMNS, read_log
-from butterfly.logs.headers import columns_by_joint, columns_meant, columns_of_joint, parts_of
+from butterfly.logs.headers import (
+    columns_by_joint,
+    columns_meant,
+    columns_of_joint,
+    meaning_of,
+    parts_of,
+)
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.logs.manifest import LogEntry, Manifest, columns_of_entry
 from butterfly.logs.model_facts import STILL, ModelFacts, PoseFacts
@@ -33,6 +39,7 @@ from butterfly.model.terms import TERMS
 ZERO_UNCERTAINTY = 0.05
 """Standard uncertainty in rad of a model's angle of hanging: of how its parts are mounted."""
 
+_MOVED = 0.25  # of the farthest motion in a log: a joint that moves less is held
 _BEYOND = 0.1  # rad or m, by which a log may leave the joint's range
 _DIGITS = 4  # decimals of a mean position
 _TINY = 1e-300
@@ -56,7 +63,10 @@ def with_model(manifest: Manifest) -> Manifest:
     path = (Path(manifest.root) / str(manifest.model)).resolve()
     robot = JointOfModel.of(path, joint)
     logs = [entry for entry in manifest.logs if entry.of in {None, joint}]
-    driven = [entry for entry in logs if drives(manifest, entry, joint, [*robot.others])]
+    driven = logs_of_joint(manifest.model_copy(update={"logs": logs}), joint, robot.alike)
+    if not driven and any(drives(manifest, entry, joint, [*robot.others]) for entry in logs):
+        expected = "a log in which it moves: in these it is held (if not, say of: in the manifest)"
+        raise InputError(source, "of", joint, expected)
     manifest = manifest.model_copy(update={"of": joint, "logs": driven or logs})
     entries = [_with_columns(manifest, entry, robot.others) for entry in manifest.logs]
     poses = _poses(manifest, entries)
@@ -98,6 +108,59 @@ def drives(manifest: Manifest, entry: LogEntry, joint: str, others: Sequence[str
     kind = manifest.input if entry.input is None else entry.input
     meant = columns_of_joint(columns, joint, others, kind)
     return "angle" in meant and ("input" in meant or kind is InputKind.NONE)
+
+
+def with_joints(manifest: Manifest, *, given_input: bool) -> Manifest:
+    """Return a draft in which a log says its joint, where only one of its model's moves in it.
+
+    The kind of input is that of the commands' names, unless it is given.
+    """
+    from butterfly.twin.joint_of_model import alike_joints, compiled, moving_joints  # noqa: PLC0415
+
+    model = compiled((Path(manifest.root) / str(manifest.model)).resolve())[1]
+    names, kinds = [*moving_joints(model)], set[InputKind | None]()
+    for entry in () if given_input else manifest.logs:
+        columns = columns_of_entry(manifest, entry)
+        for joint, texts in columns_by_joint(columns, names).items():
+            command = columns_of_joint(columns, joint, names).get("input")
+            kinds |= {meaning_of(texts[command]).kind} if command else set()
+    if len(kinds) == 1 and None not in kinds:
+        manifest = manifest.model_copy(update={"input": kinds.pop()})
+    of = dict[int, list[str]]()
+    for joint in names:
+        for entry in logs_of_joint(manifest, joint, alike_joints(model, joint)):
+            of.setdefault(manifest.logs.index(entry), []).append(joint)
+    logs = [
+        entry.model_copy(update={"of": of[k][0]}) if len(of.get(k, ())) == 1 else entry
+        for k, entry in enumerate(manifest.logs)
+    ]
+    return manifest.model_copy(update={"logs": logs})
+
+
+def logs_of_joint(manifest: Manifest, joint: str, alike: Mapping[str, bool]) -> list[LogEntry]:
+    """Return the logs that a joint drives: of several joints with a command, those that move.
+
+    A robot that holds its other joints logs a command of each. A log is of the joint that moves
+    farthest, and of those like it, hinges or slides, that move at least `_MOVED` as far. ``alike``:
+    the other joints, and whether each is of this one's kind.
+    """
+    driven = [entry for entry in manifest.logs if drives(manifest, entry, joint, [*alike])]
+    return [entry for entry in driven if _moves(manifest, entry, joint, alike)]
+
+
+def _moves(manifest: Manifest, entry: LogEntry, joint: str, alike: Mapping[str, bool]) -> bool:
+    """Whether a joint moves in a log as far as others that are driven in it."""
+    names = [*alike, joint]
+    rivals = [n for n, like in alike.items() if like and drives(manifest, entry, n, names)]
+    if entry.of is not None or not (rivals and drives(manifest, entry, joint, names)):
+        return True
+    of_joint = manifest.model_copy(update={"of": joint})
+    described = _with_columns(of_joint, entry, dict.fromkeys(alike, 0))
+    angles = {n: c for n, c in (described.neighbours or {}).items() if n in rivals}
+    column = (described.columns or manifest.columns or DEFAULT_COLUMNS)["angle"]
+    seen = described.model_copy(update={"neighbours": {**angles, joint: column}})
+    reach = {n: float(np.ptp(log.angle)) for n, log in neighbours(of_joint, seen).items()}
+    return reach[joint] >= _MOVED * max(reach.values())
 
 
 def _with_columns(manifest: Manifest, entry: LogEntry, others: Mapping[str, int]) -> LogEntry:

@@ -17,6 +17,7 @@ from butterfly.api.saved import Drawn, Predicted
 from butterfly.api.sources import Data, Named, is_data, read
 from butterfly.api.verbs import Method, estimated, numbers_of_logs, require_identification
 from butterfly.arguments import checked
+from butterfly.arrays import Samples
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.experiment.run import planned_logs
 from butterfly.experiment.schema import Experiment
@@ -38,6 +39,7 @@ from butterfly.identification.predict import (
     require_draws,
 )
 from butterfly.identification.residuals import residual_units, residuals_of
+from butterfly.identification.trust import FindingKind
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Known
@@ -141,7 +143,7 @@ def predict(
     )
     if whole is not None:
         fits = np.array([predictions[k].run.followed for k in whole.counted])
-        estimate = estimate.with_findings(*judge_fit(fits))
+        estimate = _judged(estimate, fits)
     return Predicted.of(
         source.name, predictions, sentences, estimate, drawn=drawn, measured=whole is not None
     )
@@ -168,6 +170,17 @@ def draws(result: Identification | Named, n: int = BAND_DRAWS, seed: int = 0) ->
         raise InputError("draws", "n", n, "1 or more")
     drawn, _, remarks = _physical_draws(identification, (), max(n, LEAST), seed)
     return Drawn.of(replace(drawn, values=drawn.values[:n]), identification, remarks)
+
+
+def _judged(estimate: Estimate, fits: Samples) -> Estimate:
+    """Return an estimate with the finding that it does not follow predicted logs, if so.
+
+    What the error of the logs was that were fitted then says nothing.
+    """
+    poor = judge_fit(fits)
+    kinds = {FindingKind.FOLLOWED} if poor else set()
+    rest = (finding for finding in estimate.findings if finding.kind not in kinds)
+    return replace(estimate, findings=(*rest, *poor))
 
 
 def _physical_draws(
@@ -266,10 +279,10 @@ def residual_answer(
     from butterfly.report.log_figures import residual_sentences, with_residual_figures  # noqa: PLC0415 - slow to import
 
     verdict, residuals = estimate_verdict(estimate), residuals_of(data, estimate)
-    worst = max(chosen, key=lambda k: residuals.logs[k].relative)
+    worst = max(chosen, key=lambda k: (residuals.logs[k].counted, residuals.logs[k].relative))
     title = f"Residuals of {estimate.method} on {data.name!r}"
     rows = finite([about_log(data.logs[k]) | residual_row(residuals.logs[k]) for k in chosen])
-    first = max(rows, key=lambda row: math.inf if row[_ERROR] is None else row[_ERROR])
+    first = rows[[*chosen].index(worst)]
     error, times = (cell_text(first[key]) for key in (_ERROR, "error over sensor noise"))
     facts = [
         Fact("largest error", f"{error} %", f"of the motion, {label_of(first)}"),

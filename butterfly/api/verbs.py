@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from butterfly.api.identification import Identification
-from butterfly.api.joint_models import drives, of_joint, with_heavier_neighbours, with_model
+from butterfly.api.joint_models import logs_of_joint, of_joint, with_heavier_neighbours, with_model
 from butterfly.api.saved import load
 from butterfly.api.sources import Data, Named, manifest_of, names_result, read
 from butterfly.arguments import checked
@@ -218,18 +218,22 @@ def _logs_by_joint(
     manifest: Manifest, model: Path, of: str | Sequence[str]
 ) -> dict[str, list[LogEntry]]:
     """Return the logs of each joint that is asked for: those that say so, or have its columns."""
-    from butterfly.twin.joint_of_model import compiled, moving_joints  # noqa: PLC0415 - slow
+    from butterfly.twin.joint_of_model import alike_joints, compiled, moving_joints  # noqa: PLC0415
 
-    names = [*moving_joints(compiled(model)[1])]
+    robot = compiled(model)[1]
+    names = [*moving_joints(robot)]
     several = [of] if isinstance(of, str) else [*of]
     wanted = names if several == [ALL] else several
     for name in wanted:
         if name not in names:
             raise InputError(model, "joint", name, nearest(name, names) if names else "a joint")
-    logs = {name: [e for e in manifest.logs if drives(manifest, e, name, names)] for name in wanted}
+    logs = {name: logs_of_joint(manifest, name, alike_joints(robot, name)) for name in wanted}
     lacking = [name for name, entries in logs.items() if not entries]
     if several != [ALL] and lacking:
-        expected = f"logs with columns named after {listed(lacking)}, or of: in the manifest"
+        expected = (
+            f"logs in which they move, with columns named after {listed(lacking)}, or of: in the "
+            "manifest"
+        )
         raise InputError(manifest.name, "of", listed(lacking), expected)
     if len(lacking) == len(logs):
         expected = f"logs with columns named after one of {listed(names)}, or of: in the manifest"

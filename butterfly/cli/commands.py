@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shlex
 from collections.abc import Sequence
 from contextlib import suppress
@@ -60,15 +61,26 @@ def manifest(
     out
         Manifest to write. Default: manifest.yaml in the folder.
     """
-    from butterfly.logs import reading as drafts  # noqa: PLC0415 - slow to import
+    from butterfly.api.joint_models import with_joints  # noqa: PLC0415 - slow to import
+    from butterfly.logs import reading as drafts  # noqa: PLC0415
     from butterfly.logs.manifest import MANIFEST_NAME, checked_options  # noqa: PLC0415
 
     path = out or (folder.parent if folder.is_file() else folder) / MANIFEST_NAME
     named = not folder.is_file() and drafts.has_thesis_names(folder)
     if named and options.arm is None:
         raise InputError(folder, "--arm", "missing", "m from pivot to the masses in the file names")
-    given = checked_options(options.description())
-    drafted = drafts.with_columns(drafts.draft(folder, given), given)
+    description = options.description()
+    if options.model is not None:
+        logs = options.root or (folder if folder.is_dir() else folder.parent)
+        description["model"] = os.path.relpath(options.model.resolve(), logs.resolve())
+    if options.names_joints:
+        del description["of"]  # of each log
+    given = checked_options(description)
+    drafted = drafts.draft(folder, given)
+    if options.model is not None:
+        drafted = with_joints(drafted, given_input="input" in given)
+    if not all(entry.of for entry in drafted.logs):
+        drafted = drafts.with_columns(drafted, given)
     asked = drafts.open_questions(drafted, given.keys(), named=named)
     root = options.root or ("." if out is None else None)
     if root is not None:

@@ -152,7 +152,27 @@ def show(
     rows: int | None = None,
     after: str = "",
 ) -> ExitCode:
-    """Print a result, the command ``after`` it, at most so many ``rows``; write what is wanted."""
+    """Print a result, the command ``after`` it, at most so many ``rows``; write what is wanted.
+
+    It is written even if whoever reads closes standard output, as `head` does.
+    """
+    try:
+        _print(result, rows, after)
+    finally:
+        if report is not None:
+            result.report(report, figures=figures)
+        if save is not None:
+            result.save(save)
+        if asked.json is not None:
+            write_json(result.to_dict())
+    for word, file in (("Report", report), ("Saved", save)):
+        if file is not None:
+            say(f"{word}: {file}")
+    return ExitCode.of(result.judged)
+
+
+def _print(result: Answer, rows: int | None, after: str) -> None:
+    """Print verdict, sentences, the command after it, and tables of at most so many rows."""
     verdict = result.judged.lines[:_VERDICT] if result.judged else ()
     answer = (*result.headline, *verdict)
     _say_answer(verdict if asked.quiet and not result.sets_goal else answer)
@@ -167,15 +187,6 @@ def show(
     tables = [table for table in result.tables() if asked.verbose or not table.detail]
     for table in () if asked.silent else tables:
         show_table(table.title, [*map(str, table.headers)], table.rows[:rows])
-    if report is not None:
-        result.report(report, figures=figures)
-        say(f"Report: {report}")
-    if asked.json is not None:
-        write_json(result.to_dict())
-    if save is not None:
-        result.save(save)
-        say(f"Saved: {save}")
-    return ExitCode.of(result.judged)
 
 
 def show_table(

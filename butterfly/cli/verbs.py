@@ -171,17 +171,21 @@ def _identify_joints(
         track=show_progress,
         **keywords,
     )
-    ended = show(answer, **vars(page))
+    files, answers = dict[str, Path](), answer.identifications
     if save is not None:
-        files = {joint: save.with_stem(f"{save.stem}_{joint}") for joint in answer.identifications}
-        for joint, file in files.items():
-            require_free(file, *(SAVED.documents), option="--save")
-            answer.identifications[joint].save(file)
-            say(f"Saved: {file}")
-        if not asked.silent:
-            saved = " ".join(shlex.quote(str(file)) for file in files.values())
-            out = model.with_stem(f"{model.stem}_identified")
-            put(f"Next: butterfly export {saved} --into {shlex.quote(str(model))} --out {out.name}")
+        files = {joint: save.with_stem(f"{save.stem}_{joint}") for joint in answers}
+    for joint, file in files.items():
+        require_free(file, *(SAVED.documents), option="--save")
+        answers[joint].save(file)
+    ended = show(answer, **vars(page))
+    for file in files.values():
+        say(f"Saved: {file}")
+    if files and not asked.silent:
+        good = [file for joint, file in files.items() if answers[joint].standing == "good"]
+        saved, out = shlex.join(map(str, good)), model.with_stem(f"{model.stem}_identified").name
+        ready = f"export {saved} --into {shlex.quote(str(model))} --out {out}"
+        worst = next(iter(files.values()))
+        put(f"Next: butterfly {ready if good else f'design {shlex.quote(str(worst))}'}")
     return ended
 
 

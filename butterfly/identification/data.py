@@ -16,7 +16,7 @@ from butterfly.identification.consistency import is_driven
 from butterfly.identification.derived_quantities import implied, relaxed_for_masses
 from butterfly.identification.free_run import Simulations, turns_over
 from butterfly.identification.segments import driven
-from butterfly.identification.trust import LOST, Finding
+from butterfly.identification.trust import FEW, LOST, Finding
 from butterfly.identification.unit_errors import (
     unit_errors_of_refused,
     unit_errors_of_still,
@@ -268,6 +268,13 @@ class DataSet:
         pairs = enumerate(self.logs)
         away = [k for k, log in pairs if log.closed or not turns_over(log, self.zero_of(log))]
         return away or every
+
+    @property
+    def calm(self) -> DataSet:
+        """The logs that stay away from the upright, if there are enough to stand for all."""
+        calm = self.take(self.counted)
+        few = len(calm.masses) <= 1 or len(calm.logs) <= FEW
+        return self if few or len(calm.logs) == len(self.logs) else calm
 
     def require_angles(self, *needed: str) -> None:
         """Raise InputError if something needs the angle, and a log has only a velocity."""

@@ -209,12 +209,13 @@ def forecast(logs: Sequence[Log], known: Prior) -> tuple[Forecast, ...]:
 def expected(data: DataSet) -> Estimate:
     """Return the estimate of a fit that starts at the weak form's values, with all its terms.
 
-    Those that these logs cannot tell from others are left out, as `identify` leaves them out.
+    Those that these logs cannot tell from others are left out, as `identify` leaves them out, and
+    so are logs near the upright, where there are enough of others.
     """
     known, problems = prior_of_fit(data.logs, data.known), []
     for start in starts(data, None):
         terms = tuple(name for name in COMMON if getattr(start.parameters, name))
-        problems.append(OutputError(terms=terms).problem(data.logs, start, known))
+        problems.append(OutputError(terms=terms).problem(data.calm.logs, start, known))
     place, fit = best_local_minimum(problems, SHOWS)
     return OutputError().infer(problems[place], fit)
 

@@ -253,6 +253,15 @@ class Simulations:
         horizon = self.horizon(estimate)
         return replace(estimate, horizon=horizon) if math.isfinite(horizon) else estimate
 
+    def judging(self, estimate: Estimate) -> list[int]:
+        """Return the indices of the logs that judge an estimate: all, where segments follow them.
+
+        Where the hand passes the upright no free run of a whole log stays near: such logs count
+        only if all do.
+        """
+        segmented = estimate.horizon is not None and math.isfinite(estimate.horizon)
+        return [*range(len(self._logs))] if segmented else [*self._counted]
+
     def run(self, number: int, estimate: Estimate) -> FreeRun:
         """Simulate one log, by its index, with an estimate."""
         return self._run(number, self.setting(number, estimate))

@@ -102,10 +102,6 @@ def diagnose(
     data: DataSet, estimator: Estimator, estimate: Estimate, residuals: Residuals
 ) -> Estimate:
     """Add to an estimate what physics, its free runs, the input and unit errors say of it."""
-    # Where the hand passes the upright no free run of a whole log stays near: such logs count only
-    # if all do.
-    segmented = estimate.horizon is not None and math.isfinite(estimate.horizon)
-    followed = list(range(len(data.logs))) if segmented else data.counted
     rivals = [residuals.encoder.rival] if residuals.encoder else []
     if residuals.missing.rival is not None:
         rivals.append(Rival(residuals.missing.rival, predicts=False))
@@ -113,7 +109,7 @@ def diagnose(
         *judge_physics(estimate, data.masses),
         *([data.correction] if data.correction else []),
         *data.remarks,
-        *_unfollowed(data, estimator, estimate, followed),
+        *_unfollowed(data, estimator, estimate, data.simulations.judging(estimate)),
         *residuals.findings,
         *judge_input(estimate, data.input_kind),
         *judge_units(data),

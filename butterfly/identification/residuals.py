@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -74,6 +75,7 @@ class LogResiduals:
     autocorrelation: Curve | None = None
     cross_correlation: Curve | None = None
     band: ErrorBand | None = None  # about the simulated angle, within which a reading is expected
+    counted: bool = True  # false where no free run can stay near: it passes the upright
 
     @cached_property
     def excess(self) -> float:
@@ -84,7 +86,7 @@ class LogResiduals:
     @property
     def outside(self) -> bool:
         """Whether residuals exceed the sensor's errors, as those of 5 % of good logs do."""
-        return self.excess > 1
+        return self.counted and self.excess > 1
 
     @property
     def relative(self) -> float:
@@ -125,6 +127,11 @@ class Residuals:
     encoder: OffCentre | None = None  # where errors repeat with the angle
 
     @property
+    def counted(self) -> tuple[LogResiduals, ...]:
+        """The logs that judge the model."""
+        return tuple(filter(attrgetter("counted"), self.logs))
+
+    @property
     def outside(self) -> int:
         """Number of logs whose residuals exceed the sensor's errors."""
         return sum(log.outside for log in self.logs)
@@ -145,8 +152,10 @@ class Residuals:
         return self._over_motion("remaining")
 
     def _over_motion(self, length: str) -> float:
-        """Return the rms over the logs that move of a length over the motion."""
-        shares = [getattr(log, length) / log.motion for log in self.logs if log.motion]
+        """Return the rms over the logs that move, and count, of a length over the motion."""
+        shares = [
+            getattr(log, length) / log.motion for log in self.logs if log.motion and log.counted
+        ]
         return float(np.sqrt(np.mean(np.square(shares)))) if shares else np.inf
 
     @property
@@ -157,7 +166,7 @@ class Residuals:
     @property
     def beyond_sensors(self) -> bool:
         """Whether more logs are outside than by chance, logs of one robot being correlated."""
-        return self.outside > _BY_CHANCE * len(self.logs)
+        return self.outside > _BY_CHANCE * len(self.counted)
 
     @property
     def findings(self) -> list[Finding]:
@@ -190,16 +199,22 @@ def residual_units(joint: JointKind) -> dict[str, str]:
 
 def residuals_of(data: DataSet, estimate: Estimate, runs: Sequence[FreeRun] = ()) -> Residuals:
     """Return the residuals of an estimate's free runs, compared with sensors and missing terms."""
-    unknowns = _Unknowns.of(data, estimate)
+    unknowns, counted = _Unknowns.of(data, estimate), {*data.simulations.judging(estimate)}
     every, parts = list[_RunErrors | None](), list[tuple[Samples, Samples]]()
+    bare = list[LogResiduals]()  # of logs that are not judged
     for k in range(len(data.logs)):
         run = runs[k] if runs else data.simulations.run(k, estimate)
+        bare.append(_bare(data.logs[k]))
+        if k not in counted:
+            every.append(None)
+            bare[k] = replace(bare[k], error=run.rms, counted=False)
+            continue
         expanded = unknowns.expanded(run, data.simulations.setting(k, estimate))
         every.append(expanded and expanded[0])
         parts += [expanded[1]] if expanded else []
     run_errors = [errors for errors in every if errors is not None]
     if not run_errors:
-        return Residuals(logs=tuple(map(_bare, data.logs)))
+        return Residuals(logs=tuple(bare))
     at, random = unknowns.equations(parts), np.random.default_rng(0)
     parts.clear()  # they are as large as the equations that they make
     directions = at.directions(len(unknowns.keys))
@@ -212,8 +227,8 @@ def residuals_of(data: DataSet, estimate: Estimate, runs: Sequence[FreeRun] = ()
     ]
     del residuals, pairs, draws
     following = iter(judged)
-    places = zip(data.logs, every, strict=True)
-    whole = (_bare(log) if errors is None else next(following) for log, errors in places)
+    places = zip(bare, every, strict=True)
+    whole = (log if errors is None else next(following) for log, errors in places)
     result = Residuals(logs=tuple(whole), encoder=unknowns.off_centre(at, run_errors))
     if not result.beyond_sensors:
         return result

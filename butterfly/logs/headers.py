@@ -216,6 +216,19 @@ def columns_meant(
     return {field: columns[0] for field, columns in candidates.items() if len(columns) == 1}
 
 
+_OF_DRIVE = {
+    "supply": {"supply", "vin"},
+    "enabled": {"enabled", "enable"},
+}
+
+
+def columns_of_drive(names: Iterable[str]) -> dict[str, str]:
+    """Return the columns of a servo's supply in V and of whether it is on, where one name fits."""
+    words = {name: {part.lower() for part in parts_of(name)} for name in names}
+    fitting = {field: [n for n in words if words[n] & some] for field, some in _OF_DRIVE.items()}
+    return {field: columns[0] for field, columns in fitting.items() if len(columns) == 1}
+
+
 def columns_by_joint(names: Sequence[str], joints: Iterable[str]) -> dict[str, dict[str, str]]:
     """Return for each joint its columns, and what each says besides the joint's name.
 

@@ -36,7 +36,7 @@ from butterfly.logs.motors import with_motor
 from butterfly.logs.units import Units
 from butterfly.model.parameters import GRAVITY, AddedMass, JointKind, rounded
 from butterfly.model.prior import Known, Prior, known_of, plain
-from butterfly.model.servo import ServoLoop
+from butterfly.model.servo import LAWS, ServoLoop
 from butterfly.yaml_files import Document, StrictModel, load_yaml, validate, yaml_text
 
 MANIFEST_NAME = "manifest.yaml"
@@ -265,7 +265,10 @@ class Manifest(StrictModel):
         for entry in self.logs:
             kind = entry.input or self.input
             if kind is InputKind.SETPOINT and "law" not in self.loop_of(entry):
-                expected = "the servo's law for a setpoint, such as {law: dynamixel-x, kp: 400}"
+                expected = (
+                    f"the servo's law for a setpoint, one of {', '.join(LAWS)}: such as --loop "
+                    "law=dynamixel-x,kp=400, or loop: {law: dynamixel-x, kp: 400}"
+                )
                 raise InputError(entry.file, "loop.law", "nothing", expected)
         carried = {rounded(known_of(entry.added_mass).value) for entry in self.logs}
         for zero in self.zeros:

@@ -29,7 +29,7 @@ from butterfly.logs.formats import (
     read_log,
     unsaid,
 )
-from butterfly.logs.headers import columns_meant, meaning_of
+from butterfly.logs.headers import columns_by_joint, columns_meant, columns_of_drive, meaning_of
 from butterfly.logs.health import refuse_separators
 from butterfly.logs.json import logs_in, numbers_in
 from butterfly.logs.log import MIN_SAMPLES, InputKind, Log
@@ -43,6 +43,7 @@ from butterfly.logs.manifest import (
 )
 from butterfly.logs.units import Units
 from butterfly.model.prior import known_of
+from butterfly.model.servo import ServoLoop
 from butterfly.progress import Track, untracked
 
 
@@ -176,6 +177,7 @@ def numbers_named(logs: Sequence[Log], names: Sequence[str], source: str) -> lis
 
 _THESIS_NAME = re.compile(r"Data_(\d+(?:_\d+)?)__(\d+(?:_\d+)?)__0(\d+)")
 _GRAMS = re.compile(r"(\d+(?:\.\d+)?)g")  # a part of another name
+_GAIN = re.compile(r"(k[pid])(\d+(?:\.\d+)?)")  # another
 _QUESTIONS = {
     "input": "what does the input command: voltage, torque, current, duty, or the setpoint of a "
     "servo (which needs its loop)?",
@@ -183,6 +185,8 @@ _QUESTIONS = {
     "columns": "which column holds the {}, by name or number from 0? ",
     "logs": "which mass was added in each log (added_mass in kg, arm in m)?",
 }
+_WHICH_JOINT = "which joint of the model moved in each log (of: its name)?"
+_WHICH_GAIN = "which {0} had the loop ({0}: 400 here, or loop: {{{0}: 400}} in each log's line)?"
 _REPAIRED = "Samples that repeat a stamp are dropped and counted; without this they are a fault."
 _FACTS = {
     "mass": "added_mass",
@@ -285,6 +289,9 @@ def with_columns(manifest: Manifest, given: Mapping[str, Any] = MappingProxyType
             update = {"columns": None if entry.columns == common else columns}
             entries[k] = entry.model_copy(update=update)
         manifest = manifest.model_copy(update={"columns": common})
+    if manifest.columns is not None and manifest.input is InputKind.SETPOINT:
+        extra = columns_of_drive(columns_of_entry(manifest, entries[0]))
+        manifest = manifest.model_copy(update={"columns": manifest.columns | extra})
     names = {(log.columns or manifest.columns or {}).get("input") for log in entries}
     kinds = {meaning_of(str(name)).kind for name in names}
     if kind is None and len(kinds) == 1 and None not in kinds:
@@ -329,6 +336,7 @@ def _with_facts(entry: LogEntry, manifest: Manifest, given: Mapping[str, Any]) -
     if mass is not None and (arm or "arm" in given) and not known_of(entry.added_mass).value:
         extra = {} if "arm" in given else {"arm": arm}
         entry = entry.model_copy(update={"added_mass": mass, **extra})
+    facts = _gains_by_name(entry.file) | facts
     loop = {key: number for key, number in facts.items() if key not in given.get("loop", {})}
     if manifest.input is InputKind.SETPOINT and loop:
         entry = entry.model_copy(update={"loop": loop})
@@ -345,8 +353,13 @@ def open_questions(manifest: Manifest, given: Collection[str], *, named: bool) -
     """Return the questions on a draft, by key not given; names of ``named`` files give masses."""
     questions = {"units": _unit_taken(manifest)} | _QUESTIONS
     settled = {*given, "columns", "logs" * named}
+    if manifest.model is not None:  # whose links weigh what is known of them
+        of_joints = all(entry.of or manifest.of for entry in manifest.logs)
+        questions["logs"] = "" if of_joints else _WHICH_JOINT
     about = {"interval": manifest.interval, "input_kind": manifest.input}
     called = [str((manifest.columns or {}).get("input", ""))]
+    if manifest.model is not None and (joint := manifest.logs[0].of):
+        called = [*columns_by_joint(columns_of_entry(manifest, manifest.logs[0]), [joint])[joint]]
     for entry in manifest.logs:
         columns = manifest.columns if entry.columns is None else entry.columns
         lacking = [] if columns is None else unsaid(columns, about)
@@ -364,9 +377,23 @@ def open_questions(manifest: Manifest, given: Collection[str], *, named: bool) -
     for entry in manifest.logs[:_MOST]:
         if facts := [f"{key} {number:g}" for key, number in _facts(manifest, entry).items()]:
             questions["logs"] += f" {entry.file} says {', '.join(facts)}."
-    if manifest.input is not InputKind.SETPOINT or "law" in manifest.loop:
+    if manifest.input is not InputKind.SETPOINT:
         settled.add("loop")
+    elif "law" in manifest.loop:
+        gain = _lacking_gain(manifest)
+        questions["loop"] = _WHICH_GAIN.format(gain)
+        settled = settled - {"loop"} if gain else settled | {"loop"}
     return {key: text for key, text in questions.items() if text and key not in settled}
+
+
+def _lacking_gain(manifest: Manifest) -> str:
+    """Return the gain that the loop of a log lacks; "" if none does."""
+    for entry in manifest.logs:
+        try:
+            ServoLoop.of(manifest.loop_of(entry), entry.file)
+        except InputError as error:
+            return error.field.rpartition(".")[2]
+    return ""
 
 
 def _unit_taken(manifest: Manifest) -> str:
@@ -386,6 +413,7 @@ def draft_text(manifest: Manifest, questions: Mapping[str, str]) -> str:
     names = {"added_mass": "kg", "arm": "m"}
     units = {name: manifest.units.get(name.removeprefix("added_"), names[name]) for name in names}
     places = ", ".join(f"{name}: ({unit})" for name, unit in units.items())
+    places = "of: (joint)" if manifest.model is not None else places
     lines = manifest_text(manifest).splitlines(keepends=True)
     if "loop" in questions and not manifest.loop:  # which is not written if empty
         after = next(k for k, line in enumerate(lines, 1) if line.startswith("input:"))
@@ -442,6 +470,12 @@ def _mass_by_name(path: Path, given: Mapping[str, Any]) -> float:
     matches = [match for before, match in pairs if match and not before.isdigit()]
     factor = Units.of(given.get("units")).factor("mass")
     return _in_unit(float(matches[0][1]) / 1e3, factor) if len(matches) == 1 else 0.0
+
+
+def _gains_by_name(file: str) -> dict[str, float]:
+    """Return the gains of a loop that a name gives, as ``sine_kp400.csv`` does."""
+    parts = map(_GAIN.fullmatch, re.split("[_-]", PurePath(file).stem.lower()))
+    return {match[1]: float(match[2]) for match in parts if match}
 
 
 def _in_unit(value: float, factor: float) -> float:

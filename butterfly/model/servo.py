@@ -178,7 +178,7 @@ class ServoLoop:
         loop._require_possible(str(source))
         needed = "kd" if loop.rule.structure is LawStructure.CASCADE else "kp"
         if whole and not getattr(loop, needed).value:
-            expected = "this gain, in the loop of the data set or of the log"
+            expected = f"a gain, such as loop: {{{needed}: 400}} of the data set or of the log"
             raise InputError(str(source), f"loop.{needed}", "nothing", expected)
         return loop
 

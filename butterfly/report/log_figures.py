@@ -273,17 +273,22 @@ _MOST_LOGS = 6000  # instants of a panel
 
 def residual_sentences(residuals: Residuals) -> list[str]:
     """Say how large the residuals of all logs are, and what explains them."""
-    count, outside = len(residuals.logs), residuals.outside
+    count, outside = len(residuals.counted), residuals.outside
     lead = f"In {outside} of {count} logs the error exceeds"
     if count == 1:
         lead = "The error exceeds" if outside else "The error does not exceed"
     elif not outside:
         lead = f"In none of the {count} logs does the error exceed"
+    names = [log.name for log in residuals.logs if not log.counted]
+    lost = [f"Not counted, as free runs near the upright go astray: {', '.join(names)}."] * bool(
+        names
+    )
     return [
         f"{lead} sensor noise (95 % bands). "
         f"Over all logs the error is {100 * residuals.relative:.2g} % of the motion, "
         f"{100 * residuals.remaining:.2g} % after small changes of the parameters; sensor noise is "
         f"{100 * residuals.explained:.2g} %.",
+        *lost,
         *(finding_text(finding, {}) for finding in residuals.missing.findings),
     ]
 

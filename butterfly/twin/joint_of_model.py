@@ -114,6 +114,11 @@ class JointOfModel:
         names = joint_names(self.model)
         return {n: k for n, k in names.items() if k != self.joint and self._is_simple(k)}
 
+    @property
+    def alike(self) -> dict[str, bool]:
+        """The other hinges and slides, and whether each is of this joint's kind."""
+        return alike_joints(self.model, self.name)
+
     def _is_simple(self, number: int) -> bool:
         return int(self.model.jnt_type[number]) in _MOVES
 
@@ -308,6 +313,13 @@ def moving_joints(model: mujoco.MjModel) -> dict[str, int]:
     """Return the same of hinges and slides alone."""
     names = joint_names(model)
     return {name: k for name, k in names.items() if int(model.jnt_type[k]) in _MOVES}
+
+
+def alike_joints(model: mujoco.MjModel, name: str) -> dict[str, bool]:
+    """Return a model's hinges and slides besides one, and whether each is of its kind."""
+    joints = moving_joints(model)
+    kind = model.jnt_type[joints.pop(name)]
+    return {other: bool(model.jnt_type[k] == kind) for other, k in joints.items()}
 
 
 def is_urdf(path: Path) -> bool:

@@ -127,3 +127,42 @@ def test_the_command_saves_each_joint_and_says_how_to_write_them_back(logs, tmp_
     assert code == 0
     assert "joint 'elbow'" in out
     assert "joint 'wrist'" in out
+
+
+@pytest.fixture(scope="module")
+def commands_of_all(logs, tmp_path_factory):
+    """The same logs with a command of each joint, as a robot writes that holds the others."""
+    folder = tmp_path_factory.mktemp("commands")
+    for path in logs.iterdir():
+        header, *lines = path.read_text().splitlines()
+        held = [name for name in NAMES if f"{name}_torque" not in header]
+        head = ",".join([header, *(f"{name}_torque" for name in held)])
+        rows = [f"{line}{',0.1' * len(held)}" for line in lines]
+        (folder / path.name).write_text("\n".join([head.replace("time", "timestamp"), *rows]))
+    return folder
+
+
+def test_a_log_with_commands_of_all_joints_is_of_the_one_that_moves(commands_of_all):
+    again = bf.identify_joints(commands_of_all, **TORQUE)
+    assert again.summary[0] == "Joints of arm.xml: 2 good."
+    used = {n: [log.name for log in one.data.logs] for n, one in again.identifications.items()}
+    assert used == {"elbow": ["elbow.csv"], "wrist": ["wrist.csv"]}
+    with pytest.raises(InputError, match="a log in which it moves"):
+        bf.read(commands_of_all, model=ARM, of="pan", input="torque")
+
+
+def test_a_draft_of_logs_of_a_model_says_the_joint_of_each(commands_of_all, butterfly, tmp_path):
+    for path in commands_of_all.iterdir():
+        (tmp_path / path.name).write_text(path.read_text())
+    code, out, _ = butterfly("manifest", tmp_path, "--model", ARM, "--known", "p4=1")
+    assert code == 0
+    assert "torque by the name of 'elbow_torque'" in out
+    assert "added_mass" not in out
+    logs = bf.read(tmp_path, of="wrist")
+    assert [(entry.file, entry.of) for entry in logs.manifest.logs] == [("wrist.csv", "wrist")]
+    code, out, _ = butterfly("inspect", tmp_path, "--of", "elbow")
+    assert code == 0
+    assert "p4 known" in out
+    code, _, err = butterfly("inspect", tmp_path)
+    assert code == 2
+    assert "one joint at a time, such as --of elbow" in err

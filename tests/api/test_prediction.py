@@ -7,6 +7,7 @@ import pytest
 
 import butterfly as bf
 from butterfly.api.prediction import BAND_DRAWS
+from butterfly.identification.data import DataSet
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.prior import Known
 from butterfly.verdict import CONFIDENCE
@@ -82,6 +83,15 @@ def test_given_parameters_are_judged_by_how_they_move(data, own):
     assert aside.rows()[0]["FIT in %"] < found.rows()[0]["FIT in %"] - 20
     told = bf.predict(data.with_zero(Known(value=0.0)), own | {"zero": 0.2})
     assert told.rows() == aside.rows()
+
+
+def test_the_model_error_of_fitted_logs_is_not_said_of_logs_that_are_not_followed(result):
+    still = [replace(log, angle=np.roll(log.angle, 1500)) for log in result.data.logs]
+    found = bf.predict(DataSet.of(still, name="late"), result, bands=False)
+    assert found.standing == "do not use"
+    assert not any(line.startswith("Model: error") for line in found.verdict)
+    followed = bf.predict(result.data, result, bands=False)
+    assert any(line.startswith("Model: error") for line in followed.verdict)
 
 
 def test_a_gain_that_is_not_given_is_fitted_and_said(data, result):

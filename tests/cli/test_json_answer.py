@@ -159,3 +159,14 @@ def test_a_command_says_what_its_budget_left_out(answer, few_data):
     assert out.startswith("Use with care: ")
     assert "Search stopped after 0 s" in answer(*words, "--budget", "0")[1]
     assert "Search stopped" not in answer(*words)[1]
+
+
+@pytest.mark.slow
+def test_a_result_is_saved_though_the_reader_of_its_lines_has_gone(quick_data, tmp_path):
+    reading, writing = os.pipe()
+    os.close(reading)
+    saved = tmp_path / "result.json"
+    call = ("identify", quick_data, "--save", saved)
+    assert program(*call, stdout=writing)[0] == ExitCode.UNREAD
+    os.close(writing)
+    assert json.loads(saved.read_text())["verdict"] == "good"

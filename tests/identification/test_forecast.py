@@ -33,6 +33,13 @@ def test_logs_with_three_masses_tell_every_parameter(robot):
     assert rows[0].half_width / robot.truth["p1"] == pytest.approx(rows[0].expected, rel=0.2)
 
 
+def test_a_term_that_logs_cannot_tell_leaves_what_is_said_of_others(robot):
+    first = robot.logs[0]
+    bump = 3 * np.sin(np.pi * np.clip((first.time - first.time[0] - 3) / 3, 0, 1))
+    logs = [*robot.logs, replace(first, name="pushed", angle=first.angle + bump)]
+    assert {row.word for row in forecast(logs, NO_PRIOR)} - {Identifiability.NOT}
+
+
 def test_logs_with_one_mass_ask_for_another_or_a_known_value_and_use_it(robot):
     bare = [log for log in robot.logs if not log.added_mass.mass]
     rows = forecast(bare, NO_PRIOR)

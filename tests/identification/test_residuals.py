@@ -18,6 +18,7 @@ from butterfly.identification.test_functions import ResidualTorque
 from butterfly.identification.trust import FindingKind
 from butterfly.model.terms import PARAMETERS
 from butterfly.plant.sensors import Encoder
+from butterfly.report.log_figures import residual_sentences
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, TONES, estimate_of, simulated
 
@@ -164,6 +165,21 @@ def test_a_run_that_fails_is_outside_and_hides_no_other(noisy):
     assert misfit.logs[0].autocorrelation is None
     assert len(misfit.logs) == 6
     assert misfit.logs[-1].autocorrelation is not None
+
+
+def test_a_log_near_the_upright_that_no_free_run_follows_does_not_judge_the_model(noisy):
+    data, estimate = noisy
+    first = data.logs[0]
+    over = 4.0 * np.clip(first.time - first.time[0] - 6.0, 0.0, 1.0)
+    astray = replace(first, name="astray", angle=first.angle + over)
+    residuals = residuals_of(DataSet.of([*data.logs, astray]), estimate)
+    alone = residuals_of(data, estimate)
+    assert [log.counted for log in residuals.logs] == [True] * len(data.logs) + [False]
+    assert residuals.logs[-1].error > 1.0
+    assert residuals.remaining == pytest.approx(alone.remaining, rel=0.1)
+    assert not residuals.beyond_sensors
+    (said,) = [line for line in residual_sentences(residuals) if "Not counted" in line]
+    assert said.endswith("astray.")
 
 
 def _true():

@@ -3,7 +3,15 @@
 import numpy as np
 import pytest
 
-from butterfly.logs.headers import cells_of, halves, nested_keys, opened, record_in, segments
+from butterfly.logs.headers import (
+    cells_of,
+    columns_of_drive,
+    halves,
+    nested_keys,
+    opened,
+    record_in,
+    segments,
+)
 
 BELOW = {"units": {"time": "s", "input": "mV"}}
 
@@ -45,3 +53,9 @@ def test_bytes_arrays_of_texts_and_json_are_opened_and_other_values_stay():
     assert opened(np.array(["mV"])) == "mV"
     assert opened("{mV}") == "{mV}"
     assert opened(0.5) == 0.5
+
+
+def test_the_columns_of_a_servos_drive_are_taken_where_one_name_fits():
+    names = ["time_s", "goal_rad", "supply_V", "torque_enabled", "load_raw"]
+    assert columns_of_drive(names) == {"supply": "supply_V", "enabled": "torque_enabled"}
+    assert columns_of_drive(["supply_V", "vin"]) == {}

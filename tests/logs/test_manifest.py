@@ -273,5 +273,5 @@ def test_a_loop_is_that_of_the_option_the_data_set_and_the_log(tmp_path):
     assert (second.kp.value, second.limit) == (5.0, 0.9)
     path.write_text(VALID.replace("torque", "setpoint\nloop: {law: odrive}"))
     told = read_manifest(path, given=checked_options({"loop": {"kp": "3"}}))
-    with pytest.raises(InputError, match=r"a\.mat: loop\.kd: got nothing; expected this gain"):
+    with pytest.raises(InputError, match=r"a\.mat: loop\.kd: got nothing; expected a gain"):
         told.properties(told.logs[0])

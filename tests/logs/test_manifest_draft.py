@@ -130,3 +130,19 @@ def test_of_what_no_name_says_the_draft_has_the_choices(tmp_path):
     )
     asked = open_questions(with_columns(draft(tmp_path, {})), (), named=False)
     assert "duty by the name of 'pwm' or voltage by the name of 'volts'" in asked["input"]
+
+
+def test_a_servos_draft_has_its_drives_columns_and_asks_for_the_gain_that_no_name_gives(tmp_path):
+    time = np.arange(60) / 100
+    table = np.column_stack([time, time, time, 7.3 + 0 * time, 1 + 0 * time])
+    header = "time_s,goal_rad,angle_rad,supply_V,torque_enabled"
+    for name in ("sine_kp400.csv", "step_kp800.csv"):
+        np.savetxt(tmp_path / name, table, delimiter=",", header=header, comments="")
+    loop = {"input": InputKind.SETPOINT, "loop": {"law": "dynamixel-xl330"}}
+    drafted = with_columns(draft(tmp_path, loop), loop)
+    assert [drafted.columns[name] for name in ("supply", "enabled")] == header.split(",")[3:]
+    assert [entry.loop for entry in drafted.logs] == [{"kp": 400.0}, {"kp": 800.0}]
+    assert "loop" not in open_questions(drafted, loop, named=False)
+    (tmp_path / "step_kp800.csv").rename(tmp_path / "step.csv")
+    asked = open_questions(with_columns(draft(tmp_path, loop), loop), loop, named=False)
+    assert "which kp had the loop" in asked["loop"]

@@ -57,7 +57,7 @@ from butterfly.identification.limits import Rival, cells_of
 from butterfly.identification.loss import Loss
 from butterfly.identification.problem import LOCAL, Key, Problem, ProblemOptions, Start
 from butterfly.identification.stagewise import candidates
-from butterfly.identification.trust import FEW, SHOWS, Finding, FindingKind
+from butterfly.identification.trust import SHOWS, Finding, FindingKind
 from butterfly.logs.log import Log, slow_interval
 from butterfly.model.parameters import AddedMass, require_periods, value_if_absent
 from butterfly.model.prior import NO_PRIOR, Prior, require_usable
@@ -147,9 +147,9 @@ class OutputError(Estimator):
         """
         asked = {*(self.terms or ()), *self.per_mass, *self.per_log}
         data.require_angles(*asked & {*OF_ANGLE, "zero"})
-        first, calm = first or starts(data, self.terms), data.take(data.counted)
-        few = len(calm.masses) <= 1 or len(calm.logs) <= FEW  # to stand for all
-        if few or len(calm.logs) == len(data.logs):
+        first = first or starts(data, self.terms)
+        calm = data.calm if len(data.counted) < len(data.logs) else data
+        if len(calm.logs) == len(data.logs):
             return self.fit_of(data.logs, first, data.known, offered)
         lost = {log.name for log in data.logs} - {log.name for log in calm.logs}
         left_out = Finding(FindingKind.UNPREDICTABLE, logs=tuple(sorted(lost)))
