@@ -20,6 +20,7 @@ from butterfly.arrays import Samples
 from butterfly.errors import InputError, listed, nearest
 from butterfly.identification.data import DataSet
 from butterfly.identification.trust import Finding, FindingKind
+from butterfly.logs.clock import NANOSECONDS
 from butterfly.logs.formats import DEFAULT_COLUMNS, read_log
 from butterfly.logs.headers import (
     columns_by_joint,
@@ -243,8 +244,8 @@ def _poses(manifest: Manifest, entries: Sequence[LogEntry]) -> list[dict[str, fl
 def neighbours(manifest: Manifest, entry: LogEntry) -> dict[str, Log]:
     """Return the motion of the other joints in a log that has columns of them, by joint."""
     columns = entry.columns or manifest.columns or DEFAULT_COLUMNS
-    rest: dict[str, str | int]
-    rest = {field: columns[field] for field in ("time", "input") if field in columns}
+    shared = ("time", NANOSECONDS, "input")
+    rest: dict[str, str | int] = {field: columns[field] for field in shared if field in columns}
     whole = manifest.model_copy(update={"loop": {}})
     logs = {}
     for name, column in (entry.neighbours or {}).items():

@@ -19,6 +19,11 @@ from butterfly.logs.units import ASSUMED, DATES, GIVEN, ColumnReading, Heading, 
 EXACT = 1 << 53
 """Integers below this are exact as floats; a larger clock counts from its first."""
 
+NANOSECONDS = "nanoseconds"
+"""The column beside one of whole seconds, as in ROS's stamps."""
+
+_SECOND = 10**9  # ns
+_LATEST = 2**63 // _SECOND - 1  # s that dates in ns hold
 _BY_SIZE = "from its size"
 _EPOCHS = ("s", "ms", "us", "ns")
 _YEARS = (631_152_000.0, 4_102_444_800.0)  # 1990 and 2100 in s since 1970
@@ -29,6 +34,39 @@ SHORTEST, LONGEST = 2e-5, 0.25
 
 _ENOUGH = 1000  # samples that show the step of a clock
 _AGREE = 0.01  # relative difference of a clock from the given interval
+
+
+def with_stamps(
+    source: object, columns: Mapping[str, Any], headings: Mapping[str, Heading]
+) -> tuple[Mapping[str, Any], Mapping[str, Heading]]:
+    """Return columns and headings whose time is dates, where it is whole seconds and nanoseconds.
+
+    They are added as integers. InputError if a number is no such part of a stamp.
+    """
+    if NANOSECONDS not in columns:
+        return columns, headings
+    names = [headings[field].name or field for field in ("time", NANOSECONDS)]
+    parts = []
+    for name, field, most in zip(names, ("time", NANOSECONDS), (_LATEST, _SECOND - 1), strict=True):
+        lowest, unit = (-most, "s") if field == "time" else (0, "ns")
+        expected = f"whole {unit} from {lowest} to {most}, beside the other part of the time"
+        try:
+            numbers = np.asarray(columns[field], dtype=np.float64)
+        except (TypeError, ValueError):
+            raise InputError(source, name, "values that are not numbers", expected) from None
+        known = np.isfinite(numbers)
+        wrong = known & ((numbers % 1 != 0) | (numbers < lowest) | (numbers > most))
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            raise InputError(source, name, f"{numbers[row]:.12g} at sample {row}", expected)
+        parts.append(np.where(known, numbers, np.nan))
+    there = np.isfinite(parts[0]) & np.isfinite(parts[1])
+    seconds, rest = (np.where(there, part, 0).astype(np.int64) for part in parts)
+    stamps = (seconds * _SECOND + rest).astype("datetime64[ns]")
+    stamps[~there] = np.datetime64("NaT")
+    others = {field: column for field, column in columns.items() if field != NANOSECONDS}
+    heads = {field: heading for field, heading in headings.items() if field != NANOSECONDS}
+    return {**others, "time": stamps}, {**heads, "time": Heading(name=" and ".join(names))}
 
 
 def with_clock(

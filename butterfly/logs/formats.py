@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from butterfly.arrays import Samples
 from butterfly.errors import InputError, nearest
 from butterfly.files import refuse_binary
+from butterfly.logs.clock import NANOSECONDS
 from butterfly.logs.log import MIN_SAMPLES, OF_SERVO, SAMPLED, InputKind, Intersample, Log
 from butterfly.logs.unit_hints import UnitHints
 from butterfly.logs.units import AS_IS, Units, without_ending, without_unit
@@ -227,6 +228,9 @@ def _module(path: Path) -> ModuleType:
 ColumnMap = Mapping[str, str | int]
 """Column of each field of `Log`, by name or by number from 0."""
 
+MAPPED = (*SAMPLED, NANOSECONDS, *OF_SERVO)
+"""What may be a column: the fields of a log, and the second part of its time."""
+
 DEFAULT_COLUMNS = {"time": "time", "input": "input", "angle": "angle"}
 """Column map used when none is given: columns named like the fields of `Log`."""
 
@@ -280,9 +284,10 @@ def checked_map(
     if not isinstance(columns, Mapping):
         raise InputError(source, "columns", columns, "a mapping such as {'time': 't', ...}")
     for field in columns:
-        if field not in {*SAMPLED, *OF_SERVO}:
-            expected = nearest(field, (*SAMPLED, *OF_SERVO))
-            raise InputError(source, f"columns.{field}", "an unknown field", expected)
+        if field not in MAPPED:
+            raise InputError(source, f"columns.{field}", "an unknown field", nearest(field, MAPPED))
+    if NANOSECONDS in columns and "time" not in columns:
+        raise InputError(source, "columns.time", "nothing", "the column of whole seconds")
     for field in unsaid(columns, about):
         expected = "; or ".join(["the name of a column", *_HINTS.get(field, ())])
         raise InputError(source, f"columns.{field}", "nothing", expected)

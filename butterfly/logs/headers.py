@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
+from butterfly.logs.clock import NANOSECONDS
 from butterfly.logs.log import InputKind
 from butterfly.logs.unit_words import counts_without_turn, plain_text, quantity_of
 from butterfly.logs.units import UNITS, units_spelt
@@ -163,6 +164,9 @@ class Meaning:
 
 _NOTHING = Meaning(field="")
 
+_SECONDS = {"sec", "secs", "second", "seconds"}
+_NANOSECONDS = {"nsec", "nsecs", "nanosec", "nanosecs", "nanosecond", "nanoseconds"}
+
 
 def meaning_of(name: str) -> Meaning:
     """Return what the name of a column says by a usual word, or else by a unit."""
@@ -205,7 +209,8 @@ def columns_meant(
 ) -> dict[str, str]:
     """Return the columns of time, input and angle, by field, where exactly one name fits.
 
-    An input of the given ``kind``, if there is one; and rather one that is called a command.
+    An input of the given ``kind``, if there is one; and rather one that is called a command. Time
+    may be two columns, whole seconds and nanoseconds.
     ``texts``: what is to be read of a name in place of it.
     """
     meant = {name: meaning_of(texts.get(name, name)) for name in names}
@@ -213,7 +218,22 @@ def columns_meant(
     inputs = [n for n in candidates["input"] if kind is None or meant[n].kind in {kind, None}]
     inputs = [n for n in inputs if kind and meant[n].kind is kind] or inputs
     candidates["input"] = [n for n in inputs if meant[n].commanded] or inputs
-    return {field: columns[0] for field, columns in candidates.items() if len(columns) == 1}
+    columns = {field: names[0] for field, names in candidates.items() if len(names) == 1}
+    return _stamp_of(candidates["time"]) | columns
+
+
+def _stamp_of(names: Sequence[str]) -> dict[str, str]:
+    """Return the columns of a time in two, whole seconds and nanoseconds, if that is what they are.
+
+    Their names differ in the last word: ``stamp.sec``, ``stamp.nanosec``.
+    """
+    parts = {name: [part.lower() for part in parts_of(name)] for name in names}
+    whole = [name for name in names if {*parts[name][-1:]} & _SECONDS]
+    rest = [name for name in names if {*parts[name][-1:]} & _NANOSECONDS]
+    if len(names) != len(whole + rest) or (len(whole), len(rest)) != (1, 1):
+        return {}
+    same = parts[whole[0]][:-1] == parts[rest[0]][:-1]
+    return {"time": whole[0], NANOSECONDS: rest[0]} if same else {}
 
 
 _OF_DRIVE = {
@@ -262,5 +282,5 @@ def columns_of_joint(
     meant = columns_meant(mine, kind, of_joint[joint])
     general = {field: name for field, name in meant.items() if name not in of_joint[joint]}
     driven = columns_meant(of_joint[joint], kind, of_joint[joint])
-    time = {field: name for field, name in general.items() if field == "time"}
+    time = {field: name for field, name in general.items() if field in {"time", NANOSECONDS}}
     return time | driven

@@ -21,6 +21,7 @@ from butterfly.logs.clock import (
     clock_reading,
     interval_reading,
     with_clock,
+    with_stamps,
 )
 from butterfly.logs.initial_state import InitialState, initial_state_of
 from butterfly.logs.units import AS_IS, ColumnReading, Heading, Units, apportioned, read_unit
@@ -293,6 +294,7 @@ class Log:
         A column ``unasked`` for is ignored if its unit is unknown. ``interval`` in s is a clock.
         """
         interval = properties.pop("interval", None)
+        columns, headings = with_stamps(properties.get("source", ""), columns, headings)
         columns, headings, start = with_clock(columns, headings, interval)
         log = cls(**columns, **properties)
         layout, readings = list(log.reading.layout), {}

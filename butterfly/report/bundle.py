@@ -24,8 +24,9 @@ from butterfly.files import finite, json_text, write_file
 from butterfly.identification.trust import KINDS, Ending, Trust
 from butterfly.logs.anonymous import anonymous_log, anonymous_manifest, format_of, manifest_facts
 from butterfly.logs.csv import csv_text
+from butterfly.logs.formats import MAPPED
 from butterfly.logs.health import examine
-from butterfly.logs.log import OF_SERVO, SAMPLED, InputKind, Log
+from butterfly.logs.log import InputKind, Log
 from butterfly.logs.manifest import LogEntry, Manifest, manifest_text
 from butterfly.logs.reading import read_pieces
 from butterfly.model.parameters import JointKind
@@ -43,7 +44,7 @@ _PACKAGE = Path(__file__).parents[1]
 _DISTRIBUTION = "butterfly-testbed"
 _NAME_OF_REQUIREMENT = re.compile(r"[\w.-]+")
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # of all files: when a bundle was made is nobody's business
-_FIELDS = {*SAMPLED, *OF_SERVO, *Manifest.model_fields, *LogEntry.model_fields}
+_FIELDS = {*MAPPED, *Manifest.model_fields, *LogEntry.model_fields}
 _FIELDS |= {"content", "file name", "path", "schema", "schema_number", "digest"}
 _OF_ROW = ("name", "log", "columns", "topics", "unclear", "regimes", "contradiction")
 OF_RESULT = (

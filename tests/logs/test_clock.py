@@ -10,6 +10,7 @@ import yaml
 from scipy.io import savemat
 
 import butterfly as bf
+from butterfly.errors import InputError
 from butterfly.logs.formats import log_of_table, read_log
 from butterfly.logs.health import examine
 from butterfly.logs.units import Units
@@ -185,3 +186,56 @@ def test_each_log_of_a_manifest_has_columns_units_interval_and_place_of_its_own(
     path.write_text(path.read_text().replace("rollouts.1", "rollouts.2"))
     with pytest.raises(bf.InputError, match=r"at: got rollouts\.2; expected one of '0', '1'"):
         bf.read(path)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_whole_seconds_and_nanoseconds_in_two_columns_are_a_time_of_all_their_digits(
+    tmp_path, form
+):
+    seconds, rest = np.divmod(NANOS, 10**9)
+    parts = {"sec": seconds, "nanosec": rest}
+    columns = {"time": "sec", "nanoseconds": "nanosec"}
+    columns |= {name: name for name in SIGNALS}
+    frame, path = pd.DataFrame({**parts, **SIGNALS}), tmp_path / form
+    match form.rpartition(".")[2]:
+        case "frame":
+            log = log_of_table(frame, columns)
+        case "json" | "jsonl":
+            path.write_text(frame.to_json(double_precision=15, **JSON[form]))
+        case "parquet":
+            frame.to_parquet(path)
+        case "mat":
+            savemat(path, {name: np.asarray(column) for name, column in frame.items()})
+        case _:
+            mark = {"log.csv": ",", "log.tsv": "\t"}.get(form, ";")
+            frame.to_csv(path, index=False, sep=mark, decimal="," if mark == ";" else ".")
+    log = log if form == "frame" else read_log(path, columns)
+    np.testing.assert_allclose(log.time, TIME, rtol=0, atol=1e-12)
+    assert log.reading.columns["time"].text == '"sec and nanosec", ns'
+
+
+@pytest.mark.parametrize(
+    ("seconds", "rest", "message"),
+    [
+        (1.5, 0, "sec: got 1.5 at sample 3; expected whole s"),
+        (1, 10**9, "nanosec: got 1000000000 at sample 3; expected whole ns from 0 to 999999999"),
+        (1, -1, "nanosec: got -1 at sample 3"),
+        (10**10, 0, "sec: got 10000000000 at sample 3"),
+    ],
+)
+def test_what_is_no_part_of_a_stamp_is_refused_with_its_sample(seconds, rest, message):
+    parts = {"sec": np.ones(60), "nanosec": 1e6 * np.arange(60)}
+    parts["sec"][3], parts["nanosec"][3] = seconds, rest
+    columns = {"time": "sec", "nanoseconds": "nanosec", "input": "input", "angle": "angle"}
+    with pytest.raises(InputError, match=message):
+        log_of_table(pd.DataFrame({**parts, **SIGNALS}), columns)
+    with pytest.raises(InputError, match=r"columns.time: got nothing; expected the column"):
+        log_of_table({**parts, **SIGNALS}, {n: columns[n] for n in columns if n != "time"})
+
+
+def test_a_row_that_lacks_a_part_of_its_stamp_has_no_time():
+    seconds, rest = map(np.float64, np.divmod(NANOS, 10**9))
+    rest[5] = np.nan
+    columns = {"time": "sec", "nanoseconds": "nanosec", "input": "input", "angle": "angle"}
+    log = log_of_table({"sec": seconds, "nanosec": rest, **SIGNALS}, columns)
+    assert np.flatnonzero(np.isnan(log.time)).tolist() == [5]

@@ -5,7 +5,9 @@ import pytest
 
 from butterfly.logs.headers import (
     cells_of,
+    columns_meant,
     columns_of_drive,
+    columns_of_joint,
     halves,
     nested_keys,
     opened,
@@ -13,6 +15,7 @@ from butterfly.logs.headers import (
     segments,
 )
 
+WITHOUT_TIME = {"input": "effort", "angle": "position"}
 BELOW = {"units": {"time": "s", "input": "mV"}}
 
 
@@ -59,3 +62,27 @@ def test_the_columns_of_a_servos_drive_are_taken_where_one_name_fits():
     names = ["time_s", "goal_rad", "supply_V", "torque_enabled", "load_raw"]
     assert columns_of_drive(names) == {"supply": "supply_V", "enabled": "torque_enabled"}
     assert columns_of_drive(["supply_V", "vin"]) == {}
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("stamp.sec", "stamp.nanosec"),
+        ("secs", "nsecs"),
+        ("sec", "nanosec"),
+        ("header.stamp.sec", "header.stamp.nanosec"),
+        ("Time_Seconds", "Time_Nanoseconds"),
+    ],
+)
+def test_two_columns_that_are_together_the_time_are_both_taken(names):
+    meant = columns_meant([*names, "effort", "position"])
+    assert meant == {"time": names[0], "nanoseconds": names[1]} | WITHOUT_TIME
+    of_joint = columns_of_joint([*names, "hip.effort", "hip.position"], "hip", ["hip"])
+    assert (of_joint["time"], of_joint["nanoseconds"]) == names
+
+
+@pytest.mark.parametrize(
+    "names", [("time_s", "time_ns"), ("sent.sec", "received.nanosec"), ("t", "sec", "nanosec")]
+)
+def test_columns_that_may_be_several_times_are_left_to_be_chosen(names):
+    assert columns_meant([*names, "effort", "position"]) == WITHOUT_TIME
