@@ -285,7 +285,9 @@ class Answer:
         write_document(self.to_dict(), Path(path), sign=True)
 
     @checked
-    def report(self, path: str | PathLike[str], *, figures: bool = False) -> None:
+    def report(
+        self, path: str | PathLike[str], *, figures: bool = False, numbers: bool = True
+    ) -> None:
         """Write an offline page, with its numbers as JSON beside it.
 
         Parameters
@@ -294,10 +296,12 @@ class Answer:
             The file.
         figures
             Also write the figures as PNG and SVG.
+        numbers
+            Write the JSON; not needed if the answer is saved.
         """
         from butterfly.report.page import write_page  # noqa: PLC0415 - a view
 
-        write_page(self.page(), Path(path), figures=figures)
+        write_page(self.page(), Path(path), figures=figures, numbers=numbers)
 
     def page(self) -> Page:
         """Return the page of `report`."""

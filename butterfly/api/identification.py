@@ -316,11 +316,13 @@ class Identification(Identified, Answer):
         return cell_html(screen, self.first_lines, figure)
 
     @checked
-    def report(self, path: str | PathLike[str], *, figures: bool = False) -> None:
+    def report(
+        self, path: str | PathLike[str], *, figures: bool = False, numbers: bool = True
+    ) -> None:
         """Write the page, as `Answer.report` does; its figures need the logs."""
         if figures:
             _ = self.data  # raises where there is nothing to draw
-        super().report(path, figures=figures)
+        super().report(path, figures=figures, numbers=numbers)
 
     def page(self) -> Page:
         """Return the page of `report`: without the logs, its first screen and tables."""

@@ -37,7 +37,7 @@ class Report:
     Parameters
     ----------
     report
-        Write an HTML report, its numbers beside it (.json).
+        Write an HTML report, its numbers beside it (.json) unless they are saved under that name.
     figures
         Write the report's figures as PNG and SVG too.
     """

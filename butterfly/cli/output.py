@@ -160,7 +160,9 @@ def show(
         _print(result, rows, after)
     finally:
         if report is not None:
-            result.report(report, figures=figures)
+            taken = [file.resolve() for file in (save, asked.json) if file is not None]
+            beside = report.with_suffix(REPORT.companion).resolve() not in taken
+            result.report(report, figures=figures, numbers=beside)
         if save is not None:
             result.save(save)
         if asked.json is not None:
@@ -386,10 +388,12 @@ def check(
         else:
             outputs.note_input(Path(value))
     named = {option: path for option, (path, written) in files.items() if written.endings}
+    answers = {path.resolve() for path, written in files.values() if ".json" in written.endings}
     for option, (path, written) in files.items():
         _require_kind(path, written, option)
-        if written.companion:
-            named[f"the numbers beside {option}"] = path.with_suffix(written.companion)
+        numbers = path.with_suffix(written.companion) if written.companion else None
+        if numbers is not None and numbers.resolve() not in answers:  # which hold them too
+            named[f"the numbers beside {option}"] = numbers
     taken: dict[Path, str] = {}
     for option, path in named.items():
         if taken.setdefault(path.resolve(), option) != option:

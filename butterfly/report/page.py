@@ -385,8 +385,8 @@ def rendered(page: Page) -> str:
     )
 
 
-def write_page(page: Page, path: Path, *, figures: bool = False) -> None:
-    """Write a report as HTML, and beside it its numbers as JSON, and its ``figures`` if wanted."""
+def write_page(page: Page, path: Path, *, figures: bool = False, numbers: bool = True) -> None:
+    """Write a report as HTML; beside it, if wanted, its ``figures`` and its ``numbers`` (JSON)."""
     mark = mark_of(path, page.kind)
     require_endings(path, (".html",))
     require_free(path, mark)
@@ -395,7 +395,8 @@ def write_page(page: Page, path: Path, *, figures: bool = False) -> None:
 
         pictures = {name: draw() for name, draw in page.pictures.items()}
         write_pictures({**page.figures, **pictures}, path.with_name(f"{path.stem}-figures"))
-    write_document(page.numbers, path.with_suffix(".json"))
+    if numbers:
+        write_document(page.numbers, path.with_suffix(".json"))
     write_file(path, rendered(page), mark)
 
 

@@ -148,11 +148,21 @@ def test_an_input_is_known_by_any_of_its_names(butterfly, folder):
         assert _contents(folder) == before
 
 
-@pytest.mark.parametrize("report", ["x.html", "folder.d/../x.html"])
-def test_two_outputs_have_two_paths(butterfly, folder, report):
-    said = butterfly("identify", "logs", "--report", report, "--save", "x.json")
+@pytest.mark.parametrize("document", ["x.json", "folder.d/../x.json"])
+def test_two_outputs_have_two_paths(butterfly, folder, document):
+    said = butterfly("identify", "logs", "--json", document, "--save", "x.json")
     assert_one_line_error(said, "--save", "the file of")
     assert not (folder / "x.json").exists()
+
+
+@pytest.mark.parametrize("report", ["x.html", "folder.d/../x.html"])
+def test_a_page_and_the_saved_result_or_the_json_may_have_one_name(butterfly, folder, report):
+    assert butterfly("identify", "result.json", "--report", report, "--save", "x.json")[0] != 2
+    assert bf.load("x.json").kind == "identification"
+    assert butterfly("inspect", "logs/run0.csv", "--report", "y.html", "--json", "y.json")[0] == 0
+    assert json.loads((folder / "y.json").read_text())["schema"] == "butterfly.inspection"
+    assert (folder / "x.html").exists()
+    assert (folder / "y.html").exists()
 
 
 def test_what_butterfly_wrote_as_the_same_kind_is_replaced(butterfly, folder):
