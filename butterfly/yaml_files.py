@@ -100,7 +100,7 @@ def refusal(
     documents: Sequence[Document] = (),
     schema: type[object] | None = None,
 ) -> InputError:
-    """Return what pydantic refuses first, an unknown key before all else.
+    """Return what pydantic refuses first, an unknown key before all else; all keys that miss.
 
     Parameters
     ----------
@@ -128,7 +128,11 @@ def refusal(
         expected = nearest(location[-1], names) if names else "no such key"
         return InputError(where, field, "an unknown key", expected + suffix)
     if missing:
-        return InputError(where, field, "nothing", f"a value (this key is required){suffix}")
+        absent = [slip["loc"] for slip in slips if slip["type"] == "missing"]
+        alike = [way for way in absent if way[:-1] == first["loc"][:-1]]
+        all_of = [_field(content, [*map(str, way)], lacking=True) for way in alike]
+        required = "this key is required" if len(all_of) == 1 else "these keys are required"
+        return InputError(where, ", ".join(all_of), "nothing", f"a value ({required}){suffix}")
     if isinstance(cause, InputError):
         named = cause.field
         if not location:  # of the whole file, by a rule that names the field

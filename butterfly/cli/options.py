@@ -1,15 +1,16 @@
 """Options that several commands take, and values as NAME=VALUE by commas."""
 
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
-from cyclopts import Group, Parameter
+from cyclopts import Group, Parameter, Token
 
 from butterfly.cli.command_texts import FACTS
 from butterfly.cli.output import FOLDER, REPORT
-from butterfly.errors import InputError
+from butterfly.errors import InputError, nearest
 
 if TYPE_CHECKING:
     from butterfly.identification.estimators import Estimator
@@ -75,6 +76,18 @@ _FROM = _fact("begin", name="--from", metavar="s", allow_leading_hyphen=True, **
 _TO = _fact("end", name="--to", metavar="s", allow_leading_hyphen=True, **_DETAIL)
 _Kind = Literal["voltage", "torque", "current", "duty", "setpoint", "none"]
 _Fault = Literal["duplicate", "backward", "non_finite", "unwrap"]
+
+
+def _faults(_: object, tokens: Sequence[Token]) -> tuple[str, ...]:
+    """Read names of faults, separated by commas."""
+    names = parse_names(",".join(token.value for token in tokens))
+    for name in names:
+        if name not in get_args(_Fault):
+            raise ValueError(f"got {name}; expected {nearest(name, get_args(_Fault))}")
+    return names
+
+
+_REPAIR = _fact("repair", "Repeatable, or with commas.", converter=_faults, **_DETAIL)
 _JOINT = _fact("joint", "Default: hinge.", **_DETAIL)
 
 
@@ -96,7 +109,7 @@ class Facts:
     zero: Annotated[str | None, _ZERO] = None
     root: Annotated[Path | None, _ROOT] = None
     intersample: Annotated[Literal["zero_order_hold", "first_order_hold"] | None, _HOLD] = None
-    repair: Annotated[tuple[_Fault, ...], _fact("repair", "Repeatable.", **_DETAIL)] = ()
+    repair: Annotated[tuple[_Fault, ...], _REPAIR] = ()
     joint: Annotated[Literal["hinge", "slide"] | None, _JOINT] = None
     gravity: Annotated[float | None, _GRAVITY] = None
     interval: Annotated[float | None, _fact("interval", metavar="s", **_DETAIL)] = None

@@ -288,9 +288,11 @@ def checked_map(
             raise InputError(source, f"columns.{field}", "an unknown field", nearest(field, MAPPED))
     if NANOSECONDS in columns and "time" not in columns:
         raise InputError(source, "columns.time", "nothing", "the column of whole seconds")
-    for field in unsaid(columns, about):
-        expected = "; or ".join(["the name of a column", *_HINTS.get(field, ())])
-        raise InputError(source, f"columns.{field}", "nothing", expected)
+    if lacking := unsaid(columns, about):
+        hints = (hint for field in lacking for hint in _HINTS.get(field, ()))
+        expected = "; or ".join(["the name of a column" + " for each" * (len(lacking) > 1), *hints])
+        fields = ", ".join(f"columns.{field}" for field in lacking)
+        raise InputError(source, fields, "nothing", expected)
     return dict(columns)
 
 

@@ -56,9 +56,18 @@ def _checked(check: Callable[[Any], object]) -> BeforeValidator:
     return BeforeValidator(lambda values: (check(values), values)[1])
 
 
-def _read_loop(values: Any) -> None:  # noqa: ANN401 - whatever was given
-    if isinstance(values, Mapping) and "law" in values:
+def _read_loop(values: Any) -> Any:  # noqa: ANN401 - whatever was given
+    """Return the facts about a loop, checked, their numbers as numbers."""
+    if not isinstance(values, Mapping):
+        return values
+    if "law" in values:
         ServoLoop.of(values, whole=False)
+    return {
+        name: plain(known_of(value, "loop", name))
+        if isinstance(value, str) and name != "law"
+        else value
+        for name, value in values.items()
+    }
 
 
 def _read_values(given: Any) -> Any:  # noqa: ANN401 - whatever was given
@@ -68,7 +77,7 @@ def _read_values(given: Any) -> Any:  # noqa: ANN401 - whatever was given
     return values
 
 
-LoopFacts = Annotated[dict[str, Any], _checked(_read_loop)]
+LoopFacts = Annotated[dict[str, Any], BeforeValidator(_read_loop)]
 """Facts about a servo loop."""
 
 _Known = Annotated[Known, BeforeValidator(_read_known), PlainSerializer(plain)]
@@ -454,11 +463,12 @@ def require_columns(path: Path, manifest: Manifest) -> None:
             "interval": entry.interval or manifest.interval,
             "input_kind": entry.input or manifest.input,
         }
-        for field in () if columns is None else unsaid(columns, about):
+        if lacking := [] if columns is None else unsaid(columns, about):
             names = columns_of_entry(manifest, entry)
             which = f"one of the columns of {entry.file}, by name or by number from 0"
             expected = f"{which}: {', '.join(map(repr, names))}" if names else which
-            raise InputError(path, f"columns.{field}", "nothing", expected)
+            fields = ", ".join(f"columns.{field}" for field in lacking)
+            raise InputError(path, fields, "nothing", expected)
 
 
 def columns_of_entry(manifest: Manifest, entry: LogEntry) -> list[str]:

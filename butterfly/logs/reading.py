@@ -181,6 +181,8 @@ _GAIN = re.compile(r"(k[pid])(\d+(?:\.\d+)?)")  # another
 _QUESTIONS = {
     "input": "what does the input command: voltage, torque, current, duty, or the setpoint of a "
     "servo (which needs its loop)?",
+    "known": "is the input the torque at the joint, in N m? Then p4 is 1, and no added mass is "
+    "needed: {p4: 1.0}, or {p4: 1+-0.03} if the drive's gain is known to 3 %.",
     "loop": "which law does the servo have, with which gains, as {law: dynamixel-x, kp: 400}?",
     "columns": "which column holds the {}, by name or number from 0? ",
     "logs": "which mass was added in each log (added_mass in kg, arm in m)?",
@@ -356,6 +358,7 @@ def open_questions(manifest: Manifest, given: Collection[str], *, named: bool) -
     if manifest.model is not None:  # whose links weigh what is known of them
         of_joints = all(entry.of or manifest.of for entry in manifest.logs)
         questions["logs"] = "" if of_joints else _WHICH_JOINT
+    settled |= _settled_of_scale(manifest)
     about = {"interval": manifest.interval, "input_kind": manifest.input}
     called = [str((manifest.columns or {}).get("input", ""))]
     if manifest.model is not None and (joint := manifest.logs[0].of):
@@ -384,6 +387,13 @@ def open_questions(manifest: Manifest, given: Collection[str], *, named: bool) -
         questions["loop"] = _WHICH_GAIN.format(gain)
         settled = settled - {"loop"} if gain else settled | {"loop"}
     return {key: text for key, text in questions.items() if text and key not in settled}
+
+
+def _settled_of_scale(manifest: Manifest) -> set[str]:
+    """Return which of p4 and masses need not be asked for: a known p4 fixes the scale."""
+    scaled = {"logs"} if "p4" in manifest.known and manifest.model is None else set()
+    asks = manifest.model is None and manifest.input is InputKind.TORQUE
+    return scaled if asks else {"known", *scaled}
 
 
 def _lacking_gain(manifest: Manifest) -> str:
@@ -415,9 +425,10 @@ def draft_text(manifest: Manifest, questions: Mapping[str, str]) -> str:
     places = ", ".join(f"{name}: ({unit})" for name, unit in units.items())
     places = "of: (joint)" if manifest.model is not None else places
     lines = manifest_text(manifest).splitlines(keepends=True)
-    if "loop" in questions and not manifest.loop:  # which is not written if empty
-        after = next(k for k, line in enumerate(lines, 1) if line.startswith("input:"))
-        lines.insert(after, "loop: {}\n")
+    for key in ("loop", "known"):  # which are not written if empty
+        if key in questions and not getattr(manifest, key):
+            after = next(k for k, line in enumerate(lines, 1) if line.startswith("input:"))
+            lines.insert(after, f"{key}: {{}}\n")
     if "units" in questions and not manifest.units:  # as a comment where it would stand
         both = filter(None, (questions.get("input"), questions["units"]))
         questions = {**questions, "input": " ".join(both)}

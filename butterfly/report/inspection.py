@@ -182,12 +182,15 @@ def conditions_text(conditions: Sequence[Level]) -> str:
 
 def hints(seen: Iterable[Inspected]) -> list[str]:
     """Return what to do about the remarks on logs, each hint once, after the logs' names."""
+    seen = [*seen]
     names: dict[str, list[str]] = {}
     for inspected in seen:
         for remark in inspected.remarks:
             if remark.hint and inspected.name not in names.setdefault(remark.hint, []):
                 names[remark.hint].append(inspected.name)
-    return [f"{listed(logs, 3)}: {hint}" for hint, logs in names.items()]
+    every = f"All {len(seen)} logs" if len(seen) > 1 else ""
+    whose = {hint: len(logs) == len(seen) and every for hint, logs in names.items()}
+    return [f"{whose[hint] or listed(logs, 3)}: {hint}" for hint, logs in names.items()]
 
 
 def taken_sentences(seen: Iterable[Inspected]) -> list[str]:
@@ -208,9 +211,10 @@ def in_all(texts: Sequence[Sequence[str]]) -> list[str]:
 
 
 def shared_sentences(seen: Sequence[Inspected], shared: Sequence[str]) -> list[str]:
-    """Say what is ``shared`` by several logs, but for what `taken_sentences` says."""
-    assumed = {r.text for inspected in seen for r in inspected.remarks if r.condition is Level.GOOD}
-    return [f"All {len(seen)} logs: {text}." for text in shared if text not in assumed]
+    """Say what is ``shared`` by several logs, but for what `taken_sentences` and `hints` say."""
+    remarks = [remark for inspected in seen for remark in inspected.remarks]
+    others = {r.text for r in remarks if r.condition is Level.GOOD or r.hint.startswith(r.text)}
+    return [f"All {len(seen)} logs: {text}." for text in shared if text not in others]
 
 
 def _inspected(manifest: Manifest, entry: LogEntry) -> Inspected:
@@ -218,8 +222,8 @@ def _inspected(manifest: Manifest, entry: LogEntry) -> Inspected:
         ((_, recorded),) = read_pieces(manifest, entry)
         log, health = examine(recorded, manifest.repair)
     except InputError as error:
-        why = f"{error.field}: {error.value}"
-        hint = f"{error.field}: expected {error.expected}"
+        why = f"{error.field}: got {error.value}"
+        hint = f"{why}; expected {error.expected}"
         return Inspected(name=piece_name(entry), remarks=(Remark(Level.WARNING, why, hint),))
     remarks = sorted(
         [*_unlike(log), *health.remarks], key=lambda remark: remark.condition is not Level.CARE

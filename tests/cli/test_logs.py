@@ -158,7 +158,8 @@ def test_what_was_said_is_not_asked_again(butterfly, loose):
     _, out, _ = butterfly("manifest", loose, *COLUMNS, *said)
     assert "voltage" not in out
     text = (loose / "manifest.yaml").read_text(encoding="utf-8")
-    assert text.count("# To settle: ") == 1
+    asked = re.findall(r"^# To settle: .*\n(\w+):", text, re.MULTILINE)
+    assert asked == ["known", "logs"]  # p4, which makes masses needless, comes first
     assert "input: torque\n" in text
 
 
@@ -283,7 +284,12 @@ def test_a_hint_names_the_logs_that_it_is_for(butterfly, quick_data, tmp_path):
         cut = np.where(log.time > 3, np.nan, log.angle)
         write_csv(replace(log, angle=cut), tmp_path / f"{name}.csv")
     _, out, _ = butterfly("inspect", tmp_path, "--known", "p4=1", "--input", "torque")
-    assert "\na.csv, b.csv: angle: expected finite numbers" in out
+    assert "\nAll 2 logs: angle: got nan at sample " in out
+    assert out.count("angle: got nan") == 1
+    assert "; expected finite numbers" in out
+    write_csv(bf.read(quick_data).logs[0], tmp_path / "c.csv")
+    _, out, _ = butterfly("inspect", tmp_path, "--known", "p4=1", "--input", "torque")
+    assert "\na.csv, b.csv: angle: got nan at sample " in out
 
 
 def test_what_cannot_be_identified_has_no_twin(butterfly, quick_data, tmp_path):

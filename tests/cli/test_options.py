@@ -1,6 +1,8 @@
 """Values of options: lists and pairs by commas, and options as words of a further command."""
 
+import numpy as np
 import pytest
+import yaml
 
 from butterfly.cli.options import (
     DataOptions,
@@ -10,6 +12,7 @@ from butterfly.cli.options import (
     parse_positions,
 )
 from butterfly.errors import InputError
+from tests.cli.one_line import assert_one_line_error, done
 
 SAID = DataOptions(
     units="time=ms, angle = -deg", arm=0.1, repair=("unwrap", "backward"), restarts=True, begin=2.5
@@ -58,3 +61,15 @@ def test_positions_are_numbers_by_the_names_of_joints():
     assert parse_positions("wrist=0.5, grip=-1") == {"wrist": 0.5, "grip": -1.0}
     with pytest.raises(InputError, match="wrist: got half; expected a number"):
         parse_positions("wrist=half")
+
+
+def test_faults_to_repair_are_given_with_commas_or_one_by_one(butterfly, tmp_path):
+    table = np.column_stack([np.arange(60) / 100] * 3)
+    header = "time,input,angle"
+    np.savetxt(tmp_path / "a.csv", table, delimiter=",", header=header, comments="")
+    for words in (("--repair", "unwrap,backward"), ("--repair", "unwrap", "--repair", "backward")):
+        done(butterfly("manifest", tmp_path, *words, "--overwrite"))
+        written = yaml.safe_load((tmp_path / "manifest.yaml").read_text())
+        assert written["repair"] == ["backward", "duplicate", "unwrap"]
+    said = butterfly("manifest", tmp_path, "--repair", "unwrap,upwrap")
+    assert_one_line_error(said, "--repair", "upwrap", "'unwrap'")

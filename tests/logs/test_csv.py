@@ -43,6 +43,7 @@ T_U = {"time": "t", "input": "u"}
         (["times,u,q", *texts()], "time: got no such column; expected 'times'", None),
         ([HEAD, *texts(), "1,oops,2"], "input: got 'oops' in line 26", None),
         (["t,u,q", *texts()], "columns.angle: got nothing", T_U),
+        (["t,u,q", *texts()], "columns.input, columns.angle: got nothing", {"time": "t"}),
         (["t,u,q", *texts()], "columns.speed: got an unknown", T_U | {"angle": "q", "speed": "x"}),
         (texts(), "got number 7; expected a number from 0 to 2", FIRST_THREE | {"angle": 7}),
     ],

@@ -173,6 +173,7 @@ logs:
             "input: got 'force'; expected 'voltage', 'torque', 'current', 'duty', 'setpoint'",
         ),
         ("input: torque\n", "", "input: got nothing"),
+        ("name: a\ninput: torque\n", "", "name, input: got nothing; expected a value (these keys"),
         ("name: a", "name: [a", "line 2: got expected"),
         ("arm: 0.1", "arm: 0.1\nunits: {angle: dge}", "units.angle: got dge; expected one of rad"),
         ("arm: 0.1", "arm: .nan", "arm: got nan; expected a finite number"),
@@ -275,3 +276,15 @@ def test_a_loop_is_that_of_the_option_the_data_set_and_the_log(tmp_path):
     told = read_manifest(path, given=checked_options({"loop": {"kp": "3"}}))
     with pytest.raises(InputError, match=r"a\.mat: loop\.kd: got nothing; expected a gain"):
         told.properties(told.logs[0])
+
+
+def test_numbers_of_a_loop_that_an_option_gives_are_written_as_numbers():
+    loop = {"law": "dynamixel-x", "kp": "400+-40", "supply": "7.4"}
+    given = checked_options({"loop": loop})["loop"]
+    assert given == {
+        "law": "dynamixel-x",
+        "kp": {"value": 400.0, "uncertainty": 40.0},
+        "supply": 7.4,
+    }
+    with pytest.raises(InputError, match=r"supply: got full; expected a number"):
+        checked_options({"loop": {"supply": "full"}})

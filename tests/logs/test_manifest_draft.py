@@ -10,7 +10,13 @@ import butterfly as bf
 from butterfly.errors import InputError
 from butterfly.logs.log import InputKind, Intersample
 from butterfly.logs.manifest import checked_options, write_manifest
-from butterfly.logs.reading import draft, has_thesis_names, open_questions, with_columns
+from butterfly.logs.reading import (
+    draft,
+    draft_text,
+    has_thesis_names,
+    open_questions,
+    with_columns,
+)
 from tests.logs.columns import GOAL
 from tests.logs.test_formats import write_log
 
@@ -146,3 +152,19 @@ def test_a_servos_draft_has_its_drives_columns_and_asks_for_the_gain_that_no_nam
     (tmp_path / "step_kp800.csv").rename(tmp_path / "step.csv")
     asked = open_questions(with_columns(draft(tmp_path, loop), loop), loop, named=False)
     assert "which kp had the loop" in asked["loop"]
+
+
+def test_a_draft_of_a_torque_drive_asks_for_p4_before_it_asks_for_masses(tmp_path, sine_log):
+    write_log(sine_log, tmp_path / "a.csv")
+    torque = {"input": InputKind.TORQUE}
+    drafted = with_columns(draft(tmp_path, torque), torque)
+    asked = open_questions(drafted, torque, named=False)
+    assert [*asked].index("known") < [*asked].index("logs")
+    assert "Then p4 is 1 and no added mass is needed: {p4: 1.0}" in asked["known"]
+    text = draft_text(drafted, asked)
+    assert f"# To settle: {asked['known']}\nknown: {{}}\n" in text
+    known = checked_options(torque | {"known": {"p4": "1"}})
+    asked = open_questions(with_columns(draft(tmp_path, known), known), known, named=False)
+    assert not {"known", "logs"} & asked.keys()
+    voltage = {"input": InputKind.VOLTAGE}
+    assert "known" not in open_questions(draft(tmp_path, voltage), voltage, named=False)
