@@ -38,7 +38,7 @@ class Report:
     Parameters
     ----------
     report
-        Write an HTML report, its numbers beside it (.json) unless they are saved under that name.
+        Write an HTML report, its numbers beside it (.json).
     figures
         Write the report's figures as PNG and SVG too.
     """

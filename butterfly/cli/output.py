@@ -161,8 +161,8 @@ def show(
     finally:
         if report is not None:
             taken = [file.resolve() for file in (save, asked.json) if file is not None]
-            beside = report.with_suffix(REPORT.companion).resolve() not in taken
-            result.report(report, figures=figures, numbers=beside)
+            numbers = report.with_suffix(REPORT.companion).resolve() not in taken
+            result.report(report, figures=figures, numbers=numbers)
         if save is not None:
             result.save(save)
         if asked.json is not None:

@@ -160,7 +160,7 @@ def test_a_draft_of_a_torque_drive_asks_for_p4_before_it_asks_for_masses(tmp_pat
     drafted = with_columns(draft(tmp_path, torque), torque)
     asked = open_questions(drafted, torque, named=False)
     assert [*asked].index("known") < [*asked].index("logs")
-    assert "Then p4 is 1 and no added mass is needed: {p4: 1.0}" in asked["known"]
+    assert "Then p4 is 1, and no added mass is needed: {p4: 1.0}" in asked["known"]
     text = draft_text(drafted, asked)
     assert f"# To settle: {asked['known']}\nknown: {{}}\n" in text
     known = checked_options(torque | {"known": {"p4": "1"}})
