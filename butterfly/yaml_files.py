@@ -129,10 +129,11 @@ def refusal(
         return InputError(where, field, "an unknown key", expected + suffix)
     if missing:
         absent = [slip["loc"] for slip in slips if slip["type"] == "missing"]
-        alike = [way for way in absent if way[:-1] == first["loc"][:-1]]
-        all_of = [_field(content, [*map(str, way)], lacking=True) for way in alike]
-        required = "this key is required" if len(all_of) == 1 else "these keys are required"
-        return InputError(where, ", ".join(all_of), "nothing", f"a value ({required}){suffix}")
+        absent = [slip["loc"] for slip in slips if slip["type"] == "missing"]
+        keys = [str(way[-1]) for way in absent if way[:-1] == first["loc"][:-1]]
+        required = "this key is required" if len(keys) == 1 else "these keys are required"
+        fields = ", ".join([field, *keys[1:]])
+        return InputError(where, fields, "nothing", f"a value ({required}){suffix}")
     if isinstance(cause, InputError):
         named = cause.field
         if not location:  # of the whole file, by a rule that names the field

@@ -215,7 +215,7 @@ def failure(error: Exception) -> dict[str, Any]:
     """Return the kind of an error, its field, and the lines of this program that led to it."""
     frames = traceback.extract_tb(error.__traceback__)
     inside = [(Path(frame.filename), frame) for frame in frames]
-    field = error.field.partition(".")[0] if isinstance(error, InputError) else None
+    field = re.split(r"[.,]", error.field)[0] if isinstance(error, InputError) else None
     return {
         "refused": type(error).__name__,
         "field": field if field in _FIELDS else None,

@@ -125,7 +125,7 @@ SLIPS = [
     ),
     (_estimators({"method": "output-error", "terms": ["x"]}), "terms: got x"),
     (_estimators({"method": "magic"}), r"estimators\.0\.method: got magic; expected one of 'harm"),
-    (_signal(chirp={}, prbs={}), r"signals\.0\.chirp\.start: got nothing"),
+    (_signal(chirp={}, prbs={}), r"signals\.0\.chirp\.start, stop, duration, .*: got nothing"),
     (_signal(), r"signals\.0: got {}; expected exactly one of the keys stepped_sine"),
     (_signal(file={"path": "nowhere.csv"}), r"nowhere\.csv: path: got no such file"),
     (_signal(file={"path": "../../x.csv"}), "a path inside"),
