@@ -1,9 +1,9 @@
 """How well some logs determine the parameters, before a fit, and what would improve it.
 
-The free runs of the logs are fitted, starting at the values of the weak form, with the common terms
-that it has. Parameters that are determined have the interval of a fit: cluster-robust over logs,
-with the estimates without each added mass and rivals by conditions. Other terms, and all that is
-checked afterwards, may widen it: it is a lower limit.
+The logs are fitted as `identify` begins: the first fit of the default estimator, in the terms of its
+start. Parameters that are determined have the interval of a fit: cluster-robust over logs, with the
+estimates without each added mass and rivals by conditions. Terms that are chosen after it may widen
+or narrow it, and all that is checked afterwards may widen it.
 
 With h the half-width of that interval over the value, a parameter is *identifiable* if h is at most
 `GOOD_WITHIN`; *not identifiable* if h is 1 or more, so that it may be 0, or if the equations are
@@ -31,11 +31,10 @@ import numpy as np
 from butterfly.arrays import ROUNDING, Samples, unit_diagonal
 from butterfly.errors import ButterflyError, InputError
 from butterfly.identification.agreement import pace_of
-from butterfly.identification.consistency import is_driven, prior_of_fit
+from butterfly.identification.consistency import is_driven
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.estimators import OutputError
-from butterfly.identification.estimators.start import best_local_minimum, starts
+from butterfly.identification.estimators import DEFAULT_ESTIMATOR
 from butterfly.identification.limits import (
     OTHER_LOGS,
     expected_covariance,
@@ -46,7 +45,6 @@ from butterfly.identification.linearisation import compressed
 from butterfly.identification.trust import (
     GOOD_WITHIN,
     MATTERS,
-    SHOWS,
     meaning_of,
     or_none,
     unit_of,
@@ -54,7 +52,7 @@ from butterfly.identification.trust import (
 from butterfly.logs.health import GLANCE, thinned
 from butterfly.logs.log import Log
 from butterfly.model.prior import Prior
-from butterfly.model.terms import COMMON, PARAMETERS
+from butterfly.model.terms import PARAMETERS
 from butterfly.progress import counted
 from butterfly.verdict import SPREADS
 
@@ -207,17 +205,12 @@ def forecast(logs: Sequence[Log], known: Prior) -> tuple[Forecast, ...]:
 
 
 def expected(data: DataSet) -> Estimate:
-    """Return the estimate of a fit that starts at the weak form's values, with all its terms.
+    """Return the estimate of the fit that `identify` begins with, before it chooses terms.
 
-    Those that these logs cannot tell from others are left out, as `identify` leaves them out, and
-    so are logs near the upright, where there are enough of others.
+    Terms that these logs cannot tell from others are left out, as `identify` leaves them out.
     """
-    known, problems = prior_of_fit(data.logs, data.known), []
-    for start in starts(data, None):
-        terms = tuple(name for name in COMMON if getattr(start.parameters, name))
-        problems.append(OutputError(terms=terms).problem(data.calm.logs, start, known))
-    place, fit = best_local_minimum(problems, SHOWS)
-    return OutputError().infer(problems[place], fit)
+    estimator = DEFAULT_ESTIMATOR()
+    return estimator.infer(*estimator.fit(data))
 
 
 def _reverses(angle: Samples) -> bool:
