@@ -108,7 +108,7 @@ class Twin:
         )
 
     def judging(self) -> Sequence[tuple[Log, Setting]]:
-        """Return the logs that judge a simulation (see `Simulations.judging`), with its settings."""
+        """Return the logs that judge (see `Simulations.judging`), and what each is run with."""
         recorded = self.recorded()
         if self.source is None or not recorded:
             return recorded
