@@ -151,8 +151,8 @@ def test_a_torque_that_is_hardly_there_is_wanted_below_the_goal_of_the_largest_t
 
 
 def test_no_value_that_is_not_significant_is_said_to_be_within_the_goal(found):
-    values = np.where(np.array(found.names) == "coulomb", 0.0, found.values)
-    for estimate, named in ((found, "p3, p4, coulomb"), (replace(found, values=values), "p3, p4")):
+    lower = np.where(np.array(found.names) == "coulomb", -1.0, found.lower)
+    for estimate, named in ((found, "p3, p4, coulomb"), (replace(found, lower=lower), "p3, p4")):
         said = next_run_text(SimpleNamespace(), estimate, 0.1, 0.01)
         assert said == f"No run is needed: p1, p2, {named} are within 10 %."
 
