@@ -112,8 +112,11 @@ class Twin:
         recorded = self.recorded()
         if self.source is None or not recorded:
             return recorded
-        numbers = self.source.data.simulations.judging(self.source.estimate)
-        return [recorded[number] for number in numbers]
+        data = self.source.data
+        judging = data.simulations.judging(self.source.estimate)
+        names = {data.logs[number].name for number in judging}
+        others = {log.name for log in data.logs} - names
+        return [(log, setting) for log, setting in recorded if log.name not in others]
 
     @cached_property
     def loaded(self) -> LumpedParameters:

@@ -54,9 +54,8 @@ def test_logs_near_the_upright_do_not_judge_an_export():
     over = replace(BRIEF, name="over", angle=np.linspace(0.0, 4.0, BRIEF.time.size))
     recorded = [(log, Setting(parameters=PLAIN, zero=0.0)) for log in (BRIEF, over)]
     simulations = Simulations([BRIEF, over], {BRIEF.added_mass: 0.0}, counted=[0])
-    source = SimpleNamespace(
-        data=SimpleNamespace(simulations=simulations), estimate=SimpleNamespace(horizon=None)
-    )
+    data = SimpleNamespace(logs=[BRIEF, over], simulations=simulations)
+    source = SimpleNamespace(data=data, estimate=SimpleNamespace(horizon=None))
     twin = replace(twin_of(PLAIN), recorded=lambda: recorded, source=source)
     yardstick = Yardstick.of(twin, 1e-3)
     assert [case.name for case in yardstick.cases] == ["log"]
