@@ -152,7 +152,7 @@ def design_answer(
     return Answer(
         kind="design",
         title=title,
-        summary=verdict.after(next_run_text(ranked[0], estimate.names, goal, now)),
+        summary=verdict.after(next_run_text(ranked[0], estimate, goal, now)),
         judged=verdict,
         content={
             **rests_on(data, estimate, estimator),

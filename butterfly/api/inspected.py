@@ -10,7 +10,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from butterfly.api.joint_models import with_model
+from butterfly.api.joint_models import with_model, without_neighbours
 from butterfly.api.saved import kind_of
 from butterfly.api.sources import (
     Named,
@@ -291,7 +291,10 @@ def inspect(
     for pattern in part.holdout:
         with suppress(InputError):  # it names no usable log
             held.update(numbers_named(usable, [pattern], part.name))
+    trained: Sequence[Log]
     trained = [log for k, log in enumerate(usable) if k not in held and logs is None]
+    with suppress(InputError):  # which the forecast explains
+        trained = without_neighbours(part, trained)
     forecasts = tracked(track, "Looking ahead", forecast, trained, part.prior)
     zeros = zero_sentences(usable, manifest.prior)
     answer = inspection_answer(part, seen, forecasts, zeros)

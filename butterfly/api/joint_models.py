@@ -32,6 +32,7 @@ from butterfly.logs.headers import (
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.logs.manifest import LogEntry, Manifest, columns_of_entry
 from butterfly.logs.model_facts import STILL, ModelFacts, PoseFacts
+from butterfly.logs.reading import piece_name
 from butterfly.logs.units import Units, units_spelt
 from butterfly.model.parameters import JointKind
 from butterfly.model.prior import Known, plain
@@ -282,6 +283,17 @@ def with_neighbours(data: DataSet) -> DataSet:
     held = data.test_logs and with_neighbours(data.test_logs)
     corrected = _less(data, taken, 1.0)
     return replace(corrected, test_logs=held, remarks=remarks, taken_off=taken)
+
+
+def without_neighbours(manifest: Manifest, logs: Sequence[Log]) -> Sequence[Log]:
+    """Return some logs of a manifest without the torque of moving neighbours."""
+    if manifest.facts is None or not logs:
+        return logs
+    named = {piece_name(entry): entry for entry in manifest.logs}
+    entries = [named[log.name] for log in logs]
+    part = manifest.model_copy(update={"logs": entries, "holdout": []})
+    data = DataSet.of(logs, name=manifest.name, known=manifest.prior)
+    return with_neighbours(replace(data, manifest=part)).logs
 
 
 def with_heavier_neighbours(data: DataSet) -> DataSet | None:

@@ -25,7 +25,7 @@ from butterfly.arrays import ROUNDING, Samples
 from butterfly.errors import IdentifiabilityError, require_number, require_room
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.forecast import IntervalForecast
+from butterfly.identification.forecast import IntervalForecast, largest_motion, largest_torque
 from butterfly.identification.free_run import Setting
 from butterfly.identification.segments import LONGEST_STEP, driven
 from butterfly.identification.simulation import Simulation
@@ -94,34 +94,13 @@ def wanted(
     """
     values = np.abs(estimate.values)
     sizes = np.maximum(values, ROUNDING * estimate.upper)
-    most, units = largest_torque(estimate.parameters, logs), _largest_motion(logs)
+    most, units = largest_torque(estimate.parameters, logs), largest_motion(logs)
     for k, name in enumerate(estimate.names):
         if name not in OF_GOAL:
             sizes[k] = math.inf
         elif name in units:
             sizes[k] = max(sizes[k], most / units[name] - values[k] / goal)
     return goal * sizes / (1 + scale_open)
-
-
-def largest_torque(parameters: LumpedParameters, logs: Sequence[Log]) -> float:
-    """Return the largest torque in N m by which some logs were driven, or fell without a drive."""
-    driven = max(float(np.max(np.abs(log.input))) for log in logs) * abs(parameters.p4)
-    if driven > 0:
-        return driven
-    falls = (abs(parameters.with_added_mass(log.added_mass).p3) * _swing(log) for log in logs)
-    return max(falls)
-
-
-def _largest_motion(logs: Sequence[Log]) -> dict[str, float]:
-    """Return the largest torque per unit of p2 (a speed in rad/s), p3 and Coulomb friction (1)."""
-    speed = math.sqrt(2) * max(log.rms_speed for log in logs)  # amplitude, of a sine
-    return {"p2": speed, "p3": 1.0, "coulomb": 1.0}
-
-
-def _swing(log: Log) -> float:
-    """Return the sine of the largest swing of a log; the swing itself in m on a slide way."""
-    swing = float(np.ptp(log.angle)) / 2
-    return swing if log.added_mass.joint is JointKind.SLIDE else math.sin(min(swing, math.pi / 2))
 
 
 def plans(

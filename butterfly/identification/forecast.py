@@ -1,9 +1,9 @@
 """How well some logs determine the parameters, before a fit, and what would improve it.
 
-The free runs of the logs are fitted, starting at the values of the weak form, with the common terms
-that it has. Parameters that are determined have the interval of a fit: cluster-robust over logs,
-with the estimates without each added mass and rivals by conditions. Other terms, and all that is
-checked afterwards, may widen it: it is a lower limit.
+The logs are fitted as `identify` begins: the first fit of the default estimator, in the terms of
+its start. Parameters that are determined have the interval of a fit: cluster-robust over logs, with
+the estimates without each added mass and rivals by conditions. Terms that are chosen after it may
+widen or narrow it, and all that is checked afterwards may widen it.
 
 With h the half-width of that interval over the value, a parameter is *identifiable* if h is at most
 `GOOD_WITHIN`; *not identifiable* if h is 1 or more, so that it may be 0, or if the equations are
@@ -31,11 +31,10 @@ import numpy as np
 from butterfly.arrays import ROUNDING, Samples, unit_diagonal
 from butterfly.errors import ButterflyError, InputError
 from butterfly.identification.agreement import pace_of
-from butterfly.identification.consistency import is_driven, prior_of_fit
+from butterfly.identification.consistency import is_driven
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.estimators import OutputError
-from butterfly.identification.estimators.start import best_local_minimum, starts
+from butterfly.identification.estimators import DEFAULT_ESTIMATOR
 from butterfly.identification.limits import (
     OTHER_LOGS,
     expected_covariance,
@@ -46,15 +45,15 @@ from butterfly.identification.linearisation import compressed
 from butterfly.identification.trust import (
     GOOD_WITHIN,
     MATTERS,
-    SHOWS,
     meaning_of,
     or_none,
     unit_of,
 )
 from butterfly.logs.health import GLANCE, thinned
 from butterfly.logs.log import Log
+from butterfly.model.parameters import JointKind, LumpedParameters
 from butterfly.model.prior import Prior
-from butterfly.model.terms import COMMON, PARAMETERS
+from butterfly.model.terms import PARAMETERS
 from butterfly.progress import counted
 from butterfly.verdict import SPREADS
 
@@ -169,11 +168,14 @@ class Forecast:
 def forecast(logs: Sequence[Log], known: Prior) -> tuple[Forecast, ...]:
     """Return a forecast of each parameter that every joint has; none without logs."""
     fit, fastest, why, mend = None, 0.0, "", ""
+    small = dict[str, float]()  # torques that hardly matter beside the largest one, by name
     try:
         with counted(), np.errstate(all="ignore"):
             data = DataSet.of([thinned(log, GLANCE) for log in logs], known=known)
             known = data.known if is_driven(logs) else data.known.within({*known.values, "p3"})
             fit, fastest = expected(data), max(map(pace_of, data.logs))
+            most = GOOD_WITHIN * largest_torque(fit.parameters, data.logs)
+            small = {n: most / unit for n, unit in largest_motion(data.logs).items() if unit}
     except InputError as error:
         why, mend = f"{error.field} is {error.value}", f"expected: {error.expected}"
     except (ButterflyError, np.linalg.LinAlgError) as error:
@@ -192,7 +194,7 @@ def forecast(logs: Sequence[Log], known: Prior) -> tuple[Forecast, ...]:
                 row, word=Identifiability.KNOWN, half_width=0.0, expected=0.0, why="", mend=""
             )
         elif fit is not None and name in fit.names:
-            row = _rated(row, fit, fastest)
+            row = _rated(row, fit, fastest, small.get(name, 0.0))
             if name == "coulomb" and not any(_reverses(log.angle) for log in logs):
                 row = replace(
                     row,
@@ -207,17 +209,33 @@ def forecast(logs: Sequence[Log], known: Prior) -> tuple[Forecast, ...]:
 
 
 def expected(data: DataSet) -> Estimate:
-    """Return the estimate of a fit that starts at the weak form's values, with all its terms.
+    """Return the estimate of the fit that `identify` begins with, before it chooses terms.
 
-    Those that these logs cannot tell from others are left out, as `identify` leaves them out, and
-    so are logs near the upright, where there are enough of others.
+    Terms that these logs cannot tell from others are left out, as `identify` leaves them out.
     """
-    known, problems = prior_of_fit(data.logs, data.known), []
-    for start in starts(data, None):
-        terms = tuple(name for name in COMMON if getattr(start.parameters, name))
-        problems.append(OutputError(terms=terms).problem(data.calm.logs, start, known))
-    place, fit = best_local_minimum(problems, SHOWS)
-    return OutputError().infer(problems[place], fit)
+    estimator = DEFAULT_ESTIMATOR()
+    return estimator.infer(*estimator.fit(data))
+
+
+def largest_torque(parameters: LumpedParameters, logs: Sequence[Log]) -> float:
+    """Return the largest torque in N m by which some logs were driven, or fell without a drive."""
+    driven = max(float(np.max(np.abs(log.input))) for log in logs) * abs(parameters.p4)
+    if driven > 0:
+        return driven
+    falls = (abs(parameters.with_added_mass(log.added_mass).p3) * _swing(log) for log in logs)
+    return max(falls)
+
+
+def largest_motion(logs: Sequence[Log]) -> dict[str, float]:
+    """Return the largest torque per unit of p2 (a speed in rad/s), p3 and Coulomb friction (1)."""
+    speed = math.sqrt(2) * max(log.rms_speed for log in logs)  # amplitude, of a sine
+    return {"p2": speed, "p3": 1.0, "coulomb": 1.0}
+
+
+def _swing(log: Log) -> float:
+    """Return the sine of the largest swing of a log; the swing itself in m on a slide way."""
+    swing = float(np.ptp(log.angle)) / 2
+    return swing if log.added_mass.joint is JointKind.SLIDE else math.sin(min(swing, math.pi / 2))
 
 
 def _reverses(angle: Samples) -> bool:
@@ -226,8 +244,8 @@ def _reverses(angle: Samples) -> bool:
     return bool(min(back) > MATTERS * np.ptp(angle))
 
 
-def _rated(row: Forecast, fit: Estimate, fastest: float) -> Forecast:
-    """Add to a row its word, its half-widths, and the remedy."""
+def _rated(row: Forecast, fit: Estimate, fastest: float, small: float) -> Forecast:
+    """Add to a row its word, its half-widths, and the remedy; a ``small`` value hardly matters."""
     place = fit.names.index(row.name)
     half, value = float(fit.farther[place]), abs(float(fit.values[place]))
     share = fastest if row.name == "delay" else 1 / value if value else np.inf
@@ -239,7 +257,7 @@ def _rated(row: Forecast, fit: Estimate, fastest: float) -> Forecast:
     common[[name == row.name or name not in PARAMETERS for name in fit.names]] = 0.0
     other = fit.names[int(common.argmax())]
     alone = share * half * (max(1 - float(common.max()) ** 2, 0.0)) ** 0.5
-    if row.name in fit.on_bound:
+    if row.name in fit.on_bound or value <= half <= small - value:
         why, mend = "it may be 0", "none needed if it is 0"
     elif alone <= GOOD_WITHIN:
         why = f"{row.name} and {other} are hard to tell apart"

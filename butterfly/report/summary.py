@@ -15,7 +15,7 @@ from butterfly.identification.design import MOST_RUNS, OF_GOAL, Candidate, Plan
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identified import Identified
-from butterfly.identification.trust import unit_of
+from butterfly.identification.trust import Trust, unit_of
 from butterfly.identification.validate import CrossValidation, Structure
 from butterfly.identification.weak_regression import EncoderOffset, OffsetKind, encoder_offsets
 from butterfly.logs.health import thinned
@@ -286,9 +286,14 @@ def _response(log: Log) -> ResponsePoint | None:
         return None
 
 
-def next_run_text(best: Plan[Candidate], names: Sequence[str], goal: float, now: float) -> str:
-    """Say what to run next, what it costs, and what half-widths it gives; ``now``: the largest."""
-    concerned, aim = ", ".join(n for n in names if n in OF_GOAL), f"{100 * goal:.3g} %"
+def next_run_text(best: Plan[Candidate], estimate: Estimate, goal: float, now: float) -> str:
+    """Say what to run next, what it costs, and what half-widths it gives; ``now``: the largest.
+
+    It names no value that is not significant.
+    """
+    names = [name for name in estimate.names if name in OF_GOAL]
+    claimed = [name for name in names if estimate.trust[name] is not Trust.ZERO]
+    concerned, aim = ", ".join(claimed or names), f"{100 * goal:.3g} %"
     if now <= goal:
         return f"No run is needed: {concerned} are within {aim}."
     run, short = best.recipe, best.expected[1] > 1

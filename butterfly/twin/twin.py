@@ -107,6 +107,17 @@ class Twin:
             recorded=recorded,
         )
 
+    def judging(self) -> Sequence[tuple[Log, Setting]]:
+        """Return the logs that judge (see `Simulations.judging`), and what each is run with."""
+        recorded = self.recorded()
+        if self.source is None or not recorded:
+            return recorded
+        data = self.source.data
+        judging = data.simulations.judging(self.source.estimate)
+        names = {data.logs[number].name for number in judging}
+        others = {log.name for log in data.logs} - names
+        return [(log, setting) for log, setting in recorded if log.name not in others]
+
     @cached_property
     def loaded(self) -> LumpedParameters:
         """The parameters of the joint with what it carries."""
@@ -212,7 +223,7 @@ class Accuracy:
 
     errors: dict[str, float]  # largest error in each log, in rad (m for a slide), by the log's name
     unit: str  # unit of the errors
-    besides: int = 0  # number of logs not compared, for lack of time
+    besides: int = 0  # number of logs not compared: near the upright, or for lack of time
 
     @property
     def worst(self) -> float:
@@ -227,7 +238,8 @@ class Accuracy:
         if len(errors) > 1:
             middle = f"(median {np.median(errors):.2g} {self.unit})"
             text += f" in {len(errors)} logs, each with its own mass {middle}"
-        more = f"; {self.besides} more logs not compared" if self.besides else ""
+        few = f"{self.besides} more log{'s' * (self.besides > 1)}"
+        more = f"; {few} not compared" if self.besides else ""
         return f"{text}{more}."
 
     @property
@@ -321,13 +333,13 @@ class Yardstick:
     @classmethod
     def of(cls, twin: Twin, step: float) -> Yardstick:
         """Simulate a twin's logs; where there are none, a minute of two sines."""
-        recorded = twin.recorded() or [_minute(twin)]
+        recorded = twin.judging() or [_minute(twin)]
         cases: list[Case] = []
         for log, setting in recorded:
             if cases and out_of_time("the comparison with some logs"):
                 break
             cases.append(Case.of(twin, log, setting, step))
-        return cls(cases=cases, step=step, besides=len(recorded) - len(cases))
+        return cls(cases=cases, step=step, besides=max(len(twin.recorded()), 1) - len(cases))
 
     def worst_of_some(self, move: Mover) -> float:
         """Return the largest error over some of the logs."""

@@ -87,6 +87,7 @@ class JointAlone:
 
 _STIFF = "0.9999 0.9999 0.001 0.5 2"  # of MuJoCo's impedance: friction does not creep
 _OF_URDF = {"damping": "damping", "frictionloss": "friction"}
+_DEFAULT = "its default"  # of an attribute that an element does not have: its class's, or 0
 _OFF = 0.01  # share of gravity, and rad, by which a file's may differ unsaid
 
 
@@ -107,8 +108,8 @@ class WrittenBack:
         """Say what changed, how the written model moves, and what it lacks."""
         lines = [
             f"{change.file.name}:{change.line}  {change.element}  {change.attribute}: "
-            f"{'nothing' if change.before is None else change.before} to "
-            f"{'nothing' if change.after is None else change.after}"
+            f"{_DEFAULT if change.before is None else change.before} to "
+            f"{_DEFAULT if change.after is None else change.after}"
             for change in self.changes
         ]
         if self.fits:

@@ -10,6 +10,7 @@ import butterfly as bf
 from butterfly.api.joint_models import with_heavier_neighbours
 from butterfly.errors import InputError
 from butterfly.identification.estimators import OutputError
+from butterfly.identification.forecast import forecast
 from butterfly.identification.identify import identify as identify_data
 from butterfly.identification.trust import FindingKind
 from butterfly.logs.manifest import read_manifest
@@ -143,6 +144,16 @@ def test_the_torque_of_moving_neighbours_is_taken_off_the_drives(moving):
     assert said.number > 0.05
     for attribute, row in _rows(answer).items():
         assert row["lower"] <= TRUTH[attribute] <= row["upper"], attribute
+
+
+def test_the_forecast_is_made_without_the_torque_of_moving_neighbours(moving):
+    inspected = bf.inspect(moving, **TORQUE, **KNOWN)
+    rows = {row["name"]: row for row in inspected.content["before_fit"]}
+    data = bf.read(moving, **TORQUE, **KNOWN)
+    corrected = {row.name: row for row in forecast(data.logs, data.given)}
+    for name in ("p1", "p3", "coulomb"):
+        assert rows[name]["word"] == "identifiable"
+        assert rows[name]["expected"] == pytest.approx(corrected[name].expected, rel=0.05)
 
 
 def test_moving_neighbours_without_a_known_torque_are_at_best_for_use_with_care(moving):

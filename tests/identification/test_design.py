@@ -3,6 +3,7 @@
 import math
 import threading
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -29,6 +30,7 @@ from butterfly.plant.rig import Rig, Simulator
 from butterfly.plant.robot import Robot
 from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import Clock, Encoder
+from butterfly.report.summary import next_run_text
 from butterfly.signals.excitations import FreeDecay, Multisine
 from tests.conftest import MASSES
 from tests.identification.simulated import next_runs, simulated
@@ -146,6 +148,13 @@ def test_a_torque_that_is_hardly_there_is_wanted_below_the_goal_of_the_largest_t
             aim = wanted(replace(found, values=values), data.logs, goal)[names.index(name)]
             hardly = goal * most / factor - value  # to where the interval may reach
             assert aim == pytest.approx(max(hardly, goal * value), rel=0.01), name
+
+
+def test_no_value_that_is_not_significant_is_said_to_be_within_the_goal(found):
+    lower = np.where(np.array(found.names) == "coulomb", -1.0, found.lower)
+    for estimate, named in ((found, "p3, p4, coulomb"), (replace(found, lower=lower), "p3, p4")):
+        said = next_run_text(SimpleNamespace(), estimate, 0.1, 0.01)
+        assert said == f"No run is needed: p1, p2, {named} are within 10 %."
 
 
 def test_without_a_drive_the_largest_torque_is_that_of_gravity(data, found):

@@ -5,9 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from butterfly.identification.forecast import Identifiability, forecast
+from butterfly.identification.data import DataSet
+from butterfly.identification.estimators import DEFAULT_ESTIMATOR
+from butterfly.identification.forecast import Identifiability, expected, forecast
+from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import InputKind
-from butterfly.model.prior import NO_PRIOR, Prior
+from butterfly.model.parameters import LumpedParameters
+from butterfly.model.prior import NO_PRIOR, Known, Prior
 from butterfly.model.terms import PARAMETERS
 from butterfly.report.parameter_table import forecast_rows
 from tests.benchmarks.before_fit import SETS, Row, report, scored
@@ -31,6 +35,26 @@ def test_logs_with_three_masses_tell_every_parameter(robot):
         assert 0 < each.expected <= 0.1
         assert (each.why, each.mend) == ("", "")
     assert rows[0].half_width / robot.truth["p1"] == pytest.approx(rows[0].expected, rel=0.2)
+
+
+def test_a_forecast_is_of_the_fit_that_identify_begins_with(robot):
+    data = DataSet.of(robot.logs)
+    _, fit = DEFAULT_ESTIMATOR().fit(data)
+    estimate = expected(data)
+    assert estimate.named.items() >= {n: fit.named[n] for n in estimate.names}.items()
+
+
+def test_a_gravity_moment_small_beside_the_drive_needs_nothing_if_it_is_0(robot):
+    truth = {name: robot.truth[name] for name in PARAMETERS} | {"p3": 0.0}
+    balanced, rng = LumpedParameters(**truth), np.random.default_rng(1)
+    logs = []
+    for log in robot.logs:
+        started = replace(log, angle=0 * log.time, zero=Known(value=0.0))
+        angle = Simulation(started, balanced).run(balanced, 0.0).at(log.time)
+        logs.append(replace(started, angle=angle + 1e-3 * rng.standard_normal(angle.size)))
+    (row,) = (row for row in forecast(logs, NO_PRIOR) if row.name == "p3")
+    assert row.word is Identifiability.NOT
+    assert (row.why, row.mend) == ("it may be 0", "none needed if it is 0")
 
 
 def test_a_term_that_logs_cannot_tell_leaves_what_is_said_of_others(robot):

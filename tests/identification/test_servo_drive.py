@@ -14,6 +14,7 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.output_error import OutputError
 from butterfly.identification.estimators.start import servo_start, starts
+from butterfly.identification.forecast import Identifiability, forecast
 from butterfly.identification.identify import simulated
 from butterfly.identification.segments import driven
 from butterfly.identification.simulation import Simulation, segment_length
@@ -65,6 +66,13 @@ def test_a_servo_is_identified_from_its_set_points_and_an_uncertain_gain_with_it
     assert found.open_loop_fits["0"] > 95  # by the drive that the gain of 20 makes
     with pytest.raises(InputError, match=r"servo_loop: got open; expected closed, as a gain"):
         OutputError(terms=(), servo_loop="open")(data)
+
+
+def test_friction_in_a_servo_s_gear_hides_nothing_of_its_forecast():
+    joint = replace(SIMPLE, coulomb=0.05, motor_friction=0.15, load_friction=0.1)
+    data = _simulated(GOAL, 0.7 * GOAL, joint=joint)
+    words = {row.name: row.word for row in forecast(data.recorded, data.given)}
+    assert {words[name] for name in ("p1", "p2", "p4")} == {Identifiability.IDENTIFIABLE}
 
 
 @pytest.mark.parametrize("term", ["back_emf", *LOOP_TERMS])

@@ -2,17 +2,20 @@
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
 import pytest
 
 from butterfly.api.identification import IdentifiedModel
+from butterfly.identification.free_run import Setting, Simulations
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.servo import ServoLoop
 from butterfly.plant.mjcf import text_of
 from butterfly.twin.forms import write_as
 from butterfly.twin.stand_alone import stand_alone
+from butterfly.twin.twin import Yardstick
 from tests.twin.alone import BRIEF, PLAIN, twin_of
 
 
@@ -45,6 +48,19 @@ def test_rounding_and_a_servo_s_loop_are_left_out_and_named_and_a_limit_is_a_ran
     assert "The servo's loop (dynamixel-x) is not included" in loop
     model = mujoco.MjModel.from_xml_string(text_of(made.root))
     assert [*model.actuator("motor").ctrlrange] == [-3.5, 3.5]
+
+
+def test_logs_near_the_upright_do_not_judge_an_export():
+    over = replace(BRIEF, name="over", angle=np.linspace(0.0, 4.0, BRIEF.time.size))
+    recorded = [(log, Setting(parameters=PLAIN, zero=0.0)) for log in (BRIEF, over)]
+    simulations = Simulations([BRIEF, over], {BRIEF.added_mass: 0.0}, counted=[0])
+    data = SimpleNamespace(logs=[BRIEF, over], simulations=simulations)
+    source = SimpleNamespace(data=data, estimate=SimpleNamespace(horizon=None))
+    twin = replace(twin_of(PLAIN), recorded=lambda: recorded, source=source)
+    yardstick = Yardstick.of(twin, 1e-3)
+    assert [case.name for case in yardstick.cases] == ["log"]
+    said = yardstick.accuracy(lambda case: case.simulated).sentence
+    assert said.endswith("; 1 more log not compared.")
 
 
 def test_a_twin_takes_numbers_of_any_kind():

@@ -60,6 +60,7 @@ def test_the_changes_name_file_line_element_and_values(written):
     }
     assert changes["armature"].element == "joint 'elbow'"
     assert changes["armature"].before is None  # its class says it, not the element
+    assert any("armature: its default to" in line for line in written[1].sentences)
     assert float(changes["armature"].after) == pytest.approx(TRUTH["armature"], rel=0.02)
     assert 'name="elbow"' in ARM.read_text().splitlines()[changes["armature"].line - 1]
 
