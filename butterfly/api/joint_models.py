@@ -65,7 +65,8 @@ def with_model(manifest: Manifest) -> Manifest:
     path = (Path(manifest.root) / str(manifest.model)).resolve()
     robot = JointOfModel.of(path, joint)
     logs = [entry for entry in manifest.logs if entry.of in {None, joint}]
-    driven = logs_of_joint(manifest.model_copy(update={"logs": logs}), joint, robot.alike)
+    within = manifest.model_copy(update={"logs": logs})
+    driven = logs_of_joints(within, {joint: robot.alike})[joint]
     if not driven and any(drives(manifest, entry, joint, [*robot.others]) for entry in logs):
         expected = "a log in which it moves: in these it is held (if not, say of: in the manifest)"
         raise InputError(source, "of", joint, expected)
@@ -129,8 +130,9 @@ def with_joints(manifest: Manifest, *, given_input: bool) -> Manifest:
     if len(kinds) == 1 and None not in kinds:
         manifest = manifest.model_copy(update={"input": kinds.pop()})
     of = dict[int, list[str]]()
-    for joint in names:
-        for entry in logs_of_joint(manifest, joint, alike_joints(model, joint)):
+    alike = {joint: alike_joints(model, joint) for joint in names}
+    for joint, entries in logs_of_joints(manifest, alike).items():
+        for entry in entries:
             of.setdefault(manifest.logs.index(entry), []).append(joint)
     logs = [
         entry.model_copy(update={"of": of[k][0]}) if len(of.get(k, ())) == 1 else entry
@@ -139,30 +141,48 @@ def with_joints(manifest: Manifest, *, given_input: bool) -> Manifest:
     return manifest.model_copy(update={"logs": logs})
 
 
-def logs_of_joint(manifest: Manifest, joint: str, alike: Mapping[str, bool]) -> list[LogEntry]:
-    """Return the logs that a joint drives: of several joints with a command, those that move.
+def logs_of_joints(
+    manifest: Manifest, alike: Mapping[str, Mapping[str, bool]]
+) -> dict[str, list[LogEntry]]:
+    """Return the logs that joints drive: of several joints with a command, those that move.
 
     A robot that holds its other joints logs a command of each. A log is of the joint that moves
     farthest, and of those like it, hinges or slides, that move at least `_MOVED` as far. ``alike``:
-    the other joints, and whether each is of this one's kind.
+    for each joint the others, and whether they are of its kind.
     """
-    driven = [entry for entry in manifest.logs if drives(manifest, entry, joint, [*alike])]
-    return [entry for entry in driven if _moves(manifest, entry, joint, alike)]
+    logs = {joint: list[LogEntry]() for joint in alike}
+    for entry in manifest.logs:
+        reach: _Reach = {}
+        for joint, others in alike.items():
+            if drives(manifest, entry, joint, [*others]) and _moves(
+                manifest, entry, joint, others, reach
+            ):
+                logs[joint].append(entry)
+    return logs
 
 
-def _moves(manifest: Manifest, entry: LogEntry, joint: str, alike: Mapping[str, bool]) -> bool:
-    """Whether a joint moves in a log as far as others that are driven in it."""
+_Reach = dict[tuple[str, str | int], float]
+"""How far joints move in a log, by joint and column: each is read once."""
+
+
+def _moves(
+    manifest: Manifest, entry: LogEntry, joint: str, alike: Mapping[str, bool], reach: _Reach
+) -> bool:
+    """Whether a joint moves in a log, which it drives, as far as others that are driven in it."""
     names = [*alike, joint]
     rivals = [n for n, like in alike.items() if like and drives(manifest, entry, n, names)]
-    if entry.of is not None or not (rivals and drives(manifest, entry, joint, names)):
+    if entry.of is not None or not rivals:
         return True
     of_joint = manifest.model_copy(update={"of": joint})
     described = _with_columns(of_joint, entry, dict.fromkeys(alike, 0))
-    angles = {n: c for n, c in (described.neighbours or {}).items() if n in rivals}
-    column = (described.columns or manifest.columns or DEFAULT_COLUMNS)["angle"]
-    seen = described.model_copy(update={"neighbours": {**angles, joint: column}})
-    reach = {n: float(np.ptp(log.angle)) for n, log in neighbours(of_joint, seen).items()}
-    return reach[joint] >= _MOVED * max(reach.values())
+    columns = {n: c for n, c in (described.neighbours or {}).items() if n in rivals}
+    columns[joint] = (described.columns or manifest.columns or DEFAULT_COLUMNS)["angle"]
+    lacking = {n: column for n, column in columns.items() if (n, column) not in reach}
+    seen = described.model_copy(update={"neighbours": lacking})
+    for name, log in neighbours(of_joint, seen).items():
+        reach[name, lacking[name]] = float(np.ptp(log.angle))
+    moved = {name: reach[name, column] for name, column in columns.items()}
+    return moved[joint] >= _MOVED * max(moved.values())
 
 
 def _with_columns(manifest: Manifest, entry: LogEntry, others: Mapping[str, int]) -> LogEntry:

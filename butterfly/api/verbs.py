@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from butterfly.api.identification import Identification
-from butterfly.api.joint_models import logs_of_joint, of_joint, with_heavier_neighbours, with_model
+from butterfly.api.joint_models import logs_of_joints, of_joint, with_heavier_neighbours, with_model
 from butterfly.api.saved import load
 from butterfly.api.sources import Data, Named, manifest_of, names_result, read
 from butterfly.arguments import checked
@@ -227,7 +227,7 @@ def _logs_by_joint(
     for name in wanted:
         if name not in names:
             raise InputError(model, "joint", name, nearest(name, names) if names else "a joint")
-    logs = {name: logs_of_joint(manifest, name, alike_joints(robot, name)) for name in wanted}
+    logs = logs_of_joints(manifest, {name: alike_joints(robot, name) for name in wanted})
     lacking = [name for name, entries in logs.items() if not entries]
     if several != [ALL] and lacking:
         expected = (

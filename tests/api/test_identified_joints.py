@@ -1,9 +1,15 @@
 """Several joints of the shipped arm, from logs with columns of all of them."""
 
+from pathlib import Path
+
 import pytest
 
 import butterfly as bf
+from butterfly.api import joint_models
+from butterfly.api.sources import manifest_of
 from butterfly.errors import InputError
+from butterfly.logs.formats import read_log
+from butterfly.twin.joint_of_model import alike_joints, compiled
 from tests.arm_logs import ARM, TRUTH, write_log
 
 NAMES = ("pan", "shoulder", "elbow", "wrist", "roll")
@@ -149,6 +155,28 @@ def test_a_log_with_commands_of_all_joints_is_of_the_one_that_moves(commands_of_
     assert used == {"elbow": ["elbow.csv"], "wrist": ["wrist.csv"]}
     with pytest.raises(InputError, match="a log in which it moves"):
         bf.read(commands_of_all, model=ARM, of="pan", input="torque")
+
+
+def test_each_joint_s_motion_in_a_log_is_read_once_to_find_whose_it_is(
+    commands_of_all, monkeypatch
+):
+    read = []
+
+    def counting(path, **options):
+        read.append((path.name, options["columns"]["angle"]))
+        return read_log(path, **options)
+
+    monkeypatch.setattr(joint_models, "read_log", counting)
+    manifest = manifest_of(commands_of_all, model=ARM, input="torque")
+    model = compiled(Path(ARM))[1]
+    alike = {joint: alike_joints(model, joint) for joint in NAMES}
+    logs = joint_models.logs_of_joints(manifest, alike)
+    assert {joint: [entry.file for entry in of] for joint, of in logs.items() if of} == {
+        "elbow": ["elbow.csv"],
+        "wrist": ["wrist.csv"],
+    }
+    assert sorted(read) == sorted({*read})
+    assert len(read) == len(NAMES) * len(manifest.logs)
 
 
 def test_a_draft_of_logs_of_a_model_says_the_joint_of_each(commands_of_all, butterfly, tmp_path):
