@@ -129,7 +129,6 @@ def refusal(
         return InputError(where, field, "an unknown key", expected + suffix)
     if missing:
         absent = [slip["loc"] for slip in slips if slip["type"] == "missing"]
-        absent = [slip["loc"] for slip in slips if slip["type"] == "missing"]
         keys = [str(way[-1]) for way in absent if way[:-1] == first["loc"][:-1]]
         required = "this key is required" if len(keys) == 1 else "these keys are required"
         fields = ", ".join([field, *keys[1:]])

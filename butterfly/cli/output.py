@@ -160,9 +160,9 @@ def show(
         _print(result, rows, after)
     finally:
         if report is not None:
-            taken = [file.resolve() for file in (save, asked.json) if file is not None]
-            numbers = report.with_suffix(REPORT.companion).resolve() not in taken
-            result.report(report, figures=figures, numbers=numbers)
+            answers = [file for file in (save, asked.json) if file is not None]
+            beside = _companion(report, REPORT, answers)
+            result.report(report, figures=figures, numbers=beside is not None)
         if save is not None:
             result.save(save)
         if asked.json is not None:
@@ -388,11 +388,10 @@ def check(
         else:
             outputs.note_input(Path(value))
     named = {option: path for option, (path, written) in files.items() if written.endings}
-    answers = {path.resolve() for path, written in files.values() if ".json" in written.endings}
+    answers = [path for path, written in files.values() if ".json" in written.endings]
     for option, (path, written) in files.items():
         _require_kind(path, written, option)
-        numbers = path.with_suffix(written.companion) if written.companion else None
-        if numbers is not None and numbers.resolve() not in answers:  # which hold them too
+        if (numbers := _companion(path, written, answers)) is not None:
             named[f"the numbers beside {option}"] = numbers
     taken: dict[Path, str] = {}
     for option, path in named.items():
@@ -405,6 +404,14 @@ def check(
             marks = written.documents if is_json else (outputs.mark_of(path),)
             marks = () if arguments.get(written.copies) is not None else marks
             outputs.require_free(path, *marks, option=option)
+
+
+def _companion(path: Path, written: OutputFile, answers: Iterable[Path]) -> Path | None:
+    """Return the file of numbers beside an output; None where an answer, which has them, is it."""
+    if not written.companion:
+        return None
+    numbers = path.with_suffix(written.companion)
+    return None if numbers.resolve() in {answer.resolve() for answer in answers} else numbers
 
 
 def _require_kind(path: Path, written: OutputFile, option: str) -> None:
