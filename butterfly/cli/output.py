@@ -161,8 +161,8 @@ def show(
     finally:
         if report is not None:
             answers = [file for file in (save, asked.json) if file is not None]
-            beside = _companion(report, REPORT, answers)
-            result.report(report, figures=figures, numbers=beside is not None)
+            companion = _companion(report, REPORT, answers)
+            result.report(report, figures=figures, numbers=companion is not None)
         if save is not None:
             result.save(save)
         if asked.json is not None:
